@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training import compiling
-from prooflight.commissioning.training.compiling import compile_beside, weigh_unfound
+from prooflight.commissioning.training.compiling import compile_in_background, score_unlocated
 from prooflight.kernels.cache import is_kept
 from prooflight.kernels.compiled import kernel
 
@@ -57,7 +57,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> Started:
 
 def test_a_page_is_weighed_up_to_its_score(press: Press, make_page: Callable[..., Page]) -> None:
     """So that all kernels from the fit to the ranking are called; whatever the score of an untaught press is."""
-    assert np.isfinite(weigh_unfound(press, press.geometry.lay(make_page(1))))
+    assert np.isfinite(score_unlocated(press, press.geometry.lay(make_page(1))))
 
 
 @pytest.mark.parametrize(("kept", "processes"), [(True, 0), (False, 1)])
@@ -71,7 +71,7 @@ def test_only_where_nothing_is_compiled(
 ) -> None:
     monkeypatch.setattr(compiling, "is_kept", lambda _kernel: kept)
     pages: Designs = OnePage(make_page(1))
-    compile_beside(press, pages)
+    compile_in_background(press, pages)
     assert len(started.work) == processes
     assert all(pickle.loads(pickle.dumps(given))[0] is given[0] for given in started.work)
 
@@ -81,7 +81,7 @@ def test_not_where_there_is_one_processor(
 ) -> None:
     monkeypatch.setattr(compiling, "is_kept", lambda _kernel: False)
     monkeypatch.setattr(compiling.os, "cpu_count", lambda: 1)
-    compile_beside(press, OnePage(make_page(1)))
+    compile_in_background(press, OnePage(make_page(1)))
     assert not started.work
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from prooflight.camera.camera import expose_flat, with_pixels
 from prooflight.camera.sensor import FixedPattern, Noise, draw_fixed_pattern, read_out
-from prooflight.commissioning.camera.exposures import Exposure, statistics, told_apart
+from prooflight.commissioning.camera.exposures import Exposure, statistics, separated_by_level
 from prooflight.commissioning.camera.photon_transfer import photon_transfer
 from prooflight.commissioning.camera.sensor_block import Given, characterise_sensor
 from prooflight.errors import RequestError, ScanError
@@ -449,10 +449,10 @@ def test_dark_is_what_lies_lowest_or_has_a_line_rate(sensor: LineSensor) -> None
     dark, flat = bench.dark(), bench.flats()
     slow = bench.exposure(9e3, "slow", line_rate_hz=100.0)
     mixed = [(e,) for e in [*flat[:3], dark[0], slow, *flat[3:], dark[1]]]
-    found_dark, found_flat = told_apart(mixed)
+    found_dark, found_flat = separated_by_level(mixed)
     assert [e for (e,) in found_dark] == [dark[0], slow, dark[1]]
     assert [e for (e,) in found_flat] == flat
-    assert told_apart([]) == ([], [])
+    assert separated_by_level([]) == ([], [])
 
 
 def test_narrow_cameras_are_measured_too(prototype: PressFile) -> None:

@@ -25,7 +25,7 @@ from prooflight.simulation.corpus.corpus import (
 )
 from prooflight.simulation.corpus.designs.faces import OutlineFace
 from prooflight.simulation.corpus.designs.inks import BLACK, TOTAL_INK_MAX, Separation
-from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.setting import Style, broken, cut, width_em
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight_studies.corpus.figures import corpus_results, page_figures, summary, table
@@ -151,7 +151,7 @@ def test_every_kind_fits_the_smallest_page(layout: Layout, black_alone: bool) ->
     rng = np.random.default_rng([SEED, 1])
     width_mm, height_mm = min(SIZES_MM)
     sheet = Sheet(width_mm=width_mm, height_mm=height_mm, dpi=50.0)
-    layout(sheet, rng, Look.draw(rng, black_alone=black_alone))
+    layout(sheet, rng, DesignStyle.draw(rng, black_alone=black_alone))
     assert sheet.cmyk.any()
     assert not (black_alone and sheet.cmyk[..., :3].any())
 

@@ -1,1 +1,1 @@
-"""Light to numbers: illumination, lens, line sensor, noise (paper, section 3; ISET's physics)."""
+"""Camera model: illumination, lens, line sensor and noise (paper, section 3; ISET's physics)."""

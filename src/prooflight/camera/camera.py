@@ -1,4 +1,4 @@
-"""The whole camera: light, lens and sensors; what it answers to a colour and to a page."""
+"""Camera of light, lens and line sensors: its response to a uniform colour and its footprint on a page."""
 
 from __future__ import annotations
 
@@ -19,28 +19,31 @@ if TYPE_CHECKING:
     from prooflight.camera.optics import Lens, Light
 
 REACH_PIXELS = 4.0
-"""How far a footprint reaches from its centre; diffraction leaves 0.2 % of an edge beyond (2 / (pi^3 f_c d))."""
+"""Distance from a footprint's centre at which it is cut; diffraction leaves 0.2 % of an edge beyond.
+
+The remainder is 2 / (pi^3 f_c d), f_c the cut-off in cycles a pixel and d the distance.
+"""
 FOOTPRINT_STEPS_PER_PIXEL = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorResponse:
-    """What one sensor answers to uniform colours on the axis; every array has the shape of the colours (...)."""
+    """Response of one sensor to uniform colours on the axis; every array has the shape of the colours (...)."""
 
     name: str
     irradiance_photons: NDArray[np.float64]
-    """(..., 36) [photons s-1 m-2 nm-1], before the lens's blur."""
+    """Irradiance (..., 36), before the lens's blur. [photons s-1 m-2 nm-1]"""
     illuminance_lux: NDArray[np.float64]
     electrons: NDArray[np.float64]
     """Photo-electrons, without dark signal. [e-]"""
     volts: NDArray[np.float64]
-    """Electrons times conversion gain, without dark signal. [V]"""
+    """Photo-electrons times conversion gain, without dark signal. [V]"""
     dn_mean: NDArray[np.float64]
-    """With dark signal and black level, after clipping, unrounded. [DN]"""
+    """Mean signal with dark signal and black level, after clipping, unrounded. [DN]"""
     dn_sigma_temporal: NDArray[np.float64]
-    """From line to line in one column: shot, dark, read, rounding. [DN]"""
+    """Standard deviation from line to line in one column: shot, dark, read, rounding. [DN]"""
     dn_sigma_total: NDArray[np.float64]
-    """Over columns as well: PRNU and DSNU included. [DN]"""
+    """Standard deviation over lines and columns, PRNU and DSNU included. [DN]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +54,7 @@ class Camera:
     lens: Lens
     sensors: tuple[LineSensor, ...]
     speed_mm_s: float | None = None
-    """Speed of the paper; None: in step with the sensor, lines as far apart as pixels are wide. [mm/s]"""
+    """Speed of the paper; None: in step with the sensor, so that lines are as far apart as pixels are wide. [mm/s]"""
     binning_along: int = 1
 
     def __post_init__(self) -> None:
@@ -67,60 +70,63 @@ class Camera:
 
     @property
     def pixel_pitch_mm(self) -> float:
-        """Pixel pitch laid on the page. [mm]"""
+        """Return the pixel pitch projected onto the page. [mm]"""
         return self.sensors[0].pixel_pitch_um * 1e-3 / self.lens.magnification
 
     @property
     def line_travel_mm(self) -> float:
-        """How far the page moves in one line of the sensor. [mm]"""
+        """Return the distance that the page moves in one line of the sensor. [mm]"""
         if self.speed_mm_s is None:
             return self.pixel_pitch_mm
         return self.speed_mm_s / self.sensors[0].line_rate_hz
 
     @property
     def travel_pixels(self) -> float:
-        """How far the page moves in one line, over what a pixel covers of it. [-]"""
+        """Return the distance that the page moves in one line, in units of a pixel's width on the page. [-]"""
         return self.line_travel_mm / self.pixel_pitch_mm
 
     def smear_pixels(self, sensor: LineSensor) -> float:
-        """Box by which TDI smears where paper and charge are out of step, the limit of many stages. [pixel]"""
+        """Return the width of the box by which TDI smears where paper and charge are out of step. [pixel]
+
+        It is the limit of many stages.
+        """
         return sensor.tdi_stages * abs(self.travel_pixels - 1)
 
     @property
     def line_pitch_mm(self) -> float:
-        """Distance of the lines of a scan on the page, after binning. [mm]"""
+        """Return the distance between neighbouring lines of a scan on the page, after binning. [mm]"""
         return self.line_travel_mm * self.binning_along
 
     @property
     def field_mm(self) -> float:
-        """Width of paper that the sensors see. [mm]"""
+        """Return the width of paper that the sensors see. [mm]"""
         return self.sensors[0].pixels * self.pixel_pitch_mm
 
     def irradiance_photons(self, reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """On-axis image irradiance of uniform reflectances, both (..., 36) [photons s-1 m-2 nm-1]."""
+        """Return the on-axis image irradiance of uniform reflectances, both (..., 36). [photons s-1 m-2 nm-1]"""
         return reflectance * (self.light.radiance_photons * self.lens.irradiance_per_radiance)
 
     def white_mtf(self, sensor: LineSensor, frequency_per_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-        """The lens's MTF at frequencies (...) [cycles/mm on the sensor] for white paper's photo-electrons: light x QE.
+        """Return the lens's MTF (...) for white paper's photo-electrons, weighted by light x QE.
 
-        NaN if ``sensor`` sees nothing of this light.
+        frequency_per_mm: (...) [cycles/mm on the sensor]. NaN if ``sensor`` sees nothing of this light.
         """
         weight = self.light.radiance_photons * sensor.quantum_efficiency
         mtf = self.lens.mtf(frequency_per_mm[..., None], wave_nm=spectra.WAVE_NM)
         return np.asarray(mtf @ (weight / weight.sum()), dtype=np.float64)
 
     def column_light(self) -> NDArray[np.float64]:
-        """Relative illumination of each column by cos^4, (pixels,), 1 on the axis."""
+        """Return the relative illumination of each column by cos^4, (pixels,), 1 on the axis."""
         sensor = self.sensors[0]
         height_mm = (np.arange(sensor.pixels) + 0.5 - sensor.pixels / 2) * sensor.pixel_pitch_um * 1e-3
         return self.lens.relative_illumination(height_mm)
 
     def footprint(self, sensor: LineSensor, *, reach_pixels: float = REACH_PIXELS) -> Footprint:
-        """What one pixel of ``sensor`` sees of the page: lens, aperture, motion, TDI smear, binning.
+        """Return the footprint of one pixel of ``sensor`` on the page: lens, aperture, motion, TDI smear, binning.
 
-        The lens's line-spread function is the one of white paper's photo-electrons: diffraction MTFs weighted by
-        light x QE, cut at ``reach_pixels`` and scaled back to 1. The aperture is the whole pixel: its fill factor
-        scales light, not its shape (ISETCam's box).
+        The lens's line-spread function is the one of white paper's photo-electrons: diffraction MTFs weighted
+        by light x QE, cut at ``reach_pixels`` and scaled back to 1. The aperture is the whole pixel: its fill
+        factor scales light, not its shape (ISETCam's box).
         """
         # Binned lines follow one another without a gap, so their motion is one box.
         along_widths = (1.0, self.binning_along * self.travel_pixels, self.smear_pixels(sensor))
@@ -133,10 +139,10 @@ class Camera:
 def _cumulative_spread(
     camera: Camera, sensor: LineSensor, widths: Sequence[float], reach: float
 ) -> NDArray[np.float64]:
-    """Integral of a line-spread function over -reach .. reach pixels, from 0 to 1; lens and boxes of given widths.
+    """Integrate a line-spread function over -reach .. reach pixels, from 0 to 1; lens and boxes of given widths.
 
-    Formed in the frequency domain on a window eight times as long, so that the tails that wrap around are negligible;
-    a box of width w pixels has the transfer function sinc(w f).
+    It is formed in the frequency domain on a window eight times as long, so that the tails that wrap around
+    are negligible; a box of width w pixels has the transfer function sinc(w f).
     """
     steps = 2 * round(reach * FOOTPRINT_STEPS_PER_PIXEL)
     size = 8 * steps
@@ -151,7 +157,7 @@ def _cumulative_spread(
 
 
 def respond(camera: Camera, reflectance: NDArray[np.float64]) -> tuple[SensorResponse, ...]:
-    """Answer of each sensor to uniform reflectances (..., 36), on the axis of the lens."""
+    """Return the response of each sensor to uniform reflectances (..., 36), on the axis of the lens."""
     irradiance = camera.irradiance_photons(reflectance)
     lux = (irradiance / spectra.photons_per_joule()) @ (
         spectra.luminous_efficiency() * (spectra.LUMINOUS_EFFICACY_LM_W * spectra.STEP_NM)
@@ -185,7 +191,7 @@ def expose_flat(
     rng: np.random.Generator,
     noise: Noise = Noise.ALL,
 ) -> NDArray[np.uint16]:
-    """A scan of ``lines`` lines of one even colour (36,), zeros for a covered lens: (sensors, lines, pixels) [DN]."""
+    """Simulate a scan of one uniform colour (36,), zeros for a covered lens; (sensors, lines, pixels). [DN]"""
     column_light = camera.column_light()
     scan = []
     for sensor, pattern in zip(camera.sensors, patterns, strict=True):
@@ -196,5 +202,5 @@ def expose_flat(
 
 
 def with_pixels(camera: Camera, pixels: int) -> Camera:
-    """The same camera with longer or shorter line sensors."""
+    """Return the same camera with longer or shorter line sensors."""
     return replace(camera, sensors=tuple(replace(sensor, pixels=pixels) for sensor in camera.sensors))

@@ -1,8 +1,9 @@
-"""What a short separable footprint misses of the round lens, as small weights at the camera's own resolution.
+"""Correction for the part of the round lens's blur that a short separable footprint misses.
 
-Diffraction scatters a little light far: 2 / (pi^3 f_c d) of an edge lies beyond d pixels, f_c the cut-off in cycles a
-pixel, in rings that are no product of two line spreads. Prediction filters with a short footprint and then adds what
-that misses: the neighbours one by one, what is farther in blocks, as smooth as it is.
+Diffraction scatters a little light far: 2 / (pi^3 f_c d) of an edge lies beyond d pixels, f_c the cut-off in
+cycles a pixel, in rings that are no product of two line spreads. Prediction filters with a short footprint
+and then adds the missing part as small weights at the camera's own resolution: near neighbours one by one,
+farther ones in blocks, since the remainder is smooth there.
 """
 
 from __future__ import annotations
@@ -24,20 +25,23 @@ if TYPE_CHECKING:
     from prooflight.pages.sampling import Footprint
 
 SHORT_REACH_PIXELS: Final = 1.75
-"""Of the footprint that is corrected. Pixel and motion reach 1 along; of reaches from 1.5 to 2.5 all leave about as
-little after correction (0.12 to 0.22 sigma at text edges), and filtering costs in proportion to it."""
+"""Reach of the separable footprint that is corrected.
+
+Pixel and motion reach 1 along; of reaches from 1.5 to 2.5 all leave about as little after correction (0.12 to
+0.22 sigma at text edges), and filtering costs in proportion to the reach.
+"""
 
 
 def lens_correction(camera: Camera, sensor: LineSensor, footprint: Footprint) -> LensCorrection:
-    """The correction that makes ``footprint`` the exact camera's (``correction_to``).
+    """Compute the correction that turns ``footprint`` into the exact camera's (``correction_to``).
 
-    White paper's light stands for every colour's (``spectral_blur``). Lines may lie further apart than pixels (binning,
-    other speeds): weights are of lines along and pixels across.
+    White paper's light stands for every colour's (``spectral_blur``). Lines may lie further apart than pixels
+    (binning, other speeds): weights are of lines along and pixels across.
     """
     frequency = correction_frequencies()
     per_line = frequency / (camera.line_pitch_mm / camera.pixel_pitch_mm)
-    exact, ours = transfers(camera, sensor, footprint, per_line, frequency)
-    return correction_to(exact, ours)
+    exact, separable = transfers(camera, sensor, footprint, per_line, frequency)
+    return correction_to(exact, separable)
 
 
 def transfers(
@@ -47,7 +51,7 @@ def transfers(
     fy: NDArray[np.float64],
     fx: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exact and separable transfer functions, (along, across) at frequencies fy and fx [cycles/pixel]."""
+    """Return the exact and the separable transfer function, (along, across) at frequencies fy and fx [cycles/pixel]."""
     blur = spectral_blur(camera, sensor)
     pitch = camera.line_pitch_mm / camera.pixel_pitch_mm
     along = np.sinc(fy) * np.sinc(fy * pitch)
@@ -57,5 +61,5 @@ def transfers(
     lens = blur.shapes[0][np.minimum(np.rint(steps), blur.shapes.shape[1] - 1).astype(np.int64)]
     exact = lens * np.sinc(fx) * along[:, None]
     reach = footprint.reach_mm / camera.pixel_pitch_mm
-    ours = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, fx)
-    return exact, ours
+    separable = transfer(footprint.along, reach, fy)[:, None] * transfer(footprint.across, reach, fx)
+    return exact, separable

@@ -1,4 +1,4 @@
-"""The light on the page, and the lens: where the image lies, how bright it is, how sharp."""
+"""The light on the page, and the lens: position, irradiance and sharpness of the image."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Light:
-    """An illuminant of stated strength, falling evenly on the page."""
+    """Illuminant of stated strength, uniform over the page."""
 
     name: str
     relative_power: NDArray[np.float64]
-    """(36,) relative spectral power, any scale."""
+    """Relative spectral power (36,), in any scale."""
     luminance_cd_m2: float
     """Luminance of a perfect white diffuser lying on the page. [cd/m2]"""
 
@@ -34,7 +34,10 @@ class Light:
 
     @property
     def radiance_w(self) -> NDArray[np.float64]:
-        """Radiance of a perfect diffuser (36,) [W sr-1 m-2 nm-1]; 683 sum(V L) dlambda is the luminance (CIE 015)."""
+        """Return the radiance of a perfect diffuser (36,). [W sr-1 m-2 nm-1]
+
+        Its luminance is 683 sum(V L) dlambda (CIE 015).
+        """
         luminous = (
             spectra.LUMINOUS_EFFICACY_LM_W
             * spectra.STEP_NM
@@ -44,20 +47,20 @@ class Light:
 
     @property
     def radiance_photons(self) -> NDArray[np.float64]:
-        """Radiance of a perfect diffuser (36,) [photons s-1 sr-1 m-2 nm-1]."""
+        """Return the radiance of a perfect diffuser (36,). [photons s-1 sr-1 m-2 nm-1]"""
         return self.radiance_w * spectra.photons_per_joule()
 
 
 def diffraction_mtf(
     frequency_per_mm: ArrayLike, *, wave_nm: ArrayLike, f_number: float
 ) -> NDArray[np.float64]:
-    """Incoherent MTF of a perfect circular lens, (2/pi)(acos x - x sqrt(1 - x^2)), x = frequency lambda N.
+    """Return the incoherent MTF of a perfect circular lens, (2/pi)(acos x - x sqrt(1 - x^2)), x = frequency lambda N.
 
     frequency_per_mm [cycles/mm at the image] and wave_nm [nm] broadcast; f_number is the working F-number.
     Source: Goodman, Introduction to Fourier Optics, section 6.3; ISETCam ``dlMTF``.
 
-    >>> float(diffraction_mtf(0.0, wave_nm=550, f_number=2.8))
-    1.0
+        >>> float(diffraction_mtf(0.0, wave_nm=550, f_number=2.8))
+        1.0
     """
     x = np.abs(np.asarray(frequency_per_mm, dtype=np.float64)) * (np.asarray(wave_nm) * 1e-6 * f_number)
     x = np.minimum(x, 1.0)
@@ -66,13 +69,13 @@ def diffraction_mtf(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lens:
-    """A diffraction-limited thin lens, focused on the page."""
+    """Diffraction-limited thin lens, focused on the page."""
 
     focal_length_mm: float
     f_number: float
     transmittance: float
     object_distance_mm: float
-    """Lens to page. [mm]"""
+    """Distance from lens to page. [mm]"""
 
     def __post_init__(self) -> None:
         for field in ("focal_length_mm", "f_number", "transmittance", "object_distance_mm"):
@@ -88,30 +91,30 @@ class Lens:
 
     @property
     def image_distance_mm(self) -> float:
-        """Lens to sensor, 1/v = 1/f - 1/s. [mm]"""
+        """Return the distance from lens to sensor, 1/v = 1/f - 1/s. [mm]"""
         return 1.0 / (1.0 / self.focal_length_mm - 1.0 / self.object_distance_mm)
 
     @property
     def magnification(self) -> float:
-        """Size on the sensor over size on the page, |m| = v/s (the image is upside down). [-]"""
+        """Return the size on the sensor over the size on the page, |m| = v/s (the image is upside down). [-]"""
         return self.image_distance_mm / self.object_distance_mm
 
     @property
     def working_f_number(self) -> float:
-        """F-number of the cone that reaches the sensor, N (1 + |m|). [-]"""
+        """Return the F-number of the cone that reaches the sensor, N (1 + |m|). [-]"""
         return self.f_number * (1 + self.magnification)
 
     @property
     def irradiance_per_radiance(self) -> float:
-        """On-axis image irradiance over scene radiance, pi T / (1 + 4 N^2 (1 + |m|)^2) (ISETCam's form). [sr]"""
+        """Return on-axis image irradiance over scene radiance, pi T / (1 + 4 N^2 (1 + |m|)^2) (ISETCam's form). [sr]"""
         return np.pi * self.transmittance / (1 + 4 * self.working_f_number**2)
 
     def mtf(self, frequency_per_mm: ArrayLike, *, wave_nm: ArrayLike) -> NDArray[np.float64]:
-        """MTF at the working F-number; frequency at the sensor [cycles/mm] and wave_nm [nm] broadcast."""
+        """Return the MTF at the working F-number; frequency [cycles/mm at the sensor] and wave_nm [nm] broadcast."""
         return diffraction_mtf(frequency_per_mm, wave_nm=wave_nm, f_number=self.working_f_number)
 
     def relative_illumination(self, image_height_mm: ArrayLike) -> NDArray[np.float64]:
-        """cos^4 of the field angle at a distance from the axis on the sensor [mm]; 1 on the axis."""
+        """Return cos^4 of the field angle at a distance from the axis on the sensor [mm]; 1 on the axis."""
         height = np.asarray(image_height_mm, dtype=np.float64)
         cos2 = 1.0 / (1.0 + (height / self.image_distance_mm) ** 2)
         return cos2 * cos2

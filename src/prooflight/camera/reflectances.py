@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BRIGHTEST = 2.0
-"""assumed: fluorescent paper reaches 1.2, a mirror-like patch somewhat more; 85 is a percentage."""
+"""Greatest reflectance factor that is accepted.
+
+assumed: fluorescent paper reaches 1.2, a mirror-like patch somewhat more; 85 is a percentage.
+"""
 MOST_COLOURS: Final = 100_000
 _LONGEST_NM: Final = 1e6
 FORM: Final = '{"wave_nm": [380, ..., 730], "reflectance": [[...], ...]}'
@@ -25,14 +28,17 @@ REFLECTANCE_FILES: Final = GivenFiles(error=RequestError, remedy=f"give JSON (UT
 
 
 def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
-    """Reflectance factors (n, 36) of JSON text, by linear interpolation; RequestError names ``where`` and the fault."""
+    """Read reflectance factors (n, 36) from JSON text, by linear interpolation.
+
+    RequestError names ``where`` and the fault.
+    """
     try:
         given = json.loads(text, parse_int=float, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         raise RequestError(where, f"is not JSON ({error})", remedy=f"give {FORM}") from error
     if not isinstance(given, dict) or set(given) != {"wave_nm", "reflectance"}:
-        found = shortly(", ".join(given)) if isinstance(given, dict) and given else type(given).__name__
-        raise RequestError(where, f"holds {found}", remedy=f"give {FORM} and nothing else")
+        fields = shortly(", ".join(given)) if isinstance(given, dict) and given else type(given).__name__
+        raise RequestError(where, f"holds {fields}", remedy=f"give {FORM} and nothing else")
     if isinstance(given["reflectance"], list) and len(given["reflectance"]) > MOST_COLOURS:
         what = f"reflectance: {len(given['reflectance'])} colours"
         raise RequestError(where, what, remedy=f"give at most {MOST_COLOURS} at a time")
@@ -57,15 +63,15 @@ def parse_reflectances(text: str, *, where: object) -> NDArray[np.float64]:
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    members = dict(pairs)
+    if len(members) < len(pairs):
         message = "a name stands there twice"
         raise ValueError(message)
-    return found
+    return members
 
 
 def _numbers(given: Any, dimensions: int, *, where: str) -> NDArray[np.float64]:
-    """A list, or a list of equally long lists, of finite numbers."""
+    """Return a list, or a list of equally long lists, of finite numbers as an array."""
     remedy = "give a list of numbers" if dimensions == 1 else "give a list of lists of numbers, equally long"
     rows = [given] if dimensions == 1 else given
     lists = isinstance(rows, list) and rows and all(isinstance(row, list) and row for row in rows)

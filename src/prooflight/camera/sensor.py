@@ -1,4 +1,4 @@
-"""The TDI line sensor: photons to electrons, volts and digital numbers, and the noise on the way."""
+"""TDI line sensor: photons to electrons, volts and digital numbers, with the noise of each step."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 LARGEST_BITS = 16
 ROUNDING_DN2: Final = 1 / 12
-"""Variance of rounding to integers, a uniform error of one code (EMVA 1288, quantisation noise). [DN^2]"""
+"""Variance of rounding to integers: a uniform error of one code (EMVA 1288, quantisation noise). [DN^2]"""
 
 
 class Noise(Flag):
-    """The noise sources of one exposure, in the order in which they act."""
+    """Noise sources of one exposure, in the order in which they act."""
 
     SHOT = auto()
     READ = auto()
@@ -33,9 +33,10 @@ class Noise(Flag):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineSensor:
-    """One line sensor with time-delay integration (TDI), as characterised on the bench (paper, section 3.1).
+    """Line sensor with time-delay integration (TDI), as characterised on the bench (paper, section 3.1).
 
-    TDI sums ``tdi_stages`` exposures of the same line on the chip and reads once, so exposure is stages / line rate.
+    TDI sums ``tdi_stages`` exposures of the same line on the chip and reads once, so exposure is stages /
+    line rate.
     """
 
     name: str
@@ -57,7 +58,7 @@ class LineSensor:
     black_level_dn: float
     """Offset that the camera adds before its converter. [DN]"""
     quantum_efficiency: NDArray[np.float64]
-    """(36,) electrons per photon."""
+    """Quantum efficiency (36,), in electrons per photon."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "quantum_efficiency", spectra.on_grid(self.quantum_efficiency))
@@ -82,51 +83,51 @@ class LineSensor:
 
     @property
     def exposure_s(self) -> float:
-        """Time over which one line collects light. [s]"""
+        """Return the time over which one line collects light. [s]"""
         return self.tdi_stages / self.line_rate_hz
 
     @property
     def dark_e(self) -> float:
-        """Mean dark signal of one line. [e-]"""
+        """Return the mean dark signal of one line. [e-]"""
         return self.dark_current_e_per_s * self.exposure_s
 
     @property
     def full_well_e(self) -> float:
-        """Charge that fills the voltage swing. [e-]"""
+        """Return the charge that fills the voltage swing. [e-]"""
         return self.voltage_swing_v / (self.conversion_gain_uv_per_e * 1e-6)
 
     @property
     def top_code_dn(self) -> int:
-        """Greatest digital number, 2^bits - 1. [DN]"""
+        """Return the greatest digital number, 2^bits - 1. [DN]"""
         return 2**self.bits - 1
 
     @property
     def dn_per_e(self) -> float:
-        """System gain: one code is swing / 2^bits (ISETCam's rule). [DN/e-]"""
+        """Return the system gain, where one code is swing / 2^bits (ISETCam's rule). [DN/e-]"""
         return 2**self.bits / self.full_well_e
 
     def electrons(self, irradiance_photons: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean photo-electrons of one line, without dark signal.
+        """Return the mean photo-electrons of one line, without dark signal.
 
-        irradiance_photons (..., 36) [photons s-1 m-2 nm-1] -> (...) [e-]:
-        sum(E QE dlambda) x pixel area x fill factor x exposure.
+        irradiance_photons (..., 36) [photons s-1 m-2 nm-1] -> (...) [e-]: sum(E QE dlambda) x pixel area x
+        fill factor x exposure.
         """
         rate = irradiance_photons @ (self.quantum_efficiency * spectra.STEP_NM)
         area_m2 = (self.pixel_pitch_um * 1e-6) ** 2 * self.fill_factor
         return rate * area_m2 * self.exposure_s
 
     def quantise(self, volts: ArrayLike) -> NDArray[np.uint16]:
-        """Volts -> digital numbers: add the black level, clip to the swing, round half up; top code 2^bits - 1."""
+        """Convert volts to digital numbers: add black level, clip to the swing, round half up; top code 2^bits - 1."""
         step_v = self.voltage_swing_v / 2**self.bits
         raised = np.clip(np.asarray(volts) + self.black_level_dn * step_v, 0.0, self.voltage_swing_v)
         return np.minimum(np.floor(raised / step_v + 0.5), self.top_code_dn).astype(np.uint16)
 
     def variance_temporal_e2(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Variance from line to line before clipping: shot of signal and dark, and read. (...) [e-2]"""
+        """Return the variance from line to line before clipping: shot of signal and dark, and read. (...) [e-2]"""
         return electrons + self.dark_e + self.read_noise_e**2
 
     def variance_total_e2(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Variance over columns and lines together: s1^2 (1 + p^2) + mu^2 p^2 + DSNU^2. (...) [e-2]"""
+        """Return the variance over columns and lines combined: s1^2 (1 + p^2) + mu^2 p^2 + DSNU^2. (...) [e-2]"""
         p2 = (self.prnu_percent / 100) ** 2
         temporal = self.variance_temporal_e2(electrons)
         return temporal * (1 + p2) + (electrons + self.dark_e) ** 2 * p2 + self.dsnu_e**2
@@ -134,10 +135,10 @@ class LineSensor:
     def dn_moments(
         self, electrons: NDArray[np.float64], variance_e2: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and standard deviation of the digital number, given photo-electrons and their variance, both (...).
+        """Return mean and standard deviation of the digital number, given photo-electrons and their variance.
 
-        The mean is unrounded. Both are of the Gaussian clipped to the converter's range; the standard deviation
-        includes the 1/12 DN^2 of rounding. Returns two (...) arrays [DN].
+        Inputs and results have one shape (...). The mean is unrounded. Both are of the Gaussian clipped to
+        the converter's range; the standard deviation includes the 1/12 DN^2 of rounding. [DN]
         """
         mean = (electrons + self.dark_e) * self.dn_per_e + self.black_level_dn
         clipped_mean, clipped_variance = clipped_gaussian(
@@ -148,16 +149,16 @@ class LineSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FixedPattern:
-    """What differs from column to column and stays: the same on every line of every scan."""
+    """Fixed-pattern noise: differences from column to column that are the same on every line of every scan."""
 
     gain: NDArray[np.float64]
-    """(pixels,) PRNU, 1 on average. [-]"""
+    """PRNU (pixels,), 1 on average. [-]"""
     offset_e: NDArray[np.float64]
-    """(pixels,) DSNU, 0 on average. [e-]"""
+    """DSNU (pixels,), 0 on average. [e-]"""
 
 
 def draw_fixed_pattern(sensor: LineSensor, rng: np.random.Generator) -> FixedPattern:
-    """One specimen of the sensor: Gaussian PRNU and DSNU per column."""
+    """Draw the fixed pattern of one specimen of the sensor: Gaussian PRNU and DSNU per column."""
     return FixedPattern(
         gain=1 + rng.standard_normal(sensor.pixels) * (sensor.prnu_percent / 100),
         offset_e=rng.standard_normal(sensor.pixels) * sensor.dsnu_e,
@@ -172,10 +173,10 @@ def read_out(
     rng: np.random.Generator,
     noise: Noise = Noise.ALL,
 ) -> NDArray[np.uint16]:
-    """Lines of mean photo-electrons (lines, pixels) [e-] -> digital numbers (lines, pixels) [DN].
+    """Read out lines of mean photo-electrons (lines, pixels) [e-] as digital numbers (lines, pixels) [DN].
 
-    Noise in ISET's order: shot (Poisson of signal + dark), read, PRNU, DSNU, clip to the swing, quantise.
-    Sources missing from ``noise`` are left out; the dark signal's mean always stays.
+    Noise acts in ISET's order: shot (Poisson of signal + dark), read, PRNU, DSNU, clip to the swing,
+    quantise. Sources missing from ``noise`` are left out; the dark signal's mean always stays.
     """
     charge = electrons + sensor.dark_e
     if Noise.SHOT in noise:
@@ -192,7 +193,7 @@ def read_out(
 def clipped_gaussian(
     mean: NDArray[np.float64], sigma: NDArray[np.float64], *, low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and variance of min(max(X, low), high), X normal; arrays broadcast, sigma > 0.
+    """Return mean and variance of min(max(X, low), high), X normal; arrays broadcast, sigma > 0.
 
     Closed form from the truncated normal's moments: Johnson, Kotz, Balakrishnan, Continuous Univariate
     Distributions 1, section 13.10.1.

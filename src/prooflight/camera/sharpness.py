@@ -1,4 +1,4 @@
-"""How much contrast of a fine pattern reaches the digital numbers: the modulation transfer function (MTF)."""
+"""Modulation transfer function (MTF): contrast of a fine pattern in the digital numbers over that on the page."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sharpness:
-    """MTFs at the sensor, each of the shape of the frequencies asked for. [-]"""
+    """MTFs at the sensor, each of the shape of the requested frequencies. [-]"""
 
     lens: NDArray[np.float64]
-    """The lens alone, at its working F-number."""
+    """MTF of the lens alone, at its working F-number."""
     across: NDArray[np.float64]
-    """Lens and pixel: patterns that vary across the web."""
+    """MTF of lens and pixel, for patterns that vary across the web."""
     along: NDArray[np.float64]
-    """Lens, pixel, motion, TDI smear, binning: patterns that vary along the travel."""
+    """MTF of lens, pixel, motion, TDI smear and binning, for patterns that vary along the travel."""
 
 
 def sharpness(
     camera: Camera, sensor: LineSensor, frequency_per_mm: ArrayLike, *, wave_nm: float | None = None
 ) -> Sharpness:
-    """MTFs of ``camera`` at frequencies (...) [cycles/mm on the sensor] through ``sensor``.
+    """Return the MTFs of ``camera`` at frequencies (...) [cycles/mm on the sensor] through ``sensor``.
 
-    wave_nm: light of one wavelength; None: what the sensor counts of white paper, light x QE, in photo-electrons.
+    wave_nm: light of one wavelength; None: the spectrum of white paper's photo-electrons, light x QE.
 
-    A box of width w has the transfer function sinc(w f). Across, the aperture is the whole pixel: its fill factor
-    scales light, not its shape (ISETCam's box). Along, the paper moves by one line's travel while a line is exposed,
-    and binning adds neighbouring lines: one box as long as all of them. TDI smears by stages x |travel - pixel| (the
-    limit of many stages).
+    A box of width w has the transfer function sinc(w f). Across, the aperture is the whole pixel: its fill
+    factor scales light, not its shape (ISETCam's box). Along, the paper moves by one line's travel while a
+    line is exposed, and binning adds neighbouring lines: one box as long as all of them. TDI smears by stages
+    x |travel - pixel| (the limit of many stages).
     """
     frequency = np.asarray(frequency_per_mm, dtype=np.float64)
     if wave_nm is not None:
@@ -54,5 +54,5 @@ def sharpness(
 
 
 def nyquist_per_mm(sensor: LineSensor) -> float:
-    """The finest pattern that pixels across the web can show, half a cycle a pixel. [cycles/mm on the sensor]"""
+    """Return the Nyquist frequency of the pixels across the web, half a cycle a pixel. [cycles/mm on the sensor]"""
     return 1 / (2 * sensor.pixel_pitch_um * 1e-3)

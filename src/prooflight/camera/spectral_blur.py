@@ -1,4 +1,4 @@
-"""Diffraction of every wavelength as a short sum of shapes, so that a page is filtered a few times, not 36."""
+"""Low-rank approximation of the diffraction at 36 wavelengths, so that a page is filtered a few times, not 36."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
     from prooflight.camera.sensor import LineSensor
 
 RANK = 3
-"""Shapes that the 36 MTFs are reduced to; for the paper's rig an edge then errs by less than 3e-5 of white."""
+"""Number of shapes that replace the 36 MTFs; for the paper's rig an edge then errs by less than 3e-5 of white."""
 _SHAPE_STEPS = 2**18  # frequencies at which shapes are tabulated: the nearest then errs by 1e-5
 _FITTED_STEPS = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpectralBlur:
-    """A sensor's 36 diffraction MTFs, weighted by what it counts of each band, as a short sum of shapes.
+    """A sensor's 36 diffraction MTFs, weighted by its electrons of each band, as a short sum of shapes.
 
     Electrons at frequency f of a pattern of reflectance R: sum over k of (R @ bands_e[:, k]) x shapes[k](f).
     """
 
     bands_e: NDArray[np.float64]
-    """(36, rank): the first column is the electrons of each band, so it alone gives even light. [e-]"""
+    """Weights (36, rank); the first column is the electrons of each band, so it alone gives uniform light. [e-]"""
     shapes: NDArray[np.float32]
-    """(rank, steps) at frequencies 0 .. cut-off, evenly; the first is 1 at frequency 0, the others 0. [-]"""
+    """Shapes (rank, steps) at even steps from 0 to the cut-off; the first is 1 at frequency 0, the others 0. [-]"""
     cutoff_per_pixel: float
-    """Beyond it the lens passes nothing, at any wavelength. [cycles/camera pixel]"""
+    """Frequency beyond which the lens passes nothing, at any wavelength. [cycles/camera pixel]"""
     truncation: float
     """Bound on the error of a pixel near a step edge between any reflectances in 0..1, as a share of white. [-]"""
 
@@ -41,9 +41,9 @@ class SpectralBlur:
 def spectral_blur(camera: Camera, sensor: LineSensor, *, rank: int = RANK) -> SpectralBlur:
     """Reduce the MTFs of the lens (36 bands by frequency) to ``rank`` shapes.
 
-    The first is white's mean MTF, which keeps all light; what the bands differ from it is cut after the greatest
-    ``rank - 1`` singular values (Eckart and Young 1936: the best in least squares), frequencies weighted by 1/f as
-    in the spectrum of an edge.
+    The first is white's mean MTF, which keeps all light; the differences of the bands from it are cut after
+    the greatest ``rank - 1`` singular values (Eckart and Young 1936: the best in least squares), frequencies
+    weighted by 1/f as in the spectrum of an edge.
     """
     per_pixel = sensor.pixel_pitch_um * 1e-3
     cutoff = float(per_pixel / (spectra.WAVE_NM.min() * 1e-6 * camera.lens.working_f_number))
@@ -54,9 +54,9 @@ def spectral_blur(camera: Camera, sensor: LineSensor, *, rank: int = RANK) -> Sp
     mean = band_e @ mtf / band_e.sum()
     difference = band_e[:, None] * (mtf - mean)
     left, value, right = np.linalg.svd(difference / coarse, full_matrices=False)
-    kept = rank - 1
-    right = right[:kept] * coarse
-    bands_e = np.concatenate([band_e[:, None], left[:, :kept] * value[:kept]], axis=1)
+    singular = rank - 1
+    right = right[:singular] * coarse
+    bands_e = np.concatenate([band_e[:, None], left[:, :singular] * value[:singular]], axis=1)
     lost = difference - bands_e[:, 1:] @ right
     # The worst reflectance has 1 where the error is of one sign and 0 elsewhere; sinc(f) / (pi f) is an edge seen
     # through a pixel's aperture.
@@ -66,7 +66,7 @@ def spectral_blur(camera: Camera, sensor: LineSensor, *, rank: int = RANK) -> Sp
     shapes = np.stack(
         [
             np.interp(frequency, knots, [at_zero, *shape])
-            for at_zero, shape in zip((1.0, *[0.0] * kept), (mean, *right), strict=True)
+            for at_zero, shape in zip((1.0, *[0.0] * singular), (mean, *right), strict=True)
         ]
     )
     shapes[:, -1] = 0.0

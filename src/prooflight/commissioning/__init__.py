@@ -1,1 +1,1 @@
-"""A press made ready: physics to tables, a camera's columns calibrated, one artefact written."""
+"""Commissioning of a press: tables from physics, calibration of a camera's columns, and the artefact."""

@@ -1,4 +1,4 @@
-"""How well looking up the tables replaces the exact model."""
+"""Accuracy of the tables' interpolation against the exact model."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class TableAccuracy:
     mean_rms_sigma: float
     mean_max_sigma: float
     white_sigma: float
-    """At bare paper."""
+    """Error at bare paper."""
     sigma_rms_percent: float
 
 
 def trial_recipes(rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Recipes (n, 4) as pages have them: paper, ramps of one and of two inks, and anything at random."""
+    """Draw recipes (n, 4) as pages have them: paper, ramps of one and of two inks, and random ones."""
     ramp = np.arange(256)
     recipes = [np.zeros((1, 4), np.int64), rng.integers(0, 256, (RANDOM_RECIPES, 4))]
     for first in range(4):
@@ -50,7 +50,7 @@ def trial_recipes(rng: np.random.Generator) -> NDArray[np.uint8]:
 def table_accuracy(
     camera: Camera, inks: ReflectanceModel, sensors: tuple[SensorModel, ...], rng: np.random.Generator
 ) -> list[TableAccuracy]:
-    """Interpolated mean and sigma against the exact closed form, over ``trial_recipes``."""
+    """Compare interpolated mean and sigma with the exact closed form, over ``trial_recipes``."""
     recipes = trial_recipes(rng)
     irradiance = camera.irradiance_photons(inks.reflectance(recipes / 255))
     results = []

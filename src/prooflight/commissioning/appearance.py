@@ -1,4 +1,4 @@
-"""What recipes look like to a person, for pictures only."""
+"""Appearance of recipes to a person, for pictures only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ XYZ_TO_LINEAR_SRGB = np.array(  # IEC 61966-2-1
 
 
 def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
-    """SRGB (IEC 61966-2-1) of recipes at 9 even steps of each ink, (9, 9, 9, 9, 3); bare paper is shown white."""
+    """Return sRGB (IEC 61966-2-1) of recipes at 9 even steps of each ink, (9, 9, 9, 9, 3).
+
+    Bare paper is shown white.
+    """
     axis = np.linspace(0, 1, STEPS)
     tristimulus = spectra.xyz(inks.reflectance(recipe_grid(axis, axis, axis, axis)), "D65")
     relative = tristimulus / tristimulus[0, 0, 0, 0] * spectra.white_xyz("D65")
@@ -30,5 +33,5 @@ def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
 
 
 def srgb_bytes(light: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """SRGB (IEC 61966-2-1) of light over white's, bounded to 0..1."""
+    """Return sRGB (IEC 61966-2-1) of light over white's, bounded to 0..1."""
     return np.round(spectra.srgb_encoded(light) * 255).astype(np.uint8)

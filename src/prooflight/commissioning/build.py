@@ -1,4 +1,4 @@
-"""Press file -> press artefact."""
+"""Build of a press artefact from a press file."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
 
 SUPERSAMPLING = 2
-"""Raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from where it is printed."""
+"""Number of raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from its printed place."""
 CALIBRATION_LINES = 4096
 WHITE_TILE = 0.85
-"""assumed: a ceramic white tile."""
+"""Reflectance of the white tile. assumed: ceramic."""
 LEAST_TILE_DN = 0.1
-"""Below, digital numbers say nothing of a page."""
+"""Least signal of the white tile; below, digital numbers hold no information on a page."""
 
 
 def build_press(
@@ -54,11 +54,12 @@ def build_press(
     columns: Sequence[ColumnCalibration] | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Press:
-    """Everything one press needs, from its press file.
+    """Build a press from its press file.
 
-    columns: of the real camera, one a sensor (``line_camera.dialogue.measured_columns``); None: a simulated specimen's.
-    seed: of the simulated specimen's fixed pattern and of its calibration exposures. pixels: longer line sensors than
-    the file's, for jobs wider than its field. PressFileError if white paper would saturate the sensor.
+    columns: of the real camera, one a sensor (``line_camera.dialogue.measured_columns``); None: a simulated
+    specimen's. seed: of the simulated specimen's fixed pattern and of its calibration exposures. pixels:
+    longer line sensors than the file's, for jobs wider than its field. PressFileError if white paper would
+    saturate the sensor.
     """
     camera = press_file.camera()
     if pixels is not None:
@@ -127,7 +128,7 @@ def _sensor_model(
     *,
     backing_reflectance: NDArray[np.float64],
 ) -> SensorModel:
-    """One sensor as prediction sees it, from its tables of mean and variance and its columns."""
+    """Build one sensor's model for prediction, from its tables of mean and variance and its columns."""
     mean, variance = of_colours
     backing_e = sensor.electrons(camera.irradiance_photons(backing_reflectance))
     footprint = camera.footprint(sensor, reach_pixels=SHORT_REACH_PIXELS)
@@ -147,7 +148,7 @@ def _sensor_model(
 
 
 def refuse_light(press_file: PressFile, camera: Camera) -> None:
-    """PressFileError if the white tile (5 % above its mean, for bright columns) saturates, or reads next to nothing."""
+    """Raise PressFileError if the white tile saturates (5 % above its mean, for bright columns) or has no signal."""
     tile = camera.irradiance_photons(np.full(BANDS, WHITE_TILE))
     for sensor in camera.sensors:
         level = float(signal_dn(sensor, sensor.electrons(tile)))
@@ -165,7 +166,7 @@ def refuse_light(press_file: PressFile, camera: Camera) -> None:
 
 
 def _refuse_columns(press_file: PressFile, camera: Camera, columns: Sequence[ColumnCalibration]) -> None:
-    """PressFileError if columns were measured of another camera."""
+    """Raise PressFileError if columns were measured of another camera."""
     wanted = [sensor.pixels for sensor in camera.sensors]
     given = [one.gain.size for one in columns]
     if given != wanted:
@@ -176,7 +177,7 @@ def _refuse_columns(press_file: PressFile, camera: Camera, columns: Sequence[Col
 
 
 def _refuse_saturation(press_file: PressFile, model: SensorModel) -> None:
-    """PressFileError if any column saturates on paper."""
+    """Raise PressFileError if any column saturates on paper."""
     paper_dn = float((model.column_offset_dn + model.column_gain * model.mean_dn.max()).max())
     if paper_dn > model.top_code_dn:
         raise _saturates(press_file, model.name, "white paper", paper_dn, model.top_code_dn)

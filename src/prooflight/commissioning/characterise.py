@@ -1,4 +1,4 @@
-"""The camera's response to every colour, as the two tables that real-time prediction looks up (paper, section 3.4)."""
+"""Characterisation of the camera's response to every colour: the two tables of prediction (paper, section 3.4)."""
 
 from __future__ import annotations
 
@@ -24,22 +24,25 @@ if TYPE_CHECKING:
 
 
 def signal_dn(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light signal above dark of photo-electrons (...), before clipping. [DN]"""
+    """Return the light signal above dark of photo-electrons (...), before clipping. [DN]"""
     return electrons * sensor.dn_per_e
 
 
 def variance_dn2(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Temporal variance of a digital number in closed form: shot, dark, read and rounding. (...) [DN^2]"""
+    """Return the temporal variance of a digital number in closed form: shot, dark, read and rounding. (...) [DN^2]"""
     return sensor.variance_temporal_e2(electrons) * sensor.dn_per_e**2 + ROUNDING_DN2
 
 
 def recipe_grid(*axes: ArrayLike) -> NDArray[np.float64]:
-    """Every combination of ink fractions, an axis (n,) for each of the four inks: (n, n, n, n, 4)."""
+    """Return every combination of ink fractions, an axis (n,) for each of the four inks: (n, n, n, n, 4)."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def tables(camera: Camera, inks: ReflectanceModel) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Mean and variance tables of every sensor in closed form, each (33, 33, 33, 33) [DN, DN^2], on the lens's axis."""
+    """Return the mean and variance tables of every sensor in closed form, each (33, 33, 33, 33), on the lens's axis.
+
+    Units: [DN] and [DN^2].
+    """
     axis = node_fractions()
     electrons = np.empty((len(camera.sensors), *(NODES,) * 4))
     for index, cyan in enumerate(axis):  # a slab at a time: the spectra of all nodes are 340 MB
@@ -57,12 +60,12 @@ def tables(camera: Camera, inks: ReflectanceModel) -> list[tuple[NDArray[np.floa
 
 
 def unbiased_nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Node values whose linear interpolation errs evenly to both sides, from the exact values at the nodes.
+    """Return node values whose linear interpolation errs evenly to both sides, from the exact values at the nodes.
 
-    A chord of a function errs by f'' h^2 / 12 on average over its cell, always to the same side; taking a twelfth of
-    the second difference off each node, axis by axis, removes that and makes the rms error 2.4 times smaller (from
-    1 / sqrt(120) to sqrt(1 / 120 - 1 / 144) of f'' h^2). Nodes without an ink
-    are left alone along its axis: pages are full of colours that lack one, paper first.
+    A chord of a function errs by f'' h^2 / 12 on average over its cell, always to the same side; taking a
+    twelfth of the second difference off each node, axis by axis, removes that and makes the rms error 2.4
+    times smaller (from 1 / sqrt(120) to sqrt(1 / 120 - 1 / 144) of f'' h^2). Nodes without an ink are left
+    alone along its axis: pages are full of colours that lack one, paper first.
     """
     moved = exact.copy()
     for axis in range(exact.ndim):
@@ -80,11 +83,11 @@ CLEAR_SIGMA = 4.0
 def near_the_ends(
     sensor: LineSensor, electrons: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether the noise of photo-electrons (...) is cut off at 0 DN, and at the top code; two (...) arrays.
+    """Return whether the noise of photo-electrons (...) is clipped at 0 DN, and at the top code; two (...) arrays.
 
-    Closed form: the digital number's mean with dark signal and black level lies within ``CLEAR_SIGMA`` temporal
-    sigma of that end, in a column of gain 1 without DSNU. Everywhere else temporal noise is Gaussian (paper, section
-    3.4).
+    Closed form: the digital number's mean with dark signal and black level lies within ``CLEAR_SIGMA``
+    temporal sigma of that end, in a column of gain 1 without DSNU. Everywhere else temporal noise is Gaussian
+    (paper, section 3.4).
     """
     mean = signal_dn(sensor, electrons + sensor.dark_e) + sensor.black_level_dn
     reach = CLEAR_SIGMA * np.sqrt(variance_dn2(sensor, electrons) - ROUNDING_DN2)
@@ -92,7 +95,7 @@ def near_the_ends(
 
 
 def clipped_share(sensor: LineSensor, mean_dn: NDArray[np.float32]) -> ClippedShare:
-    """Shares of the nodes of a mean table (33, 33, 33, 33) [DN above dark] whose noise is cut off."""
+    """Return the shares of the nodes of a mean table (33, 33, 33, 33) [DN above dark] whose noise is clipped."""
     electrons = mean_dn.astype(np.float64) / sensor.dn_per_e
     black, saturation = near_the_ends(sensor, electrons)
     return ClippedShare(black=float(black.mean()), saturation=float(saturation.mean()))
@@ -100,20 +103,23 @@ def clipped_share(sensor: LineSensor, mean_dn: NDArray[np.float32]) -> ClippedSh
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ColumnCalibration:
-    """What a dark and a white exposure say of each column."""
+    """Offset and gain of each column, from a dark and a white exposure."""
 
     offset_dn: NDArray[np.float32]
-    """(pixels,) digital number without light, as lit columns have it. [DN]"""
+    """Digital number (pixels,) without light, as lit columns have it. [DN]"""
     gain: NDArray[np.float32]
-    """(pixels,) signal over that on the axis of the lens. [-]"""
+    """Signal (pixels,) over that on the axis of the lens. [-]"""
 
 
 DARK_TILE = 0.05
-"""assumed: a black ceramic tile, for sensors whose noise without light is cut off at 0 DN."""
+"""assumed: a black ceramic tile, for sensors whose noise without light is clipped at 0 DN."""
 
 
 def clips_in_the_dark(sensor: LineSensor) -> bool:
-    """Whether noise reaches 0 DN without light, four sigma from the mean: a dark exposure's mean is then too high."""
+    """Return whether noise reaches 0 DN without light, four sigma from the mean.
+
+    A dark exposure's mean is then too high.
+    """
     mean = sensor.dark_e * sensor.dn_per_e + sensor.black_level_dn
     spread_e = np.sqrt(sensor.variance_temporal_e2(np.zeros(())) + sensor.dsnu_e**2)
     return bool(mean < 4 * spread_e * sensor.dn_per_e)
@@ -127,11 +133,11 @@ def calibrate_columns(
     lines: int,
     rng: np.random.Generator,
 ) -> list[ColumnCalibration]:
-    """Offset and gain of each column from a dark exposure and a white tile of known reflectance (36,).
+    """Measure offset and gain of each column from a dark exposure and a white tile of known reflectance (36,).
 
-    Dark is a covered lens, or a black tile where a covered lens would clip (``black_level_dn`` 0): a line through both
-    signals gives offset and gain. The gain is relative to the closed-form signal on the axis, so it holds lamp, cos^4
-    and PRNU together. Its standard error is the temporal sigma over sqrt(lines).
+    Dark is a covered lens, or a black tile where a covered lens would clip (``black_level_dn`` 0): a line
+    through both signals gives offset and gain. The gain is relative to the closed-form signal on the axis, so
+    it combines lamp, cos^4 and PRNU. Its standard error is the temporal sigma over sqrt(lines).
     """
 
     def exposed(reflectance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The inks that a press artefact carries: packed into plain arrays and words, and made again from them."""
+"""Inks in a press artefact: packed into plain arrays and texts, and rebuilt from them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Arrays and facts of inks, for ``Press.ink_arrays`` and ``Press.ink_facts``.
+    """Pack inks into arrays and facts, for ``Press.ink_arrays`` and ``Press.ink_facts``.
 
     TypeError: inks that are neither log-linear (the built-in press) nor fitted to a chart.
     """
@@ -47,7 +47,7 @@ def packed(inks: ReflectanceModel) -> tuple[dict[str, NDArray[Any]], dict[str, s
 
 
 def inks_of(press: Press) -> ReflectanceModel:
-    """The inks that a press was made from, as they were; PressError if it carries none or unknown ones."""
+    """Rebuild the inks that a press was made from; PressError if it carries none or unknown ones."""
     facts = press.ink_facts
     if not (facts and press.ink_arrays):
         raise PressError(f"press {press.name}", "carries no inks", remedy=REBUILD)

@@ -1,4 +1,4 @@
-"""Values as TOML: what ``tomllib`` reads, written back."""
+"""Values as TOML, the inverse of ``tomllib``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_value(value: Any) -> str:
-    """One value on one line; TypeError for what a press file cannot hold (dates).
+    """Return one value on one line; TypeError for one that a press file cannot hold (dates).
 
     >>> toml_value({"wave_nm": [380, 730.0], "file": "a.csv"})
     '{ wave_nm = [380, 730.0], file = "a.csv" }'
@@ -42,12 +42,12 @@ def toml_value(value: Any) -> str:
 
 
 def toml_key(key: str) -> str:
-    """A key, quoted where it must be."""
+    """Return a key, quoted where it must be."""
     return key if _BARE_KEY.fullmatch(key) else toml_value(key)
 
 
 def toml_text(tree: Mapping[str, Any]) -> str:
-    """A document of single values, ``[blocks]`` and ``[[lists of blocks]]``; ``tomllib.loads`` gives ``tree`` back."""
+    """Write single values, ``[blocks]`` and ``[[lists of blocks]]`` as text; ``tomllib.loads`` gives ``tree`` back."""
     single = [f"{toml_key(key)} = {toml_value(value)}" for key, value in tree.items() if not _is_block(value)]
     parts = ["\n".join(single)] if single else []
     for key, value in tree.items():

@@ -1,1 +1,1 @@
-"""Ink on paper: what spectrum a printed recipe reflects (paper, section 3.3, equation 1)."""
+"""Ink on paper: spectral reflectance of a printed recipe (paper, section 3.3, equation 1)."""

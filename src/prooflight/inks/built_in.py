@@ -1,4 +1,4 @@
-"""The built-in press: offset inks on coated paper, for use where no chart has been measured.
+"""Built-in press: offset inks on coated paper, for use where no chart has been measured.
 
 The spectra are constructed, not measured: sums of a few smooth absorption bands per ink, placed where such
 pigments absorb (copper phthalocyanine about 600 and 690 nm, lithol rubine about 540 and 570 nm, a diarylide
@@ -77,16 +77,16 @@ COEFFICIENTS: Final[Mapping[str, float]] = MappingProxyType(
 
 
 def built_in_spectra(coefficients: Mapping[str, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Reflectance factor of the paper (36,) and natural densities of the inks (4, 36), from named coefficients."""
+    """Return the paper's reflectance factor (36,) and the inks' natural densities (4, 36), from named coefficients."""
     x = (WAVE_NM - 555.0) / 175.0
 
     def band(name: str) -> NDArray[np.float64]:
-        """A Gaussian absorption band."""
+        """Return a Gaussian absorption band."""
         distance = (WAVE_NM - coefficients[f"{name}.nm"]) / coefficients[f"{name}.width"]
         return coefficients[f"{name}.density"] * np.exp(-0.5 * distance**2)
 
     def step(name: str) -> NDArray[np.float64]:
-        """A logistic step that falls towards long wavelengths."""
+        """Return a logistic step that falls towards long wavelengths."""
         distance = (WAVE_NM - coefficients[f"{name}.nm"]) / coefficients[f"{name}.width"]
         return coefficients[f"{name}.density"] / (1.0 + np.exp(distance))
 
@@ -105,9 +105,10 @@ def built_in_spectra(coefficients: Mapping[str, float]) -> tuple[NDArray[np.floa
 
 
 def built_in_inks() -> LogLinear:
-    """The built-in press: overprints multiply (equation 1), tints carry ISO tone value increase.
+    """Return the inks of the built-in press: overprints multiply (equation 1), tints carry ISO tone value increase.
 
-    Its colours lie within 4 CIEDE2000 of every aim of ISO 12647-2:2004/Amd 1:2007, paper types 1 and 2; a test says so.
+    Its colours lie within 4 CIEDE2000 of every aim of ISO 12647-2:2004/Amd 1:2007, paper types 1 and 2; a
+    test says so.
     """
     paper, density = built_in_spectra(COEFFICIENTS)
     return LogLinear(paper=paper, density=density, tvi=TONE_VALUE_INCREASE, name="built-in")

@@ -1,9 +1,9 @@
 """CGATS text (CGATS.17, ISO 28178, ArgyllCMS .ti1/.ti2/.ti3): tables of named columns under keywords.
 
-What is met in the field and read here: lines padded with tabs, strings in quotes with tabs inside, unquoted
-names with spaces in tab-separated files, several tables in one file, repeated keywords, KEYWORD declarations,
-comments, any line end, UTF-8, UTF-16 and Latin-1, names and data on the line of their BEGIN. Cells stay text;
-``number`` knows decimal commas.
+The reader accepts the variants of files in use: lines padded with tabs, strings in quotes with tabs inside,
+unquoted names with spaces in tab-separated files, several tables in one file, repeated keywords, KEYWORD
+declarations, comments, any line end, UTF-8, UTF-16 and Latin-1, names and data on the line of their BEGIN.
+Cells stay text; ``number`` reads decimal commas.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _STRUCTURE: Final = frozenset({"NUMBER_OF_FIELDS", "NUMBER_OF_SETS"})  # written
 _EXPORT: Final = "export the chart again as CGATS text"
 CHART_FILES: Final = GivenFiles(error=ChartError, remedy=_EXPORT, largest_mb=8)
 MOST_ROWS: Final = 10_000
-"""Ten times the largest usual chart; fitting inks takes memory in the square of it."""
+"""Greatest number of rows: ten times the largest usual chart; fitting inks takes memory in the square of it."""
 _MOST_TABLES: Final = 100
 _MOST_COLUMNS: Final = 2000
 _MOST_KEYWORDS: Final = 10_000
@@ -44,32 +44,32 @@ class Table:
     """One table of a CGATS file, as text."""
 
     kind: str
-    """The identifier it stands under, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``; empty if the file has none."""
+    """Identifier at the head of the table, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``; empty if the file has none."""
     keywords: tuple[tuple[str, str], ...]
-    """Keywords and values in their order; repeated keywords and KEYWORD declarations included."""
+    """Keywords and values in the file's order; repeated keywords and KEYWORD declarations included."""
     fields: tuple[str, ...]
     """Names of the columns."""
     rows: tuple[tuple[str, ...], ...]
-    """Cells, one tuple a data set, as long as ``fields``."""
+    """Cells, one tuple for each data set, as long as ``fields``."""
     lines: tuple[int, ...] = field(default=(), compare=False)
     """Line of the file each row came from, from 1; empty for a table that was not read."""
 
     def keyword(self, name: str) -> str | None:
-        """Value of the first keyword of that name, None without one."""
+        """Return the value of the first keyword of that name, None without one."""
         return next((value for key, value in self.keywords if key.upper() == name.upper()), None)
 
     def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """Values of some columns, (rows, names); NaN where a cell is no finite number."""
+        """Return the values of some columns, (rows, names); NaN where a cell is no finite number."""
         places = [self.fields.index(name) for name in names]
         return np.array([[number(row[place]) for place in places] for row in self.rows])
 
     def line(self, row: int) -> str:
-        """Where a row stands, for messages."""
+        """Return the position of a row in its file, for messages."""
         return f"line {self.lines[row]}" if self.lines else f"data set {row + 1}"
 
 
 def number(cell: str) -> float:
-    """Value of a cell, decimal point or comma; NaN if it is no finite number.
+    """Return the value of a cell, decimal point or comma; NaN if it is no finite number.
 
     >>> number("0,25"), number("1e2"), number("1,000.5")
     (0.25, 100.0, nan)
@@ -81,7 +81,7 @@ def number(cell: str) -> float:
 
 
 def read_tables(path: Path) -> tuple[Table, ...]:
-    """Every table of a CGATS file; ChartError if it is none, is cut off, or contradicts itself."""
+    """Read every table of a CGATS file; ChartError if it is none, is cut off, or contradicts itself."""
     return parse(_decoded(path), where=path)
 
 
@@ -92,7 +92,7 @@ def write_tables(path: Path, tables: Sequence[Table]) -> None:
 
 
 def parse(text: str, *, where: object) -> tuple[Table, ...]:
-    """Tables of CGATS text; ``where`` is named in a ChartError."""
+    """Parse the tables of CGATS text; ``where`` is named in a ChartError."""
     lines = re.split(r"\r\n|\r|\n", text)
     tables = []
     start, kind = 0, ""
@@ -111,7 +111,7 @@ def parse(text: str, *, where: object) -> tuple[Table, ...]:
 
 
 class _TableReader:
-    """Walks the lines of one table; ``at`` is the next line to be read."""
+    """Reader of the lines of one table; ``at`` is the next line to be read."""
 
     def __init__(self, where: object, lines: Sequence[str], at: int, kind: str) -> None:
         self.where, self.lines, self.at, self.kind = where, lines, at, kind
@@ -119,7 +119,7 @@ class _TableReader:
         self.fields: list[str] = []
 
     def table(self) -> Table | None:
-        """The next table, None if only keywords or nothing are left."""
+        """Return the next table, None if only keywords or nothing are left."""
         while self.at < len(self.lines):
             line = _without_comment(self.lines[self.at])
             tokens = _TOKEN.findall(line)
@@ -145,7 +145,7 @@ class _TableReader:
         return None
 
     def _block(self, name: str, tokens: list[str]) -> list[tuple[int, list[str]]]:
-        """Lines up to END_``name`` with their numbers, as tokens."""
+        """Return the lines up to END_``name`` with their numbers, as tokens."""
         block = [(self.at, tokens[1:])] if len(tokens) > 1 else []
         while self.at < len(self.lines):
             line = _without_comment(self.lines[self.at])
@@ -211,7 +211,7 @@ def _decoded(path: Path) -> str:
 
 
 def _without_comment(line: str) -> str:
-    """The line up to a # that starts a word outside quotes."""
+    """Return the line up to a # that starts a word outside quotes."""
     quoted = False
     for at, letter in enumerate(line):
         if letter == '"':
@@ -222,7 +222,7 @@ def _without_comment(line: str) -> str:
 
 
 def _value(line: str) -> str:
-    """What follows the keyword: a quoted string without its quotes, else the rest of the line."""
+    """Return the text after the keyword: a quoted string without its quotes, else the rest of the line."""
     parts = line.strip().split(None, 1)
     return _unquoted(parts[1].strip()) if len(parts) > 1 else ""
 
@@ -234,7 +234,7 @@ def _unquoted(token: str) -> str:
 
 
 def _tab_separated(line: str, count: int) -> list[str]:
-    """Cells between tabs; padding beyond ``count`` cells is dropped."""
+    """Return the cells between tabs; padding beyond ``count`` cells is dropped."""
     cells = [cell.strip() for cell in line.split("\t")]
     while len(cells) > count and not cells[-1]:
         cells.pop()

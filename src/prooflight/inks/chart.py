@@ -41,26 +41,26 @@ _EXPORT_SPECTRA = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recipes:
-    """The different recipes of a chart, repeated patches averaged."""
+    """Distinct recipes of a chart, with repeated patches averaged."""
 
     cmyk: NDArray[np.float64]
-    """(n, 4) ink fractions C, M, Y, K, in rising order. [-]"""
+    """Ink fractions (n, 4) of C, M, Y, K, in rising order. [-]"""
     reflectance: NDArray[np.float64]
-    """(n, 36) mean reflectance factor of each recipe's patches. [-]"""
+    """Mean reflectance factor (n, 36) of each recipe's patches. [-]"""
     count: NDArray[np.int64]
-    """(n,) patches of each recipe."""
+    """Number of patches (n,) of each recipe."""
     of_patch: NDArray[np.int64]
-    """(patches,) which recipe each patch of the chart has."""
+    """Index (patches,) of the recipe of each patch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """How far repeated patches lie from their recipe's mean."""
+    """Scatter of repeated patches about their recipe's mean."""
 
     recipes: int
-    """Recipes that stand there more than once."""
+    """Number of recipes that have more than one patch."""
     patches: int
-    """Patches of those recipes."""
+    """Number of patches of those recipes."""
     median_delta_e00: float
     max_delta_e00: float
     rms_reflectance: float
@@ -69,40 +69,40 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chart:
-    """A measured chart, every patch kept as it stands in its file."""
+    """Measured chart, with every patch as it stands in its file."""
 
     where: str
-    """File it came from, for messages."""
+    """File that it came from, for messages."""
     kind: str
     keywords: tuple[tuple[str, str], ...]
     columns: tuple[str, ...]
-    """All columns of the file in their order."""
+    """All columns of the file, in the file's order."""
     ink_columns: tuple[str, str, str, str]
     cmyk_percent: NDArray[np.float64]
-    """(patches, 4) [%]"""
+    """Ink (patches, 4) of C, M, Y, K. [%]"""
     spectral_columns: tuple[str, ...]
     """Columns of the bands, by rising wavelength."""
     wave_nm: NDArray[np.float64]
-    """(bands,) as measured, rising. [nm]"""
+    """Wavelengths (bands,) as measured, rising. [nm]"""
     measured: NDArray[np.float64]
-    """(patches, bands) reflectance factor times ``scale``, as it stands in the file."""
+    """Reflectance factor (patches, bands) times ``scale``, as it stands in the file."""
     scale: float
     """1 for reflectance factors, 100 for per cent."""
     others: dict[str, tuple[str, ...]]
     """Cells of the other columns (names, places, CIELAB, ...), as text."""
 
     def __len__(self) -> int:
-        """Number of measured patches."""
+        """Return the number of measured patches."""
         return len(self.cmyk_percent)
 
     @property
     def reflectance(self) -> NDArray[np.float64]:
-        """Reflectance factor of every patch on the package's grid, (patches, 36). [-]"""
+        """Return the reflectance factor of every patch on the package's grid, (patches, 36). [-]"""
         return to_grid(self.wave_nm, self.measured / self.scale)
 
     @property
     def digest(self) -> str:
-        """SHA-256 of recipes, wavelengths and spectra: charts of equal content have equal digests."""
+        """Return the SHA-256 of recipes, wavelengths and spectra: charts of equal content have equal digests."""
         sha = hashlib.sha256()
         for array in (self.cmyk_percent, self.wave_nm, self.measured / self.scale):
             sha.update(np.array(array.shape, dtype="<i8").tobytes())
@@ -110,7 +110,7 @@ class Chart:
         return sha.hexdigest()
 
     def recipes(self) -> Recipes:
-        """The different recipes with their mean spectra. Two recipes are one below 1e-6 of full ink."""
+        """Return the distinct recipes with their mean spectra; recipes within 1e-6 of full ink are one."""
         cmyk, of_patch, count = np.unique(
             np.round(self.cmyk_percent / 100.0, 6), axis=0, return_inverse=True, return_counts=True
         )
@@ -120,7 +120,7 @@ class Chart:
         return Recipes(cmyk=cmyk, reflectance=reflectance / count[:, None], count=count, of_patch=of_patch)
 
     def scatter(self) -> Scatter | None:
-        """Scatter of repeated patches about their means (D50, 2 degrees); None if no recipe is repeated."""
+        """Return the scatter of repeated patches about their means (D50, 2 degrees); None if no recipe is repeated."""
         recipes = self.recipes()
         repeated = recipes.count[recipes.of_patch] > 1
         if not repeated.any():
@@ -139,7 +139,7 @@ class Chart:
         )
 
     def paper(self) -> NDArray[np.float64]:
-        """Mean reflectance factor of the substrate patches, (36,); ChartError if the chart has none."""
+        """Return the mean reflectance factor of the substrate patches, (36,); ChartError if the chart has none."""
         bare = (self.cmyk_percent == 0).all(axis=1)
         if not bare.any():
             what = "there is no substrate patch (C, M, Y and K all 0)"
@@ -161,14 +161,14 @@ def to_grid(wave_nm: NDArray[np.float64], values: NDArray[np.float64]) -> NDArra
         return np.array(values, dtype=np.float64)
     if np.median(np.diff(wave_nm)) < 0.9 * STEP_NM:  # 0.9: a 10 nm instrument may round its wavelengths
         return np.asarray(values @ _bandpass(wave_nm).T, dtype=np.float64)
-    held = np.clip(WAVE_NM, wave_nm[0], wave_nm[-1])
-    smooth = CubicSpline(wave_nm, values, axis=-1, bc_type="natural")(held)
+    within = np.clip(WAVE_NM, wave_nm[0], wave_nm[-1])
+    smooth = CubicSpline(wave_nm, values, axis=-1, bc_type="natural")(within)
     low, high = values.min(axis=-1, keepdims=True), values.max(axis=-1, keepdims=True)
     return np.asarray(np.clip(smooth, low, high), dtype=np.float64)
 
 
 def _bandpass(wave_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights (36, n) of fine data in each band; each row sums to 1."""
+    """Return the weights (36, n) of fine data in each band; each row sums to 1."""
     triangle = np.maximum(1.0 - np.abs(WAVE_NM[:, None] - wave_nm) / STEP_NM, 0.0) * np.gradient(wave_nm)
     inside = (wave_nm[0] <= WAVE_NM - STEP_NM) & (wave_nm[-1] >= WAVE_NM + STEP_NM)
     right = np.clip(np.searchsorted(wave_nm, WAVE_NM), 1, wave_nm.size - 1)
@@ -221,15 +221,15 @@ def write_chart(path: Path, chart: Chart) -> None:
 def _ink_columns(table: Table) -> tuple[str, str, str, str] | None:
     by_name = {name.upper(): name for name in table.fields}
     for prefix in ("CMYK_", ""):
-        found = [by_name.get(prefix + ink) for ink in INK_LETTERS]
-        if all(found):
-            cyan, magenta, yellow, black = (str(name) for name in found)
+        columns = [by_name.get(prefix + ink) for ink in INK_LETTERS]
+        if all(columns):
+            cyan, magenta, yellow, black = (str(name) for name in columns)
             return cyan, magenta, yellow, black
     return None
 
 
 def _spectral_columns(table: Table) -> dict[float, str]:
-    """The largest family of columns named alike by wavelength, {nm: column} by rising wavelength."""
+    """Return the largest family of columns named alike by wavelength, {nm: column} by rising wavelength."""
     families: dict[str, dict[float, str]] = {}
     for name in table.fields:
         match = _SPECTRAL.fullmatch(name)
@@ -303,7 +303,7 @@ def _check_percent(path: Path, table: Table, cmyk: NDArray[np.float64]) -> None:
 
 
 def _scale(path: Path, table: Table, measured: NDArray[np.float64]) -> float:
-    """1 or 100, by ArgyllCMS's keyword if it is there, else by size: no print reflects twice what falls on it."""
+    """Return 1 or 100, by ArgyllCMS's keyword, else by size: no print reflects twice the incident light."""
     norm = table.keyword("SPECTRAL_NORM")
     if norm is not None:
         if not _LEAST_NORM <= number(norm) <= _GREATEST_NORM:

@@ -1,4 +1,4 @@
-"""A chart to print: patches between registration marks, as PDF and CMYK TIFF, and the file that says what is where.
+"""Layout of a chart to print: patches between registration marks, and the recipe file that states their places.
 
 A page, seen as printed, (0, 0) its top-left corner, millimetres:
 
@@ -9,8 +9,9 @@ A page, seen as printed, (0, 0) its top-left corner, millimetres:
 - patches in rows and columns with paper between them, in an order shuffled over the whole chart, so that an uneven
   press does not look like a property of a recipe.
 
-Everything is a multiple of 0.1 mm. The recipe file is CGATS text; its keywords PROOFLIGHT_* hold the geometry, its
-columns PAGE, ROW and COLUMN (from 1) the place of each patch. Measured spectra are added to it as columns.
+Everything is a multiple of 0.1 mm. The recipe file is CGATS text; its keywords PROOFLIGHT_* hold the
+geometry, its columns PAGE, ROW and COLUMN (from 1) the place of each patch. Measured spectra are added to it
+as columns.
 """
 
 from __future__ import annotations
@@ -38,19 +39,19 @@ _AS_WRITTEN: Final = "give the file that `chart make` wrote"
 _FIELDS: Final = ("width_mm", "height_mm", "margin_mm", "mark_mm", "patch_mm", "gap_mm")
 
 Box = tuple[float, float, float, float]
-"""x, y, width, height. [mm]"""
+"""Box as x, y, width, height. [mm]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Where everything lies on the pages of a chart; all in multiples of 0.1 mm."""
+    """Geometry of a chart's pages, in multiples of 0.1 mm."""
 
     width_mm: float = 210.0
     height_mm: float = 297.0
     margin_mm: float = 10.0
-    """Paper left free around the marks, what a printer's grippers may need."""
+    """Width of the unprinted margin around the marks, which a printer's grippers may need."""
     mark_mm: float = 6.0
-    """Side of a registration mark; as much again stays free inside it."""
+    """Side of a registration mark; a zone as wide stays free inside it."""
     patch_mm: float = 8.0
     gap_mm: float = 1.0
 
@@ -76,35 +77,35 @@ class Layout:
 
     @property
     def _inset_mm(self) -> float:
-        """From the edge of the page to the far side of a mark's free zone."""
+        """Return the distance from the edge of the page to the far side of a mark's free zone."""
         return self.margin_mm + 2 * self.mark_mm
 
     @property
     def columns(self) -> int:
-        """Patches side by side."""
+        """Return the number of patches side by side."""
         return int((self.width_mm - 2 * self.margin_mm + self.gap_mm + 1e-6) // (self.patch_mm + self.gap_mm))
 
     @property
     def rows(self) -> int:
-        """Patches below each other."""
+        """Return the number of patches below each other."""
         return int(
             (self.height_mm - 2 * self._inset_mm + self.gap_mm + 1e-6) // (self.patch_mm + self.gap_mm)
         )
 
     @property
     def patches_per_page(self) -> int:
-        """Places on one page."""
+        """Return the number of places for patches on one page."""
         return self.rows * self.columns
 
     def patch_box(self, row: int, column: int) -> Box:
-        """Place of the patch in ``row`` and ``column``, both from 1."""
+        """Return the place of the patch in ``row`` and ``column``, both from 1."""
         pitch = self.patch_mm + self.gap_mm
         x = self.margin_mm + (column - 1) * pitch
         y = self._inset_mm + (row - 1) * pitch
         return round(x, 1), round(y, 1), self.patch_mm, self.patch_mm
 
     def mark_boxes(self) -> tuple[Box, Box, Box, Box]:
-        """The registration marks: top left, top right, bottom left, bottom right."""
+        """Return the registration marks: top left, top right, bottom left, bottom right."""
         right = round(self.width_mm - self.margin_mm - self.mark_mm, 1)
         bottom = round(self.height_mm - self.margin_mm - self.mark_mm, 1)
         (a, b, c, d) = (
@@ -115,14 +116,14 @@ class Layout:
         return a, b, c, d
 
     def code_boxes(self, page: int) -> list[Box]:
-        """Black squares that say the page number, between the upper marks, centred on their height."""
+        """Return the black squares that encode the page number, between the upper marks, centred on their height."""
         bits = [1, *(page >> bit & 1 for bit in reversed(range(_BITS))), 0, 1]
         side = round(self.mark_mm / 3, 1)
         left, top = self.margin_mm + 5 * self.mark_mm, self.margin_mm + self.mark_mm / 3
         return [(round(left + at * side, 1), round(top, 1), side, side) for at, bit in enumerate(bits) if bit]
 
     def black_and_white(self, page: int) -> list[tuple[Box, bool]]:
-        """Marks, companion bar and page number, to be painted in this order; True is black."""
+        """Return marks, companion bar and page number, to be painted in this order; True is black."""
         third = round(self.mark_mm / 3, 1)
         painted: list[tuple[Box, bool]] = []
         for x, y, side, _ in self.mark_boxes():
@@ -134,14 +135,14 @@ class Layout:
         return [*painted, (bar, True), *((box, True) for box in self.code_boxes(page))]
 
     def keywords(self) -> tuple[tuple[str, str], ...]:
-        """The geometry as keywords, declared as CGATS wants."""
+        """Return the geometry as keywords, declared as CGATS wants."""
         values = {"LAYOUT": _LAYOUT, **{name.upper(): f"{getattr(self, name):g}" for name in _FIELDS}}
         pairs = [(f"PROOFLIGHT_{name}", value) for name, value in values.items()]
         return tuple(pair for name, value in pairs for pair in (("KEYWORD", name), (name, value)))
 
     @classmethod
     def of(cls, where: object, table: Table) -> Self:
-        """The geometry that a recipe file's keywords hold; ChartError if they do not."""
+        """Read the geometry from a recipe file's keywords; ChartError if they do not hold one."""
         version = table.keyword("PROOFLIGHT_LAYOUT")
         values = {name: number(table.keyword(f"PROOFLIGHT_{name.upper()}") or "") for name in _FIELDS}
         if version != _LAYOUT or not np.isfinite(list(values.values())).all():
@@ -157,17 +158,17 @@ class Layout:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacedRecipes:
-    """Recipes of a printed chart and where they lie."""
+    """Recipes of a printed chart and their places."""
 
     layout: Layout
     cmyk: NDArray[np.float64]
-    """(n, 4) ink fractions, exact in 8 bits. [-]"""
+    """Ink fractions (n, 4), exact in 8 bits. [-]"""
     place: NDArray[np.int64]
-    """(n, 3) page, row and column, each from 1."""
+    """Page, row and column (n, 3), each from 1."""
 
     @property
     def pages(self) -> int:
-        """Number of pages."""
+        """Return the number of pages."""
         return int(self.place[:, 0].max())
 
 
@@ -185,7 +186,7 @@ def place_recipes(cmyk: NDArray[np.float64], layout: Layout, rng: np.random.Gene
 
 
 def write_recipes(path: Path, placed: PlacedRecipes) -> None:
-    """The recipe file: CGATS text with the geometry in its keywords."""
+    """Write the recipe file: CGATS text with the geometry in its keywords."""
     keywords = (
         ("ORIGINATOR", "Prooflight"),
         ("DESCRIPTOR", f"{len(placed.cmyk)} patches, pages: {placed.pages}"),
@@ -202,7 +203,10 @@ def write_recipes(path: Path, placed: PlacedRecipes) -> None:
 
 
 def read_recipe_file(path: Path) -> PlacedRecipes:
-    """What ``write_recipes`` wrote, measured columns or not; ChartError if it is something else."""
+    """Read a file that ``write_recipes`` wrote, with or without measured columns.
+
+    ChartError if it is something else.
+    """
     table = read_tables(path)[0]
     layout = Layout.of(path, table)
     wanted = ("PAGE", "ROW", "COLUMN", *(f"CMYK_{ink}" for ink in INK_LETTERS))
@@ -223,7 +227,7 @@ def read_recipe_file(path: Path) -> PlacedRecipes:
 
 
 def _refuse_places(path: Path, table: Table, layout: Layout, places: NDArray[np.float64]) -> None:
-    """ChartError if a patch (n, 3) lies on no place of the layout, or two on the same."""
+    """Raise ChartError if a patch (n, 3) is at no place of the layout, or two are at the same."""
     most = (2**_BITS - 1, layout.rows, layout.columns)
     wrong = ((places != np.floor(places)) | (places < 1) | (places > most)).any(axis=1)
     if wrong.any():

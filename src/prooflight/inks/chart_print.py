@@ -1,4 +1,4 @@
-"""A chart as a user prints it: PDF, CMYK TIFF and recipe file.
+"""Files of a chart to print: PDF, CMYK TIFF and recipe file.
 
 The TIFF has 254 dpi, ten pixels a millimetre, so that no edge of a ``Layout`` falls inside a pixel. PDF and
 TIFF paint the same boxes in the same inks.
@@ -40,7 +40,7 @@ _WHITE: Final = (0, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartFiles:
-    """What ``make_chart`` wrote."""
+    """Files that ``make_chart`` wrote."""
 
     pdf: Path
     tiffs: tuple[Path, ...]
@@ -79,7 +79,7 @@ def make_chart(
 
 
 def raster(placed: PlacedRecipes, page: int, *, dpi: float = DPI) -> NDArray[np.uint8]:
-    """One page as CMYK, (rows, columns, 4); at other resolutions edges lie on the nearest raster pixel."""
+    """Draw one page as CMYK, (rows, columns, 4); at other resolutions edges lie on the nearest raster pixel."""
     layout, scale = placed.layout, dpi / MM_PER_INCH
     paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), INKS), dtype=np.uint8)
     for (x, y, width, height), ink in painted(placed, page):
@@ -89,7 +89,7 @@ def raster(placed: PlacedRecipes, page: int, *, dpi: float = DPI) -> NDArray[np.
 
 
 def write_pdf(path: Path, placed: PlacedRecipes) -> None:
-    """All pages as vector PDF in DeviceCMYK; the same placed recipes give the same bytes."""
+    """Write all pages as vector PDF in DeviceCMYK; the same placed recipes give the same bytes."""
     from reportlab.pdfgen.canvas import Canvas  # imported late: only this function needs it
 
     layout = placed.layout
@@ -113,7 +113,7 @@ def write_pdf(path: Path, placed: PlacedRecipes) -> None:
 
 
 def painted(placed: PlacedRecipes, page: int) -> list[tuple[Box, tuple[int, ...]]]:
-    """Boxes of a page with their ink levels 0..255, to be painted in this order."""
+    """Return the boxes of a page with their ink levels 0..255, to be painted in this order."""
     marks = [(box, _BLACK if black else _WHITE) for box, black in placed.layout.black_and_white(page)]
     here = placed.place[:, 0] == page
     levels = np.round(placed.cmyk[here] * 255).astype(int).tolist()

@@ -1,4 +1,4 @@
-"""The inks of one press, as a chart taught them: a model, what it is worth, and how far to trust each prediction.
+"""Ink model of one press, fitted to a chart, with its cross-validation score and the standard deviation of predictions.
 
 File: safetensors; metadata carries kind, schema, model, digest of the chart, digest of the arrays. Schema
 history: 1: arrays of the model under ``model.``, of the spread under ``spread.``.
@@ -43,32 +43,32 @@ _NEIGHBOURS: Final = 24
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spread:
-    """Standard deviation of predictions, read off the cross-validation residuals of nearby recipes.
+    """Standard deviation of predictions, from the cross-validation residuals of nearby recipes.
 
-    Residuals are kept on the square root of reflectance, where they are of one size in light and dark; a
+    Residuals are stored on the square root of reflectance, where they are of one size in light and dark; a
     wanted recipe takes the tricube-weighted mean square of its 24 nearest. Where it lies farther from
     measured recipes than these lie from each other, the standard deviation grows in proportion (assumed:
     extrapolation errs at least linearly).
     """
 
     cmyk: NDArray[np.float64]
-    """(n, 4) recipes, ink fractions. [-]"""
+    """Recipes (n, 4), ink fractions. [-]"""
     squared: NDArray[np.float64]
-    """(n, 36) squared residuals of the square root of reflectance. [-]"""
+    """Squared residuals (n, 36) of the square root of reflectance. [-]"""
     reach: NDArray[np.float64]
-    """(n,) mean distance from each recipe to its nearest ones. [-]"""
+    """Mean distance (n,) from each recipe to its nearest ones. [-]"""
 
     @classmethod
     def of(
         cls, cmyk: NDArray[np.float64], measured: NDArray[np.float64], predicted: NDArray[np.float64]
     ) -> Self:
-        """From recipes (n, 4) and what was measured and cross-validated there, (n, 36)."""
+        """Compute the spread from recipes (n, 4) and their measured and cross-validated reflectances, (n, 36)."""
         residual = np.sqrt(np.maximum(measured, DARKEST)) - np.sqrt(np.maximum(predicted, DARKEST))
         distance, _ = cKDTree(cmyk).query(cmyk, k=min(_NEIGHBOURS + 1, len(cmyk)))
         return cls(cmyk=cmyk, squared=residual**2, reach=distance[:, 1:].mean(axis=1))
 
     def of_root(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard deviation of the square root of reflectance, (m, 4) -> (m, 36)."""
+        """Return the standard deviation of the square root of reflectance, (m, 4) -> (m, 36)."""
         distance, nearest = cKDTree(self.cmyk).query(cmyk, k=min(_NEIGHBOURS, len(self.cmyk)))
         weight = tricube(distance)
         weight /= weight.sum(axis=1, keepdims=True)
@@ -80,20 +80,20 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InkModel:
-    """A fitted reflectance model with its score, its spread and where it came from."""
+    """Fitted reflectance model with its score, its spread and its origin."""
 
     model: ChartModel
     spread: Spread
     score: Score
-    """Of the cross-validation."""
+    """Score of the cross-validation."""
     why: str
-    """Why this model, one sentence."""
+    """Reason for the choice of this model, one sentence."""
     chart_digest: str
-    """``Chart.digest`` of what it was fitted to."""
+    """``Chart.digest`` of the chart that it was fitted to."""
 
     @property
     def name(self) -> str:
-        """Name of the model inside."""
+        """Return the name of the model inside."""
         return self.model.name
 
     @classmethod
@@ -125,11 +125,11 @@ class InkModel:
         )
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
         return self.model.reflectance(cmyk)
 
     def standard_deviation(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Standard deviation of ``reflectance`` about what would be measured, (..., 4) -> (..., 36) [-]."""
+        """Return the standard deviation of measurements about ``reflectance``, (..., 4) -> (..., 36) [-]."""
 
         def of_factor(recipes: NDArray[np.float64]) -> NDArray[np.float64]:
             root = np.sqrt(self.model.reflectance(recipes))
@@ -138,7 +138,7 @@ class InkModel:
         return in_chunks(of_factor, cmyk, BANDS)
 
     def save(self, path: str | Path) -> str:
-        """Write to ``path`` whole or not at all; returns the digest. ChartError: ``load`` would refuse it."""
+        """Write to ``path`` whole or not at all, and return the digest. ChartError: ``load`` would refuse it."""
         path = Path(path)
         arrays = {OF_MODEL + name: array for name, array in self.model.arrays().items()}
         arrays |= {OF_SPREAD + name: getattr(self.spread, name) for name in SPREAD}
@@ -161,7 +161,7 @@ class InkModel:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what ``save`` wrote; ChartError if it is something else, of another schema, or damaged."""
+        """Read a file that ``save`` wrote; ChartError if it is something else, of another schema, or damaged."""
         path = Path(path)
         if not path.is_file():
             raise ChartError(path, "there is no such file", remedy=f"{_AGAIN} or give the right path")
@@ -176,7 +176,7 @@ class InkModel:
 
 
 class Texts(Block):
-    """What of a file is no array, but for its kind, schema and digest."""
+    """Text fields of a file's metadata, except its kind, schema and digest."""
 
     model: str
     chart: str
@@ -185,7 +185,7 @@ class Texts(Block):
 
 
 def _read(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    """Arrays and metadata whose kind, schema and digest are right, and that make a model."""
+    """Read arrays and metadata whose kind, schema and digest are right, and that make a model."""
     try:
         file = Tensors(path)
         metadata = file.texts
@@ -212,7 +212,7 @@ def _refuse_unknown(metadata: Mapping[str, str]) -> None:
 
 
 def _check(path: Path, arrays: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, str]) -> None:
-    """ChartError, with the field's name, unless these are an ink model."""
+    """Raise ChartError, with the field's name, unless these are an ink model."""
     try:
         texts = checked(Texts, {name: metadata.get(name) for name in Texts.model_fields})
         check_score(texts.score)
@@ -222,7 +222,7 @@ def _check(path: Path, arrays: Mapping[str, NDArray[np.float64]], metadata: Mapp
 
 
 def _digest(arrays: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, str]) -> str:
-    """SHA-256 over the arrays with names and shapes, and the metadata."""
+    """Return the SHA-256 over the arrays with names and shapes, and the metadata."""
     sha = hashlib.sha256()
     for key in ("schema", "model", "chart", "score", "why"):
         sha.update(f"{key}={metadata.get(key)}\n".encode())

@@ -29,12 +29,12 @@ _FLATTEST: Final = 1e-6
 
 
 def inverse_square(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """1 / d^2, (queries, k) -> the same; at a measured recipe the plane goes through its value."""
+    """Return 1 / d^2, (queries, k) -> the same; at a measured recipe the plane goes through its value."""
     return np.asarray(1.0 / np.maximum(distance, 1e-6) ** 2, dtype=np.float64)
 
 
 def tricube(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(1 - (d / d_k)^3)^3: the farthest neighbour leaves with weight 0, so the surface has no steps."""
+    """Return (1 - (d / d_k)^3)^3: the farthest neighbour has weight 0, so the surface has no steps."""
     relative = distance / np.maximum(distance[:, -1:], 1e-9)
     return np.asarray((1.0 - np.minimum(relative, 1.0) ** 3) ** 3 + 1e-9, dtype=np.float64)
 
@@ -42,13 +42,13 @@ def tricube(distance: NDArray[np.float64]) -> NDArray[np.float64]:
 def plane_weights(
     measured: NDArray[np.float64], wanted: NDArray[np.float64], neighbours: int, weighting: Weighting
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Indices (queries, k) of the nearest recipes and the weights (queries, k) that sum their values to the plane's.
+    """Return indices (queries, k) of the nearest recipes and the weights that give the plane's value from theirs.
 
-    measured (n, 4), wanted (queries, 4) ink fractions. The weights sum to 1.
+    measured (n, 4), wanted (queries, 4) ink fractions. The weights (queries, k) sum to 1.
     """
-    found = cKDTree(measured).query(wanted, k=min(neighbours, len(measured)))
+    nearest_of = cKDTree(measured).query(wanted, k=min(neighbours, len(measured)))
     distance, nearest = (
-        of_each.reshape(len(wanted), -1) for of_each in found
+        of_each.reshape(len(wanted), -1) for of_each in nearest_of
     )  # one neighbour comes without its axis
     offset = measured[nearest] - wanted[:, None]
     design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=2)
@@ -69,13 +69,13 @@ class Neighbours:
     """
 
     cmyk: NDArray[np.float64]
-    """(n, 4) measured recipes, ink fractions. [-]"""
+    """Measured recipes (n, 4), ink fractions. [-]"""
     measured: NDArray[np.float64]
-    """(n, 36) their reflectance factors. [-]"""
+    """Reflectance factors (n, 36) of the measured recipes. [-]"""
 
     @property
     def name(self) -> str:
-        """``neighbours``."""
+        """Return ``neighbours``."""
         return "neighbours"
 
     @classmethod
@@ -85,11 +85,11 @@ class Neighbours:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Keep the measurements; ``count`` of repeats makes no difference here."""
+        """Store the measurements; ``count`` of repeats makes no difference here."""
         return cls(cmyk=cmyk, measured=reflectance)
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
 
         def plane(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
             nearest, weight = plane_weights(self.cmyk, wanted, _NEAREST, inverse_square)
@@ -99,12 +99,12 @@ class Neighbours:
         return in_chunks(plane, cmyk, BANDS)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What ``from_arrays`` needs."""
+        """Return the arrays that ``from_arrays`` needs."""
         return {"cmyk": self.cmyk, "measured": self.measured}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         return cls(cmyk=arrays["cmyk"], measured=arrays["measured"])
 
 
@@ -113,15 +113,15 @@ class LocalLinear:
     """Local-linear regression (tricube weights) of the square root of reflectance, which ink makes nearly linear."""
 
     cmyk: NDArray[np.float64]
-    """(n, 4) measured recipes, ink fractions. [-]"""
+    """Measured recipes (n, 4), ink fractions. [-]"""
     root: NDArray[np.float64]
-    """(n, 36) square roots of their reflectance factors. [-]"""
+    """Square roots (n, 36) of the recipes' reflectance factors. [-]"""
     neighbours: int
-    """Recipes that each plane is fitted to."""
+    """Number of recipes that each plane is fitted to."""
 
     @property
     def name(self) -> str:
-        """``local-linear``."""
+        """Return ``local-linear``."""
         return "local-linear"
 
     @classmethod
@@ -136,7 +136,7 @@ class LocalLinear:
         wanted_lab = lab(reflectance)
 
         def left_out(neighbours: int) -> float:
-            """Mean error when each recipe is predicted from the others, its own value taken out of its plane."""
+            """Return the mean leave-one-out error: each recipe's own value is taken out of its plane."""
             nearest, weight = plane_weights(cmyk, cmyk, neighbours + 1, tricube)
             own = nearest == np.arange(len(cmyk))[:, None]
             leverage = np.minimum((weight * own).sum(axis=1, keepdims=True), 0.999)
@@ -147,7 +147,7 @@ class LocalLinear:
         return cls(cmyk=cmyk, root=root, neighbours=min(usable, key=left_out))
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
 
         def plane(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
             nearest, weight = plane_weights(self.cmyk, wanted, self.neighbours, tricube)
@@ -157,10 +157,10 @@ class LocalLinear:
         return in_chunks(plane, cmyk, BANDS)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What ``from_arrays`` needs."""
+        """Return the arrays that ``from_arrays`` needs."""
         return {"cmyk": self.cmyk, "root": self.root, "neighbours": np.array([float(self.neighbours)])}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         return cls(cmyk=arrays["cmyk"], root=arrays["root"], neighbours=int(arrays["neighbours"][0]))

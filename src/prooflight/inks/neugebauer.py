@@ -1,11 +1,12 @@
-"""Yule-Nielsen spectral Neugebauer: a page is a mosaic of paper, solids and overprints, seen through paper that blurs.
+"""Yule-Nielsen spectral Neugebauer model: a mosaic of paper, solids and overprints, blurred by light spread in paper.
 
     R(lambda) = ( sum_p w_p(e) P_p(lambda)^(1/n) )^n,   w_p = product over inks of e_i or 1 - e_i (Demichel),
 
-with effective dot areas e_i = a_i + 4 a_i (1 - a_i) (t_i + s_i (2 a_i - 1)): tone value increase t at 50 %, skewed by
-s. Source: Yule and Nielsen (1951) for n, Viggiano (1985) for the spectral form, as in Wyble and Berns, "A critical
-review of spectral models applied to binary color printing", Color Research and Application 25 (2000). Heuberger, Jing
-and Persiev (1992) cut the ink cube into cells, so that w becomes multilinear interpolation between measured nodes.
+with effective dot areas e_i = a_i + 4 a_i (1 - a_i) (t_i + s_i (2 a_i - 1)): tone value increase t at 50 %,
+skewed by s. Source: Yule and Nielsen (1951) for n, Viggiano (1985) for the spectral form, as in Wyble and
+Berns, "A critical review of spectral models applied to binary color printing", Color Research and Application
+25 (2000). Heuberger, Jing and Persiev (1992) cut the ink cube into cells, so that w becomes multilinear
+interpolation between measured nodes.
 """
 
 from __future__ import annotations
@@ -46,15 +47,15 @@ class Neugebauer:
     n: float
     """Yule-Nielsen factor. [-]"""
     curves: NDArray[np.float64]
-    """(4, 2) tone value increase t and skew s of C, M, Y, K. [-]"""
+    """Tone value increase t and skew s (4, 2) of C, M, Y, K. [-]"""
     levels: Levels
     """Nominal dot areas of the nodes of each ink, from 0 to 1; (0, 1) without cells. [-]"""
     roots: NDArray[np.float64]
-    """(nodes, 36) reflectance^(1/n) of every combination of levels, K varying fastest. [-]"""
+    """Values of reflectance^(1/n) (nodes, 36) at every combination of levels, K varying fastest. [-]"""
 
     @property
     def name(self) -> str:
-        """``neugebauer`` or ``cellular-neugebauer``."""
+        """Return ``neugebauer`` or ``cellular-neugebauer``."""
         return "neugebauer" if max(map(len, self.levels)) == 2 else "cellular-neugebauer"
 
     @classmethod
@@ -64,7 +65,7 @@ class Neugebauer:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Fit n, curves and the 16 primaries together, by least squares in the square root of reflectance.
+        """Fit n, curves and the 16 primaries in one fit, by least squares in the square root of reflectance.
 
         The primaries are linear given n and curves and are solved for inside (variable projection).
         """
@@ -94,7 +95,7 @@ class Neugebauer:
         return cls(n=best.n, curves=best.curves, levels=best.levels, roots=best.roots)
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
 
         def mixed(recipes: NDArray[np.float64]) -> NDArray[np.float64]:
             power = _shares(recipes, self.curves, self.levels) @ self.roots
@@ -103,20 +104,20 @@ class Neugebauer:
         return in_chunks(mixed, cmyk, BANDS)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What ``from_arrays`` needs."""
+        """Return the arrays that ``from_arrays`` needs."""
         levels = {f"levels.{ink}": level for ink, level in zip(INK_LETTERS, self.levels, strict=True)}
         return {"n": np.array([self.n]), "curves": self.curves, "roots": self.roots, **levels}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         cyan, magenta, yellow, black = (arrays[f"levels.{ink}"] for ink in INK_LETTERS)
         levels = (cyan, magenta, yellow, black)
         return cls(n=float(arrays["n"][0]), curves=arrays["curves"], levels=levels, roots=arrays["roots"])
 
 
 class CellularNeugebauer(Neugebauer):
-    """The same with cells, for charts that measure most combinations of 0, one level between, and 100 %."""
+    """Cellular form of the model, for charts that measure most combinations of 0, one level between, and 100 %."""
 
     __slots__ = ()
 
@@ -139,7 +140,7 @@ class CellularNeugebauer(Neugebauer):
 
 
 def cell_levels(cmyk: NDArray[np.float64]) -> Levels:
-    """Levels 0, x, 1 of each ink, x its most frequent tint between 25 and 75 %.
+    """Return the levels 0, x, 1 of each ink, x its most frequent tint between 25 and 75 %.
 
     ValueError if fewer than 60 % of the 81 combinations are among the recipes (n, 4), within 2 %.
     """
@@ -158,18 +159,18 @@ def cell_levels(cmyk: NDArray[np.float64]) -> Levels:
 
 
 def _nodes(levels: Levels) -> NDArray[np.float64]:
-    """Recipes (nodes, 4) of every combination of levels."""
+    """Return the recipes (nodes, 4) of every combination of levels."""
     return np.array(list(product(*(level.tolist() for level in levels))))
 
 
 def effective_area(area: NDArray[np.float64], curves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Effective dot areas of nominal ones, (m, 4) -> (m, 4); curves (4, 2) as in ``Neugebauer.curves``."""
+    """Return the effective dot areas of nominal ones, (m, 4) -> (m, 4); curves (4, 2) as in ``Neugebauer.curves``."""
     gain = curves[:, 0] + curves[:, 1] * (2 * area - 1)
     return np.asarray(area + 4 * area * (1 - area) * gain, dtype=np.float64)
 
 
 def _shares(cmyk: NDArray[np.float64], curves: NDArray[np.float64], levels: Levels) -> NDArray[np.float64]:
-    """Share of the page that each node covers, (m, nodes); multilinear between nodes, summing to 1."""
+    """Return the share of the page that each node covers, (m, nodes); multilinear between nodes, summing to 1."""
     area = effective_area(cmyk, curves)
     share = np.ones((len(cmyk), 1))
     for ink, level in enumerate(levels):
@@ -185,9 +186,12 @@ def _shares(cmyk: NDArray[np.float64], curves: NDArray[np.float64], levels: Leve
 
 
 def _towards(
-    belief: NDArray[np.float64], design: NDArray[np.float64], wanted: NDArray[np.float64], worth: float
+    belief: NDArray[np.float64], design: NDArray[np.float64], wanted: NDArray[np.float64], patches: float
 ) -> NDArray[np.float64]:
-    """Least squares of design @ x = wanted with ``worth`` patches' weight on x = belief; at least DARKEST."""
-    normal = design.T @ design + worth * np.eye(design.shape[1])
-    found = belief + np.linalg.solve(normal, design.T @ (wanted - design @ belief))
-    return np.maximum(found, DARKEST)
+    """Solve design @ x = wanted by least squares with the prior x = belief; the result is at least DARKEST.
+
+    The prior has the weight of ``patches`` patches.
+    """
+    normal = design.T @ design + patches * np.eye(design.shape[1])
+    solution = belief + np.linalg.solve(normal, design.T @ (wanted - design @ belief))
+    return np.maximum(solution, DARKEST)

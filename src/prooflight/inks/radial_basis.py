@@ -36,19 +36,19 @@ class RadialBasis:
     """Cubic radial basis functions on the square root of reflectance."""
 
     cmyk: NDArray[np.float64]
-    """(n, 4) measured recipes, ink fractions. [-]"""
+    """Measured recipes (n, 4), ink fractions. [-]"""
     coefficients: NDArray[np.float64]
-    """(n, 36) c. [-]"""
+    """Coefficients c (n, 36) of the functions. [-]"""
     tail: NDArray[np.float64]
-    """(5, 36) b. [-]"""
+    """Coefficients b (5, 36) of the linear part. [-]"""
     smoothing: float
-    """lambda. [-]"""
+    """Smoothing parameter lambda. [-]"""
     trend: Neugebauer | None = None
-    """What the functions are added to."""
+    """Model that the functions are added to."""
 
     @property
     def name(self) -> str:
-        """``radial-basis``, or ``hybrid`` with a trend."""
+        """Return ``radial-basis``, or ``hybrid`` with a trend."""
         return "radial-basis" if self.trend is None else "hybrid"
 
     @classmethod
@@ -88,7 +88,7 @@ class RadialBasis:
         return cls(cmyk=cmyk, coefficients=coefficients, tail=tail, smoothing=smoothing, trend=trend)
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
 
         def summed(recipes: NDArray[np.float64]) -> NDArray[np.float64]:
             root = _cubes(recipes, self.cmyk) @ self.coefficients + _plane(recipes) @ self.tail
@@ -99,7 +99,7 @@ class RadialBasis:
         return in_chunks(summed, cmyk, BANDS, chunk=_CHUNK)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What ``from_arrays`` needs."""
+        """Return the arrays that ``from_arrays`` needs."""
         trend = (
             {}
             if self.trend is None
@@ -110,7 +110,7 @@ class RadialBasis:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         below = {
             key.removeprefix("trend."): value for key, value in arrays.items() if key.startswith("trend.")
         }
@@ -124,7 +124,7 @@ class RadialBasis:
 
 
 class Hybrid(RadialBasis):
-    """Radial basis functions of what a Neugebauer model leaves: physics far from patches, measurements near them."""
+    """Radial basis functions of a Neugebauer model's residuals: physics far from patches, measurements near them."""
 
     __slots__ = ()
 
@@ -135,12 +135,12 @@ class Hybrid(RadialBasis):
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Fit the Neugebauer model, then what it leaves; ValueError as ``RadialBasis.fit``."""
+        """Fit the Neugebauer model, then its residuals; ValueError as ``RadialBasis.fit``."""
         return cls._on(Neugebauer.fit(cmyk, reflectance, count), cmyk, reflectance, count)
 
 
 class _System:
-    """The equations of one chart, taken apart once so that each smoothing costs a matrix product."""
+    """Linear system of one chart, decomposed once so that each smoothing costs a matrix product."""
 
     def __init__(
         self,
@@ -160,25 +160,25 @@ class _System:
         stiffness -= (stiffness @ barred) @ barred.T
         above = 2.0 * np.linalg.norm(stiffness)
         weights, vectors = eigh((stiffness + stiffness.T) / 2 + above * (barred @ barred.T), overwrite_a=True)
-        kept = len(cmyk) - plane.shape[1]
-        self.weights = np.maximum(weights[:kept], 1e-14 * weights[kept - 1])
-        self.vectors = precision * vectors[:, :kept]
+        rank = len(cmyk) - plane.shape[1]
+        self.weights = np.maximum(weights[:rank], 1e-14 * weights[rank - 1])
+        self.vectors = precision * vectors[:, :rank]
         self.squares = self.vectors**2
         self.projected = self.vectors.T @ values
 
     def coefficients(self, smoothing: float) -> NDArray[np.float64]:
-        """C for one smoothing, (n, bands)."""
+        """Return c for one smoothing, (n, bands)."""
         return np.asarray(
             self.vectors @ (self.projected / (self.weights + smoothing)[:, None]), dtype=np.float64
         )
 
     def left_out(self, smoothing: float) -> NDArray[np.float64]:
-        """Measured minus predicted from all others, (n, bands)."""
+        """Return the leave-one-out residuals, measured minus predicted from all others, (n, bands)."""
         diagonal = self.squares @ (1.0 / (self.weights + smoothing))
         return self.coefficients(smoothing) / diagonal[:, None]
 
     def solve(self, smoothing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """C (n, bands) and b (5, bands)."""
+        """Return c (n, bands) and b (5, bands)."""
         c = self.coefficients(smoothing)
         rest = self.values - self.cubes @ c - smoothing * self.noise * c
         tail = np.linalg.lstsq(self.plane, rest, rcond=None)[0]
@@ -186,12 +186,12 @@ class _System:
 
 
 def _plane(cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(1, x) about the middle of the cube, (m, 5)."""
+    """Return (1, x) about the middle of the cube, (m, 5)."""
     return np.concatenate([np.ones((len(cmyk), 1)), cmyk - 0.5], axis=1)
 
 
 def _cubes(cmyk: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """|x - x_i|^3, (m, 4) and (n, 4) -> (m, n)."""
+    """Return |x - x_i|^3, (m, 4) and (n, 4) -> (m, n)."""
     squared = cmyk @ (-2.0 * centres.T)
     squared += (cmyk**2).sum(axis=1)[:, None]
     squared += (centres**2).sum(axis=1)

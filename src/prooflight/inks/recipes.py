@@ -1,4 +1,4 @@
-"""Which recipes to print, and recipes that a user asks for in a CSV file."""
+"""Choice of the recipes to print, and recipes that a user requests in a CSV file."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ RECIPE_FILES: Final = GivenFiles(
     error=RequestError, remedy="give a CSV file of recipes, header C,M,Y,K, in per cent", largest_mb=8
 )
 MOST_RECIPES: Final = 100_000
-"""Of a file: their spectra are kept in memory together."""
+"""Greatest number of recipes in a file: all their spectra are held in memory at once."""
 _NUGGET: Final = 1e-6  # variance of a measured recipe; only keeps divisions safe
 
 
 def printable_recipes(ink_limit_percent: float = 400.0) -> NDArray[np.float64]:
-    """Recipes worth printing, (m, 4) ink fractions that 8 bits hold exactly, total ink up to the limit."""
+    """Return the candidate recipes, (m, 4) ink fractions that 8 bits hold exactly, total ink up to the limit."""
     lattice = [(*cmy, black) for black, levels in _LATTICE.items() for cmy in product(levels, repeat=3)]
     ramps = [tuple(level if ink == at else 0 for ink in range(INKS)) for at in range(INKS) for level in _RAMP]
     levels = np.unique(np.round(np.array(lattice + ramps) * 2.55).astype(np.int64), axis=0)
@@ -48,11 +48,11 @@ def printable_recipes(ink_limit_percent: float = 400.0) -> NDArray[np.float64]:
 
 
 def choose_recipes(candidates: NDArray[np.float64], number_wanted: int) -> NDArray[np.int64]:
-    """Indices of the recipes that teach most about all candidates, best first; (m, 4) -> (number_wanted,).
+    """Return the indices of the most informative recipes of all candidates, best first; (m, 4) -> (number_wanted,).
 
     First the solids and overprints that are among them, then one by one the recipe that lowers most the mean
     variance of a Gaussian process over all candidates (Matern 5/2, length 1: smooth, nothing else assumed).
-    No measurement is looked at. ValueError if more are wanted than there are.
+    The choice uses no measurement. ValueError if more are wanted than there are.
     """
     if number_wanted > len(candidates):
         message = f"{number_wanted} recipes wanted of {len(candidates)}"
@@ -63,12 +63,12 @@ def choose_recipes(candidates: NDArray[np.float64], number_wanted: int) -> NDArr
     ]
     process = _Process(candidates, number_wanted)
     for step in range(number_wanted):
-        process.learn(first[step] if step < len(first) else process.most_telling())
-    return np.array(process.known, dtype=np.int64)
+        process.learn(first[step] if step < len(first) else process.most_informative())
+    return np.array(process.chosen, dtype=np.int64)
 
 
 class _Process:
-    """A Gaussian process over the candidates, conditioned on one after the other."""
+    """Gaussian process over the candidates, conditioned on one after the other."""
 
     def __init__(self, candidates: NDArray[np.float64], steps: int) -> None:
         squared = (candidates**2).sum(axis=1)
@@ -80,31 +80,32 @@ class _Process:
         self.variance = np.ones(len(candidates)) + _NUGGET
         self.squares = (self.prior**2).sum(axis=0)  # of each column of the covariance as it stands
         self.factors = np.empty((len(candidates), steps))
-        self.known: list[int] = []
+        self.chosen: list[int] = []
 
-    def most_telling(self) -> int:
-        """The recipe whose measurement lowers the summed variance most."""
+    def most_informative(self) -> int:
+        """Return the recipe whose measurement lowers the summed variance most."""
         gain = self.squares / self.variance
-        gain[self.known] = -np.inf
+        gain[self.chosen] = -np.inf
         return int(gain.argmax())
 
     def learn(self, recipe: int) -> None:
         """Condition on a recipe: the covariance loses the outer product of one factor."""
-        earlier = self.factors[:, : len(self.known)]
+        earlier = self.factors[:, : len(self.chosen)]
         factor = self.prior[:, recipe] - earlier @ earlier[recipe]
         factor /= np.sqrt(factor[recipe] + _NUGGET)
         covariance_factor = self.prior @ factor - earlier @ (earlier.T @ factor)
         self.squares += factor**2 * (factor @ factor) - 2 * factor * covariance_factor
         self.variance -= factor**2
-        self.factors[:, len(self.known)] = factor
-        self.known.append(recipe)
+        self.factors[:, len(self.chosen)] = factor
+        self.chosen.append(recipe)
 
 
 def read_recipes(path: Path) -> NDArray[np.float64]:
-    """Recipes of a CSV file with header C,M,Y,K (any order), per cent -> (n, 4) ink fractions.
+    """Read the recipes of a CSV file with header C,M,Y,K (any order), per cent -> (n, 4) ink fractions.
 
-    Cells are separated by comma, semicolon or tab; with the latter two decimals may have a comma. RequestError: no such
-    header, no rows, a cell that is no number from 0 to 100, or nothing above 1 % (recipes as fractions).
+    Cells are separated by comma, semicolon or tab; with the latter two decimals may have a comma.
+    RequestError: no such header, no rows, a cell that is no number from 0 to 100, or nothing above 1 %
+    (recipes as fractions).
     """
     text = RECIPE_FILES.read_text(path, any_encoding=True)
     lines = [(at, line) for at, line in enumerate(text.split("\n"), start=1) if line.strip(" ,;\t")]
@@ -129,7 +130,7 @@ def read_recipes(path: Path) -> NDArray[np.float64]:
 
 
 def _cells(path: Path, at: int, line: str, separator: str) -> list[str]:
-    """Cells of one line; quotes do not go on over lines."""
+    """Return the cells of one line; quotes do not go on over lines."""
     try:
         (cells,) = csv.reader([line], delimiter=separator, strict=True)
     except csv.Error as error:

@@ -1,4 +1,4 @@
-"""The spectrum of a printed recipe: what every ink model promises, and the paper's log-linear model."""
+"""Spectrum of a printed recipe: the protocol of every ink model, and the paper's log-linear model."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ _CHUNK = 4096  # recipes at a time: what a model needs for them then stays withi
 
 
 class ReflectanceModel(Protocol):
-    """CMYK recipes in, spectral reflectance out, always the same for the same recipe."""
+    """Model from CMYK recipes to spectral reflectance; the same recipe always gives the same spectrum."""
 
     @property
     def name(self) -> str:
-        """Name by which users ask for this kind of model, e.g. ``log-linear``."""
+        """Return the name by which users select this kind of model, e.g. ``log-linear``."""
         ...
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes.
+        """Return the reflectance factor of recipes.
 
-        cmyk : (..., 4) ink fractions C, M, Y, K, 0..1 [-]; models stay sane up to 256/255, a table's last
-        node. Returns (..., 36) on the wavelength grid [-]. The input is not changed.
+        cmyk : (..., 4) ink fractions C, M, Y, K, 0..1 [-]; models stay well behaved up to 256/255, a table's
+        last node. Returns (..., 36) on the wavelength grid [-]. The input is not changed.
         """
         ...
 
 
 class ChartModel(ReflectanceModel, Protocol):
-    """A model that learns from a chart and can be kept in a file."""
+    """Model that is fitted to a chart and can be stored in a file."""
 
     @classmethod
     def fit(
@@ -47,19 +47,19 @@ class ChartModel(ReflectanceModel, Protocol):
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Learn from different recipes (n, 4) [-], their mean spectra (n, 36) and numbers of patches (n,).
+        """Fit the model to distinct recipes (n, 4) [-], their mean spectra (n, 36) and numbers of patches (n,).
 
         ValueError, with a sentence for the user, if the recipes do not determine the model.
         """
         ...
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """All that ``from_arrays`` needs to make the same model again."""
+        """Return all arrays that ``from_arrays`` needs to rebuild the same model."""
         ...
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         ...
 
 
@@ -69,7 +69,7 @@ def in_chunks(
     bands: int,
     chunk: int = _CHUNK,
 ) -> NDArray[np.float64]:
-    """``function`` of recipes (m, 4) -> (m, bands), applied to recipes (..., 4) a chunk at a time -> (..., bands)."""
+    """Apply ``function``, (m, 4) -> (m, bands), to recipes (..., 4) a chunk at a time -> (..., bands)."""
     recipes = np.asarray(cmyk, dtype=np.float64).reshape(-1, INKS)
     result = np.empty((len(recipes), bands))
     for start in range(0, len(recipes), chunk):
@@ -95,9 +95,9 @@ class LogLinear:
     """
 
     paper: NDArray[np.float64]
-    """Reflectance factor of the bare substrate, (36,), above 0. [-]"""
+    """Reflectance factor (36,) of the bare substrate, above 0. [-]"""
     density: NDArray[np.float64]
-    """Natural-logarithm density of each full solid over paper, (4, 36), rows C, M, Y, K. [-]"""
+    """Natural-logarithm density (4, 36) of each full solid over paper, rows C, M, Y, K. [-]"""
     tvi: tuple[float, float, float, float] | None = None
     """Tone value increase at 50 % of C, M, Y, K, each in [0, 0.25) so that curves rise; None: no tone curve. [-]"""
     name: str = "log-linear"
@@ -126,10 +126,10 @@ class LogLinear:
         reflectance: NDArray[np.floating],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Least squares in log r per band over all patches (equation 1), no tone curve; r is floored at 1e-4.
+        """Fit log r per band over all patches by least squares (equation 1), no tone curve; r is floored at 1e-4.
 
-        cmyk (n, 4) ink fractions, reflectance (n, 36), count (n,) patches behind each, 1 if absent.
-        ValueError if the recipes do not tell the inks apart.
+        cmyk (n, 4) ink fractions, reflectance (n, 36), count (n,) patches of each recipe, 1 if absent.
+        ValueError if the recipes do not distinguish the inks.
         """
         weight = np.sqrt(np.ones(len(cmyk)) if count is None else count)[:, None]
         design = weight * np.concatenate(
@@ -143,7 +143,7 @@ class LogLinear:
         return cls(paper=np.exp(v[0]), density=v[1:])
 
     def amount(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Amount of each ink, 0 on paper and 1 on the full solid: (..., 4) dot areas -> (..., 4) [-]."""
+        """Return the amount of each ink, 0 on paper and 1 on the full solid: (..., 4) dot areas -> (..., 4) [-]."""
         area = np.asarray(cmyk, dtype=np.float64)
         if self.tvi is None:
             return area
@@ -157,20 +157,20 @@ class LogLinear:
         return np.asarray(amount + slope_at_solid * (area - within), dtype=np.float64)
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
         exponent = self.amount(cmyk) @ -self.density
         np.exp(exponent, out=exponent)
         exponent *= self.paper
         return exponent
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What ``from_arrays`` needs."""
+        """Return the arrays that ``from_arrays`` needs."""
         curves = {} if self.tvi is None else {"tvi": np.array(self.tvi)}
         return {"paper": self.paper, "density": self.density, **curves}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """The model that gave ``arrays``."""
+        """Return the model that gave ``arrays``."""
         tvi = None
         if "tvi" in arrays:
             cyan, magenta, yellow, black = arrays["tvi"].tolist()

@@ -1,4 +1,4 @@
-"""A ruler page as a user prints it: a vector PDF in the press's own inks; and its raster, for the simulated press."""
+"""Files of a ruler page to print: a vector PDF in the press's own inks; and its raster, for the simulated press."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from prooflight.inks.ruler_layout import RulerLayout
 
 RASTER_DPI: Final = 2 * DPI
-"""20 pixels a millimetre: no edge but those of turned squares falls inside a pixel."""
+"""Resolution of the raster, 20 pixels a millimetre: only edges of turned squares fall inside a pixel."""
 _POINTS_PER_MM: Final = POINTS_PER_INCH / MM_PER_INCH
 
 
 def write_ruler(path: Path, layout: RulerLayout) -> None:
-    """The page as PDF in DeviceCMYK; the same layout gives the same bytes."""
+    """Write the page as PDF in DeviceCMYK; the same layout gives the same bytes."""
     from reportlab.pdfgen.canvas import Canvas  # imported late: only this function needs it
 
     with whole_file(path) as unfinished:
@@ -60,7 +60,7 @@ def write_ruler(path: Path, layout: RulerLayout) -> None:
 
 
 def ruler_raster(layout: RulerLayout, *, dpi: float = RASTER_DPI) -> NDArray[np.uint8]:
-    """The page as CMYK, (rows, columns, 4); a raster pixel is inked where its centre is."""
+    """Draw the page as CMYK, (rows, columns, 4); a raster pixel is inked where its centre is."""
     scale = dpi / MM_PER_INCH
     paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), INKS), np.uint8)
     for corners, ink in layout.painted():

@@ -1,4 +1,4 @@
-"""Which ink model a chart supports: cross-validation by recipe, and the choice called ``auto``."""
+"""Selection of the ink model that a chart supports: cross-validation by recipe, and the choice called ``auto``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MODELS: Final[Mapping[str, type[ChartModel]]] = MappingProxyType(
         "hybrid": Hybrid,
     }
 )
-"""By name, the simpler first; ``auto`` chooses among them."""
+"""Models by name, the simpler first; ``auto`` chooses among them."""
 AUTO: Final = "auto"
 FOLDS: Final = 10
 _FEWEST_RECIPES: Final = 16  # assumed: the solids and overprints of four inks; below, nothing can be left out
@@ -56,7 +56,7 @@ class Score:
 
     @classmethod
     def of(cls, predicted: NDArray[np.float64], measured: NDArray[np.float64]) -> Score:
-        """Score of spectra (n, 36) against measured ones."""
+        """Compute the score of spectra (n, 36) against measured ones."""
         difference = delta_e00(lab(predicted), lab(measured))
         return cls(
             mean_delta_e00=float(difference.mean()),
@@ -68,40 +68,40 @@ class Score:
         )
 
     def as_json(self) -> dict[str, object]:
-        """The object that ``chart score`` prints."""
+        """Return the object that ``chart score`` prints."""
         delta = {"median": self.median_delta_e00, "p95": self.p95_delta_e00, "max": self.max_delta_e00}
         return {"delta_e00": delta, "rms_reflectance": self.rms_reflectance, "patches": self.patches}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CrossValidation:
-    """What one model predicts for recipes it has not seen."""
+    """Predictions of one model for recipes that it was not fitted to."""
 
     model: str
     folds: int
     predicted: NDArray[np.float64]
-    """(recipes, 36), in the order of ``Chart.recipes``. [-]"""
+    """Predicted reflectance factors (recipes, 36), in the order of ``Chart.recipes``. [-]"""
     score: Score
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Choice:
-    """The outcome of ``auto``."""
+    """Result of ``auto``."""
 
     best: CrossValidation
     scores: Mapping[str, Score]
-    """Of every model that could be fitted."""
+    """Scores of every model that could be fitted."""
     why: str
-    """One sentence for a person."""
+    """Reason for the choice, one sentence."""
 
 
 def fold_of_recipe(recipes: int, folds: int, seed: int) -> NDArray[np.int64]:
-    """Fold (recipes,) of each recipe, 0..folds-1, equally many in each up to one."""
+    """Return the fold (recipes,) of each recipe, 0..folds-1, equally many in each up to one."""
     return stream(seed, "recipe-folds").permutation(recipes) % folds
 
 
 def fit_model(chart: Chart, model: str, rows: NDArray[np.bool_] | None = None) -> ChartModel:
-    """One model of ``MODELS`` fitted to a chart's recipes, or to those of ``rows`` (recipes,).
+    """Fit one model of ``MODELS`` to a chart's recipes, or to those of ``rows`` (recipes,).
 
     RequestError: no such model. ChartError: the chart does not determine it.
     """
@@ -145,10 +145,10 @@ def cross_validate(chart: Chart, model: str, *, folds: int = FOLDS, seed: int = 
 def choose(
     chart: Chart, *, folds: int = FOLDS, seed: int = 0, progress: Callable[[str], None] | None = None
 ) -> Choice:
-    """Cross-validate every model; the least mean CIEDE2000 wins, a simpler model if it is within 2 % of it.
+    """Cross-validate every model and choose the one of least mean CIEDE2000, or a simpler one within 2 % of it.
 
-    ``progress`` is told each model's name before it is tried. Models that the chart does not determine are
-    passed over; ChartError if none is left.
+    ``progress`` is called with each model's name before it is tried. Models that the chart does not determine
+    are passed over; ChartError if none is left.
     """
     tried: dict[str, CrossValidation] = {}
     refused: ChartError | None = None
@@ -181,7 +181,7 @@ def learn(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> ChartModel:
-    """What ``chart predict`` predicts with: a model, or the one that ``auto`` chooses, fitted to all of a chart."""
+    """Fit a model, or the one that ``auto`` chooses, to all of a chart, as ``chart predict`` does."""
     if model == AUTO:
         model = choose(chart, folds=folds, seed=seed, progress=progress).best.model
     return fit_model(chart, model)

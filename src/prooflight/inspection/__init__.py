@@ -1,1 +1,1 @@
-"""One job against its scans; a verdict made again."""
+"""Inspection of one job against its scans, and the repetition of a verdict from stored evidence."""

@@ -1,4 +1,4 @@
-"""The cause that many sheets of a run share: misprints of one kind at one place, be there copies or not."""
+"""Common cause of misprints on many sheets of a run: one kind at one place, be the sheets copies or not."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ if TYPE_CHECKING:
     from prooflight.detectors.verdict import Region, Verdict
 
 COLUMN_KINDS: Final = frozenset({"streak"})
-"""Kinds that stand at a column of the web, whatever the line."""
+"""Kinds of misprint at a column of the web, whatever the line."""
 SHEET_KINDS: Final = frozenset(
     {"wrong-page", "density", "plane-register", "missing-plane", "swapped-planes", "banding"}
 )
 """Kinds that change the print as a whole; the box says where that is seen best."""
 NEAR_MM: Final = 3.0
-"""Places whose middles lie closer are one; boxes differ by a block of pixels and more."""
+"""Distance below which two places count as one; boxes differ by a block of pixels and more."""
 LEAST_SHEETS: Final = 3
 LEAST_SHARE: Final = 0.1
-"""Of the sheets so far, that makes many of them. assumed: ten times what is usually promised."""
+"""Least share of the sheets so far that counts as many. assumed: ten times the usual false-alarm rate."""
 MOST_PLACES: Final = 256
-"""That are told apart in a run; alarms at others count by their kind alone."""
+"""Greatest number of places that are distinguished in a run; alarms at others count by their kind alone."""
 
 
 @dataclass(slots=True, kw_only=True)
 class CommonCause:
-    """Counts the sheets of a run by kind and place of what is wrong with them; its size does not grow."""
+    """Counter of a run's sheets by kind and place of their misprint; its size does not grow."""
 
     sheets: int = 0
-    """That were looked at."""
+    """Number of sheets that were inspected."""
     kinds: dict[str, int] = field(default_factory=dict)
     places: dict[tuple[str, float, float], int] = field(default_factory=dict)
-    """By kind and x, y of the first sheet's place [mm]; of a column y is 0."""
+    """Number of sheets by kind and x, y of the first sheet's place [mm]; for a column y is 0."""
 
     def add(self, verdict: Verdict) -> None:
-        """The next sheet; of one that was not inspected nothing is known."""
+        """Count the next sheet; one that was not inspected is left out."""
         if verdict.verdict == "not-inspected":
             return
         self.sheets += 1
@@ -57,8 +57,8 @@ class CommonCause:
             self.places[kind, x, y] = 1
 
     @property
-    def in_words(self) -> str:
-        """What many sheets show, and where; empty: no kind of misprint is that common."""
+    def description(self) -> str:
+        """Describe what many sheets show, and where; empty: no kind of misprint is that common."""
         place, at_place = max(self.places.items(), key=lambda one: one[1], default=(None, 0))
         if place is not None and self._many(at_place):
             kind, x, y = place

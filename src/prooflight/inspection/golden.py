@@ -1,4 +1,4 @@
-"""Scans against a golden one: where no raster says what was to be printed, a good scan does."""
+"""Inspection of scans against a golden scan, where no raster of the page is available."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenPage:
-    """A page's scan, if there is one, and its golden."""
+    """Scan of a page, if there is one, and its golden scan."""
 
     name: str
     scan: PictureFile | None
     golden: PictureFile
     left_mm: float = 0.0
-    """From the scan's left end to the page's left edge, where a job tells the page's width."""
+    """Distance from the scan's left end to the page's left edge, where a job states the page's width."""
     scans: Path | None = None
-    """Where its scan was looked for."""
+    """File or folder in which its scan was looked for."""
     trouble: str = ""
-    """Why the job's page cannot be used; empty: it can."""
+    """Reason why the job's page cannot be used; empty: it can."""
 
 
 def golden_pages(
@@ -49,18 +49,18 @@ def golden_pages(
     lefts_mm: Sequence[float] | None = None,
     troubles: Mapping[str, str] | None = None,
 ) -> list[GoldenPage]:
-    """Every page with its scan and golden, in order.
+    """Return every page with its scan and golden, in order.
 
-    One golden is that of all scans; several belong to scans of their names, or else to pages in order. sensors: how
-    many images of a TIFF make up a scan, where a press says so; else a golden's file is one scan. lefts_mm: of each
-    page of a job; pages without a scan are there too. troubles: of the job's pages that cannot be used, by name.
-    ScanError: there is nothing to read, or numbers do not fit.
+    One golden is that of all scans; several belong to scans of their names, or else to pages in order.
+    sensors: number of images of a TIFF that make up a scan, where a press states it; else a golden's file is
+    one scan. lefts_mm: of each page of a job; pages without a scan are there too. troubles: of the job's
+    pages that cannot be used, by name. ScanError: there is nothing to read, or numbers do not fit.
     """
     goldens = picture_files(golden, images=sensors)
-    found = picture_files(scans, images=sensors or goldens[0].images)
-    rows: list[tuple[str, PictureFile | None]] = [(file.name, file) for file in found]
+    scan_files = picture_files(scans, images=sensors or goldens[0].images)
+    rows: list[tuple[str, PictureFile | None]] = [(file.name, file) for file in scan_files]
     if lefts_mm is not None:
-        rows = _of_job(scans, found, len(lefts_mm))
+        rows = _of_job(scans, scan_files, len(lefts_mm))
     named = {file.name: file for file in goldens}
     if len(goldens) == 1:
         theirs = goldens * len(rows)
@@ -85,37 +85,39 @@ def golden_pages(
     ]
 
 
-def _of_job(scans: Path, found: Sequence[PictureFile], pages: int) -> list[tuple[str, PictureFile | None]]:
-    """Pages of a job with their scans, by name (p0001.tif) if all have such names, else in order."""
+def _of_job(
+    scans: Path, scan_files: Sequence[PictureFile], pages: int
+) -> list[tuple[str, PictureFile | None]]:
+    """Return the pages of a job with their scans, by name (p0001.tif) if all have such names, else in order."""
     names = [page_name(number) for number in range(1, pages + 1)]
-    by_name = {file.name: file for file in found}
-    if len(by_name) == len(found) and set(by_name) <= set(names):
+    by_name = {file.name: file for file in scan_files}
+    if len(by_name) == len(scan_files) and set(by_name) <= set(names):
         return [(name, by_name.get(name)) for name in names]
-    if len(found) > pages:
-        raise ScanError(scans, f"holds {len(found)} scans", remedy=f"the job has {pages} pages")
-    return [(name, found[at] if at < len(found) else None) for at, name in enumerate(names)]
+    if len(scan_files) > pages:
+        raise ScanError(scans, f"holds {len(scan_files)} scans", remedy=f"the job has {pages} pages")
+    return [(name, scan_files[at] if at < len(scan_files) else None) for at, name in enumerate(names)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenInspector:
-    """Compares scans with golden ones; small and picklable, so that it travels to worker processes."""
+    """Inspector of scans against golden ones; small and picklable, so that it can be sent to worker processes."""
 
     press: Press | None = None
-    """For pixel pitch, lead-in and columns; None: the golden's file states its resolution."""
+    """Press that gives pixel pitch, lead-in and columns; None: the golden's file states its resolution."""
 
     @classmethod
     def of(cls, press: Press | None, *goldens: PictureFile) -> Self:
-        """ScanError, before any work, if nothing says how large a pixel is of any golden."""
-        made = cls(press=press)
+        """Create an inspector; ScanError, before any work, if no golden states the size of a pixel."""
+        inspector = cls(press=press)
         for golden in goldens[:-1]:
             with contextlib.suppress(ScanError):
-                made._pitch_mm(golden, _read(golden))
-                return made
-        made._pitch_mm(goldens[-1], _read(goldens[-1]))  # it raises
-        return made
+                inspector._pitch_mm(golden, _read(golden))
+                return inspector
+        inspector._pitch_mm(goldens[-1], _read(goldens[-1]))  # it raises
+        return inspector
 
     def __call__(self, page: GoldenPage) -> Verdict:
-        """The verdict on one page; ScanError if its scan is no scan of the golden's kind."""
+        """Return the verdict on one page; ScanError if its scan is no scan of the golden's kind."""
         if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:

@@ -1,4 +1,4 @@
-"""Pages and their scans -> verdicts, whichever detector says them; what needs no scan is done ahead."""
+"""Inspection of pages and their scans by any detector; work that needs no scan is done in advance."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """A page as it enters the press, with all that can be known ahead of its scans."""
+    """Page as it enters the press, with all data that can be computed in advance of its scans."""
 
     page: Page
     known: PreparedPage
-    """What its detector knows."""
+    """Page as its detector prepared it."""
     lit: LitSquares
-    """By which it is seen whether a scan was made under the light that the press was calibrated for."""
+    """Squares by which a scan's light is compared with the light that the press was calibrated for."""
     codes: tuple[PageCode, ...] = ()
     """Bar codes and matrix codes that its scans must show."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
 class Inspector:
-    """A press with a detector; small and picklable."""
+    """Press with a detector; small and picklable."""
 
     press: Press
     detector: Detector
@@ -55,10 +55,11 @@ class Inspector:
     def __init__(
         self, press: Press, detector: Detector | None = None, *, zones: JobZones | None = None
     ) -> None:
-        """With a detector of one's own; None: ours if the press was taught it, else the paper's first.
+        """Use the given detector; None: the matched-filter detector if the press was trained with it, else chi-square.
 
-        zones: of the job's pages, priced on this press (``JobZones.refuse_unpriced``). PressError: the press, or its
-        light as it has been followed, holds what none may. RequestError: zones are for our detector alone.
+        zones: of the job's pages, priced on this press (``JobZones.refuse_unpriced``). PressError: the press,
+        or its light as it has been followed, holds a value that none may. RequestError: zones are for the
+        matched-filter detector alone.
         """
         _sound(press)
         object.__setattr__(self, "press", press)
@@ -70,38 +71,38 @@ class Inspector:
 
     @classmethod
     def of(cls, press: Press, name: str | None = None, *, zones: JobZones | None = None) -> Self:
-        """With the detector that users call ``name``; see ``registry.detector``."""
+        """Create an inspector with the detector of the user's ``name``; see ``registry.detector``."""
         return cls(press, detector(name, press), zones=zones)
 
     @property
     def promise(self) -> str:
-        """How rarely a good page alarms, and on what that rests, in words."""
+        """Describe how rarely a good page alarms, and on what that rests."""
         return self.detector.promise
 
     def under(self, press: Press) -> Self:
-        """The same on a press whose light has changed a little."""
+        """Return the same inspector on a press whose light has changed a little."""
         threads = self.detector.station.threads
         return replace(self, press=press, detector=self.detector.at(press.station(threads)))
 
     def with_threads(self, threads: int | None) -> Self:
-        """The same; one page takes so many; None: one a core."""
+        """Return the same inspector with so many threads for one page; None: one a core."""
         return replace(self, detector=self.detector.at(self.press.station(threads)))
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
-        """A page as it is to enter the press (``ScanGeometry.lay``). threads: that preparing it takes."""
+        """Return a page as it is to enter the press (``ScanGeometry.lay``). threads: number used to prepare it."""
         zones = None if self.zones is None else self.zones.page(page)
         return PlannedPage(page, self.press.station(threads or self.detector.station.threads), zones)
 
     def prepare(self, page: Page | PlannedPage) -> Prepared:
-        """All that can be known of a page, as it enters the press (``ScanGeometry.lay``), ahead of its scans."""
+        """Compute all data of a page, as it enters the press (``ScanGeometry.lay``), that need no scan."""
         planned = page if isinstance(page, PlannedPage) else self.planned(page)
-        known = self.detector.prepare(planned)
+        prepared = self.detector.prepare(planned)
         sensors, geometry = self.press.sensors, self.press.geometry
         lit = lit_squares(planned.expected, planned.page, sensors=sensors, geometry=geometry)
         codes = page_codes(planned, sensors, geometry)
         if (zones := planned.zones) is not None:
             codes = tuple(code for code in codes if not zones.ignores(code.box_mm))
-        return Prepared(page=planned.page, known=known, lit=lit, codes=codes)
+        return Prepared(page=planned.page, known=prepared, lit=lit, codes=codes)
 
     def inspect(
         self,
@@ -111,22 +112,37 @@ class Inspector:
         scan_name: str = "the scan",
         seed: int = 0,
     ) -> Inspection:
-        """Find the page, compare, decide.
+        """Locate the page, compare it with its scan and decide.
 
-        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``; one of
-        which a bar code or a matrix code does not read as the page's is the misprint ``code``. One made under light
-        that the press was not calibrated for is not inspected: what its detector promises is void then.
-        scan: or its numbers (sensors, lines, pixels) [DN] alone, named ``scan_name`` in errors; of one that lacks lines
-        see ``lost_lines.inspect_where_seen``. seed: of whatever the
-        detector draws at random. ScanError: the scan does not fit press or page.
+        A scan that shows another page, or this one where no good print lies, is the misprint ``wrong-page``;
+        one in which a bar code or a matrix code does not read as the page's is the misprint ``code``. One
+        made under light that the press was not calibrated for is not inspected: the false-alarm rate of its
+        detector does not hold then.
+
+        Parameters
+        ----------
+        page
+            Page as it enters the press, or as ``prepare`` returned it.
+        scan
+            Scan, or its numbers (sensors, lines, pixels) [DN] alone; for one that lacks lines see
+            ``lost_lines.inspect_where_seen``.
+        scan_name
+            Name of the scan in errors, where its numbers alone are given.
+        seed
+            Seed of the detector's random draws.
+
+        Raises
+        ------
+        ScanError
+            If the scan does not fit press or page.
         """
         started = time.perf_counter()
         prepared = page if isinstance(page, Prepared) else self.prepare(page)
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
         scan = replace(scan, dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press))
-        found = prepared.known.inspect(scan, seed=seed)
-        lit = replace(found, verdict=self._under_its_light(found.verdict, prepared, scan))
+        result = prepared.known.inspect(scan, seed=seed)
+        lit = replace(result, verdict=self._under_its_light(result.verdict, prepared, scan))
         sensors, geometry = self.press.sensors, self.press.geometry
         done = with_codes(lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
@@ -134,12 +150,12 @@ class Inspector:
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:
-        """The verdict, or why there is none."""
-        sensors, ours = self.press.sensors, self.press.ours
+        """Return the verdict, or one of not-inspected with the reason where the light is wrong."""
+        sensors, calibrated = self.press.sensors, self.press.ours
         wrong = wrong_light(
             light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost),
             sensors,
-            tolerance=light_tolerance(PrintPrior() if ours is None else ours.model.prior),
+            tolerance=light_tolerance(PrintPrior() if calibrated is None else calibrated.model.prior),
         )
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict
@@ -156,19 +172,19 @@ def _sound(press: Press) -> None:
 
 
 def refuse_other_camera(where: object, scan: NDArray[np.generic], press: Press) -> None:
-    """ScanError: a scan (sensors, lines, pixels) is not of this press's camera."""
-    (sensors, _, pixels), known = scan.shape, press.geometry.pixels
-    if sensors != len(press.sensors) or pixels != known:
+    """Raise ScanError if a scan (sensors, lines, pixels) is not of this press's camera."""
+    (sensors, _, pixels), expected = scan.shape, press.geometry.pixels
+    if sensors != len(press.sensors) or pixels != expected:
         what = f"is of {sensors} sensors x {pixels} pixels"
-        remedy = f"press {press.name} has {len(press.sensors)} sensors x {known} pixels"
+        remedy = f"press {press.name} has {len(press.sensors)} sensors x {expected} pixels"
         raise ScanError(where, what, remedy=remedy)
 
 
 def inspected_lines(name: str, scan: NDArray[np.uint16], page: Page, press: Press) -> NDArray[np.uint16]:
-    """The lines of a scan (sensors, lines, pixels) that are looked at: no more than scans of such a page have.
+    """Return the lines of a scan (sensors, lines, pixels) that are inspected: no more than scans of such a page have.
 
-    It may have fewer if it holds the page in its place; what it lacks is unknown to all that follows. ScanError: it is
-    not of this press's camera, or ends before its page does.
+    It may have fewer if it holds the page in its place; later stages take missing ones as unknown. ScanError:
+    it is not of this press's camera, or ends before its page does.
     """
     refuse_other_camera(name, scan, press)
     lines = scan.shape[1]

@@ -1,4 +1,4 @@
-"""A whole job against its recorded scans."""
+"""Inspection of a whole job against its recorded scans."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ Pair = tuple[int, "RecordedScan | None"]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 LONGEST = 4
-"""A recorded scan may be so many times as long as its page's: what lies beyond is not looked at, but is read."""
+"""Greatest length of a recorded scan over its page's: lines beyond the page are not inspected, but are read."""
 DIGEST_DIGITS = 16
-"""Of a scan's SHA-256: enough to tell a press's scans apart."""
+"""Number of digits of a scan's SHA-256: enough to distinguish a press's scans."""
 MISSING: Final = "its scan is missing"
 UNUSABLE: Final = (ProoflightError, OSError, MemoryError)
-"""What is raised where a page or its scan cannot be used."""
+"""Exceptions that are raised where a page or its scan cannot be used."""
 NAMED: Final = 5
-"""Of pages or scans that an error is about; the rest is counted."""
+"""Greatest number of pages or scans that an error names; the rest is counted."""
 
 
 def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
-    """Every page of the job with its scan, in job order; None where a page has no scan.
+    """Return every page of the job with its scan, in job order; None where a page has no scan.
 
-    Files named after pages (p0001.tif) belong to those pages; fewer files than pages, whose names all end in the number
-    of a page (scan-3.tif), belong to those; else scans follow the pages in order. ScanError if there are more scans
-    than pages, or a name is of no page.
+    Files named after pages (p0001.tif) belong to those pages; fewer files than pages, whose names all end in
+    the number of a page (scan-3.tif), belong to those; else scans follow the pages in order. ScanError if
+    there are more scans than pages, or a name is of no page.
     """
     recorded = recorded_scans(scans, sensors=sensors, damaged=True)
     numbers = range(1, len(job) + 1)
@@ -74,11 +74,11 @@ def paired(job: Job, scans: Path, *, sensors: int) -> list[Pair]:
 
 
 def pair(job: PressJob, scans: str | Path, *, partly: bool = False) -> Iterator[tuple[Page, Scan]]:
-    """Every page of a job, as it enters the press, with its scan; both are read when their turn comes.
+    """Yield every page of a job, as it enters the press, with its scan; both are read when their turn comes.
 
-    scans: a folder of TIFF files, or one file, paired as `inspect` does (``paired``). partly: pages without a scan are
-    left out. ScanError: the scans are not those of the job, or, unless ``partly``, pages have none and are named;
-    later, a scan that cannot be used. JobError, later: a page that cannot.
+    scans: a folder of TIFF files, or one file, paired as `inspect` does (``paired``). partly: pages without a
+    scan are left out. ScanError: the scans are not those of the job, or, unless ``partly``, pages have none
+    and are named; later, a scan that cannot be used. JobError, later: a page that cannot.
     """
     where = Path(scans)
     pairs = paired(job, where, sensors=len(job.press.sensors))
@@ -91,7 +91,7 @@ def pair(job: PressJob, scans: str | Path, *, partly: bool = False) -> Iterator[
 
 
 def read_scan(scan: RecordedScan, page: Page, press: Press) -> Scan:
-    """A page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
+    """Read a page's scan; ScanError, before it is decoded, if it cannot be one of this page on this press."""
     lines_max = LONGEST * press.geometry.lines(page.height_mm)
     return Scan(dn=scan.read(pixels=press.geometry.pixels, lines_max=lines_max), name=str(scan.path))
 
@@ -102,13 +102,13 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _last_number(name: str) -> int | None:
-    """The number in which a file's stem ends."""
+    """Return the number in which a file's stem ends."""
     match = re.search(r"([0-9]{1,9})$", name)
     return None if match is None else int(match[1])
 
 
 def scan_missing(name: str, scans: Path | None) -> Verdict:
-    """The verdict on a page without a scan; scans: the folder or file in which it was looked for."""
+    """Return the verdict on a page without a scan; scans: the folder or file in which it was looked for."""
     if scans is None:
         return Verdict.skipped(name, MISSING)
     where = f"looked for {name}.tif in {scans}" if scans.is_dir() else f"{scans} ends before it"
@@ -116,57 +116,57 @@ def scan_missing(name: str, scans: Path | None) -> Verdict:
 
 
 def lacks_scan(verdict: Verdict) -> bool:
-    """Whether nobody looked at a page because it has no scan."""
+    """Return whether a page was not inspected because it has no scan."""
     return verdict.verdict == "not-inspected" and (not verdict.reason or verdict.reason.startswith(MISSING))
 
 
 def unusable(name: str, error: Exception) -> Verdict:
-    """The verdict on a page that cannot be used, or whose scan cannot."""
+    """Return the verdict on a page that cannot be used, or whose scan cannot."""
     return Verdict.skipped(name, reason_of(error, of=name))
 
 
 @dataclass(frozen=True, slots=True)
 class Tried(Generic[Item, Result]):
-    """Work on one page; where the page or its scan cannot be used, the verdict is not-inspected, and why."""
+    """Wrapper of work on one page: where page or scan cannot be used, the verdict is not-inspected, with the reason."""
 
     work: Callable[[Item], Result]
     name: Callable[[Item], str]
     bare: Callable[[Verdict], Result]
-    """From the verdict on a page that nobody looked at."""
+    """Conversion of the verdict on a page that was not inspected to the work's result."""
 
     def __call__(self, item: Item) -> Result:
-        """What the work gives, or stands for it."""
+        """Return the work's result, or the one that replaces it."""
         try:
             return self.work(item)
         except UNUSABLE as error:
             return self.bare(unusable(self.name(item), error))
 
     def killed(self, item: Item) -> Result:
-        """Of a page whose inspection the system ended."""
+        """Return the result for a page whose inspection the operating system killed."""
         return self.bare(Verdict.skipped(self.name(item), KILLED))
 
 
 def alone(verdict: Verdict) -> Verdict:
-    """A verdict as it is, where its page is in no run; for ``Tried.bare``."""
+    """Return a verdict as it is, where its page is in no run; for ``Tried.bare``."""
     return verdict
 
 
 def first_reason(verdicts: Sequence[Verdict]) -> str:
-    """Why none of these was inspected: the first reason that is more than a scan that is missing."""
+    """Return the reason why none of these was inspected: the first other than a missing scan."""
     return next((one for one in verdicts if not lacks_scan(one)), verdicts[0]).reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectPage:
-    """Inspect one page of a job; small and picklable, so that it travels to worker processes."""
+    """Inspection of one page of a job; small and picklable, so that it can be sent to worker processes."""
 
     job: JobSource
     inspector: Inspector
     scans: Path | None = None
-    """Where scans were looked for."""
+    """File or folder in which scans were looked for."""
 
     def __call__(self, pair: Pair) -> Judged:
-        """What one page and its scan come to; ProoflightError: one of them cannot be used."""
+        """Return verdict and evidence of one page and its scan; ProoflightError: one of them cannot be used."""
         number, scan = pair
         if scan is None:
             return Judged(scan_missing(self.name(pair), self.scans))
@@ -175,21 +175,21 @@ class InspectPage:
         return Judged(inspection.verdict, summary_of(inspection), page.warnings)
 
     def name(self, pair: Pair) -> str:
-        """Of a page that has a scan, or has none."""
+        """Return the name of a page, whether it has a scan or not."""
         return self.job.page_name(pair[0])
 
     def page(self, number: int) -> Page:
-        """The job's page as it lies in the press."""
+        """Return the job's page as it lies in the press."""
         return self.inspector.press.geometry.lay(opened(self.job).page(number))
 
     def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
-        """The verdict on one page, as ``page`` gives it, and all that it rests on, with what pictures need."""
+        """Return the verdict on one page, as ``page`` gives it, with its evidence and the data for pictures."""
         return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
 
 
 @dataclass(frozen=True, slots=True)
 class ScanPage:
-    """``InspectPage`` by our detector that gives what the scan said, and tells one scan from another."""
+    """``InspectPage`` by the matched-filter detector that returns the scan's evidence, and the scan's digest."""
 
     work: InspectPage
 
@@ -217,7 +217,7 @@ class ScanPage:
 
 
 def in_full(inspector: Inspector) -> Inspector:
-    """Our detector's that looks at every page for all statistics."""
-    ours = inspector.detector
-    assert isinstance(ours, MatchedFilterDetector)
-    return type(inspector)(inspector.press, replace(ours, in_full=True))
+    """Return an inspector whose matched-filter detector computes all statistics of every page."""
+    matched_filter = inspector.detector
+    assert isinstance(matched_filter, MatchedFilterDetector)
+    return type(inspector)(inspector.press, replace(matched_filter, in_full=True))

@@ -1,4 +1,4 @@
-"""Whether a scan was made under the light that its press was calibrated for, or the detector's promise is void."""
+"""Check that a scan was made under the light that its press was calibrated for; the false-alarm rate rests on it."""
 
 from __future__ import annotations
 
@@ -14,34 +14,36 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 OFF_SDS: Final = 5.0
-"""Of what good prints of the press vary by."""
+"""Tolerance in standard deviations of the light of the press's good prints."""
 LEAST_OFF: Final = 0.1
-"""A press whose good prints hardly vary may still differ by so much: noise is then off by a twentieth, which good days
-are anyway. [-]"""
+"""Least tolerance for a press whose good prints hardly vary: noise is then off by a twentieth, as on good days. [-]"""
 MOST_CLIPPED: Final = 0.05
-"""Share of a page at the top code that should lie well below it; the gloss of an ink is smaller."""
+"""Greatest share of a page at the top code that should lie well below it; the gloss of an ink is smaller."""
 WITNESS: Final = 0.5
-"""Of what the page is off: a backing that is off by less says that the light is right."""
+"""Deviation of the backing over the page's below which the backing shows that the light is right."""
 
 NO_BACKING: Final = 1.0
-"""What is off by more than that much of it is no backing, but another sheet."""
+"""Relative deviation of the backing from which on it is another sheet."""
 DARK_PAGE: Final = 0.1
-"""A page whose darkest is darker shows the black level. [white]"""
+"""Light below which the darkest part of a page shows the black level. [white]"""
 BLACK_OFF: Final = 0.05
-"""Of white: how far that may be off; good prints' darkest, by ink and tables, are off by a hundredth. assumed"""
+"""Greatest error of the black level, as a share of white.
+
+assumed: the darkest parts of good prints, by ink and tables, are off by a hundredth.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongLight:
-    """Why a scan cannot be judged."""
+    """Reason why a scan's light is wrong."""
 
     reason: str
     of_sheet: bool
-    """It may be the sheet alone, not what sees it: another paper, or a misprint, which says more."""
+    """Whether the cause may be the sheet alone: another paper, or a misprint, which is the more specific finding."""
 
 
 def light_tolerance(prior: PrintPrior) -> float:
-    """How far the light of a good print may be off; prior: what good prints of the press do. [-]
+    """Return the tolerance of the light of a good print; prior: variation of the press's good prints. [-]
 
     Where no paper is bare, ink and tables are a part of it.
     """
@@ -52,16 +54,18 @@ def light_tolerance(prior: PrintPrior) -> float:
 def wrong_light(
     levels: Sequence[LightLevel], sensors: Sequence[SensorModel], *, tolerance: float
 ) -> WrongLight | None:
-    """What is wrong with the light of a scan; None: nothing. tolerance: see ``light_tolerance``."""
-    found = [_of_sensor(level, sensor, tolerance) for level, sensor in zip(levels, sensors, strict=True)]
-    told = [
+    """Return what is wrong with the light of a scan; None: nothing. tolerance: see ``light_tolerance``."""
+    faults = [_of_sensor(level, sensor, tolerance) for level, sensor in zip(levels, sensors, strict=True)]
+    reasons = [
         (f"sensor {sensor.name}: {one.reason}" if len(sensors) > 1 else one.reason, one.of_sheet)
-        for one, sensor in zip(found, sensors, strict=True)
+        for one, sensor in zip(faults, sensors, strict=True)
         if one is not None
     ]
-    if not told:
+    if not reasons:
         return None
-    return WrongLight(reason="; ".join(reason for reason, _ in told), of_sheet=all(of for _, of in told))
+    return WrongLight(
+        reason="; ".join(reason for reason, _ in reasons), of_sheet=all(of for _, of in reasons)
+    )
 
 
 def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> WrongLight | None:
@@ -90,7 +94,7 @@ def _of_sensor(level: LightLevel, sensor: SensorModel, tolerance: float) -> Wron
 
 
 def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
-    """Of a sensor to which the page itself, a dark picture perhaps, does not tell its light."""
+    """Check the backing, for a sensor to which the page itself, a dark picture perhaps, does not show its light."""
     if level.backing is None or not tolerance < abs(level.backing - 1) < NO_BACKING:
         return None
     what = f"what lies beside the page is {level.backing:.2f} times as light as this press was calibrated for"
@@ -98,7 +102,10 @@ def _of_backing(level: LightLevel, tolerance: float) -> WrongLight | None:
 
 
 def _of_black(level: LightLevel, sensor: SensorModel) -> WrongLight | None:
-    """Of a sensor whose light is right: nothing is as dark as it should be. Specks may well be darker."""
+    """Check the black level, for a sensor whose light is right: nothing is as dark as it should be.
+
+    Specks may well be darker.
+    """
     due = level.darkest_due
     if due > DARK_PAGE or level.darkest - due <= BLACK_OFF:
         return None

@@ -1,8 +1,8 @@
-"""How bright a scan is as a whole, beside what its press was calibrated for: found without knowing where the page lies.
+"""Light level of a scan relative to its press's calibration, measured without knowing where the page lies.
 
-A lamp or a gain scales the light of everything by one factor, of paper, of every ink and of the backing beside the
-page. So squares spread over the page are asked by what factor they are off, and half of them have to agree. What the
-design has there is known from its prediction: no paper need be bare.
+A lamp or a gain scales the light of everything by one factor, of paper, of every ink and of the backing next
+to the page. So each of many squares spread over the page gives a factor, and half of them have to agree. The
+design's light there is known from its prediction: no paper need be bare.
 """
 
 from __future__ import annotations
@@ -28,52 +28,55 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 MOST_SQUARES: Final = 1500
-"""Spread over the page, and as many at most over the backing."""
+"""Greatest number of squares over the page, and as many at most over the backing."""
 FLAT: Final = 0.03
 """Greatest range of the light about a flat square. [white]"""
 ABOUT: Final = 5
-"""Squares about one, either way, that are alike where it is flat: good prints lie 1 mm off their place."""
+"""Width of the neighbourhood of squares that is alike where it is flat: good prints lie 1 mm off their place."""
 LEAST_FLAT: Final = 40
-"""Flat squares; of a page that has fewer, all are asked."""
+"""Least number of flat squares; of a page that has fewer, all are used."""
 INSIDE, OUTSIDE = 2, 1
-"""Squares that lie so far inside the sheet's edges, and so far outside, are of the page and of the backing."""
+"""Distance in squares from the sheet's edges at which a square counts to the page, and to the backing."""
 LEAST_LIGHT, LEAST_BACKING = 0.25, 0.02
-"""Of paper white: darker squares of the page tell more of ink than of light, of the backing nothing."""
+"""Least light of a square of the page and of the backing, as a share of paper white.
+
+Darker squares of the page show ink more than light, darker ones of the backing nothing.
+"""
 LEAST_SQUARES: Final = 12
 AGREED: Final = 0.2
-"""Of the factor: width of the interval that holds half of the squares, beyond which they do not agree."""
+"""Greatest width of the interval that holds half of the squares, as a share of the factor, at which they agree."""
 LEAST_LEVEL: Final = 0.05
-"""Levels below this are taken to be of this size when it is asked whether squares agree: no light at all agrees."""
+"""Least level that the agreement of squares is measured against: without light all would agree."""
 DARK: Final = 0.002
-"""Share of a page whose light is called its darkest: some letters' stems."""
-LINES_APART: Final = 16
+"""Share of a page whose light counts as its darkest: some letters' stems."""
+LINE_STEP: Final = 16
 EVERYTHING: Final = slice(None), slice(None)
 WELL_BELOW: Final = 0.9
-"""Of the top code: a good print that should be darker does not reach it."""
+"""Share of the top code: a good print that should be darker does not reach it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LitSquares:
-    """Squares of ``SHRINK`` camera pixels of a design in its place, and how light they should be."""
+    """Squares of ``SHRINK`` camera pixels of a design in its place, and their expected light."""
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     backing: NDArray[np.bool_]
-    """(squares,) beside the page."""
+    """Whether each square (squares,) lies outside the page."""
     light: NDArray[np.float32]
-    """(sensors, squares), columns evened out. [white]"""
+    """Expected light (sensors, squares), corrected for columns. [white]"""
     darkest: tuple[float, ...]
     """Light of each sensor that ``DARK`` of the page lies below, away from its edges. [white]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightLevel:
-    """How bright one sensor sees a scan."""
+    """Light level of a scan in one sensor."""
 
     page: float | None
-    """Light of the page over what it should be; None: its squares do not agree. [-]"""
+    """Light of the page over the expected; None: its squares do not agree. [-]"""
     backing: float | None
-    """The same of what lies beside the page; None: its squares do not agree, or too few are in view."""
+    """Light of the backing over the expected; None: its squares do not agree, or too few are in view."""
     clipped: float
     """Share of the page's squares that are at the top code and should lie well below. [-]"""
     brightest_dn: int
@@ -87,13 +90,13 @@ class LightLevel:
 def lit_squares(
     expected: Prediction, page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry
 ) -> LitSquares:
-    """Squares to ask of scans of a page, from its prediction in its place."""
+    """Choose the squares by which scans of a page are measured, from its prediction in its place."""
     images = expected.expected_dn
     light = np.stack([shrunk(images[[index]], sensors[index : index + 1]) for index in range(len(sensors))])
     even = np.ones((ABOUT, ABOUT), np.uint8)
     ranges = np.max([cv2.dilate(one, even) - cv2.erode(one, even) for one in light], axis=0)
     bright, seen = ((light > least).all(axis=0) for least in (LEAST_LIGHT, LEAST_BACKING))
-    inside, outside = _within_and_beside(geometry, light.shape[1:], page.width_mm, page.height_mm)
+    inside, outside = _inside_and_outside(geometry, light.shape[1:], page.width_mm, page.height_mm)
     of_page = np.flatnonzero(inside & bright & (ranges < FLAT))
     if of_page.size < LEAST_FLAT:
         of_page = np.flatnonzero(inside & bright)
@@ -126,9 +129,9 @@ def light_levels(
     *,
     lost: NDArray[np.bool_] | None = None,
 ) -> tuple[LightLevel, ...]:
-    """How bright each sensor sees a scan (sensors, lines, pixels) [DN].
+    """Measure the light level of a scan (sensors, lines, pixels) [DN] in each sensor.
 
-    Squares beyond its end are not asked, nor any on lines that were ``lost`` (sensors, lines).
+    Squares beyond its end are left out, and so is any on lines that were ``lost`` (sensors, lines).
     """
     there = (squares.rows + 1) * SHRINK <= scan.shape[1]
     if lost is not None:
@@ -136,7 +139,7 @@ def light_levels(
     rows, columns, backing = squares.rows[there], squares.columns[there], squares.backing[there]
     step = np.arange(SHRINK)
     lines, pixels = rows[:, None] * SHRINK + step, columns[:, None] * SHRINK + step
-    found = []
+    levels = []
     for image, sensor, due, darkest in zip(
         scan, sensors, squares.light[:, there], squares.darkest, strict=True
     ):
@@ -146,7 +149,7 @@ def light_levels(
         ratio = (mean - offset) / (gain * sensor.white_dn * due)
         at_top = mean > sensor.top_code_dn - 1
         below = offset + gain * sensor.white_dn * due < WELL_BELOW * sensor.top_code_dn
-        found.append(
+        levels.append(
             LightLevel(
                 page=_agreed(ratio[~backing]),
                 backing=_agreed(ratio[backing]),
@@ -156,26 +159,26 @@ def light_levels(
                 darkest_due=darkest,
             )
         )
-    return tuple(found)
+    return tuple(levels)
 
 
-def _within_and_beside(
+def _inside_and_outside(
     geometry: ScanGeometry, shape: tuple[int, ...], width_mm: float, height_mm: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Squares (rows, columns) that lie on a page in its place, and those that lie beside it."""
-    within, beside = [], []
+    """Return which squares (rows, columns) lie on a page in its place, and which lie outside it."""
+    inside, outside = [], []
     for part, extent in zip(geometry.on_page(width_mm, height_mm), shape, strict=True):
         at, low, high = np.arange(extent), part.start / SHRINK, part.stop / SHRINK
-        within.append((at >= low + INSIDE) & (at + 1 <= high - INSIDE))
-        beside.append((at + 1 <= low - OUTSIDE) | (at >= high + OUTSIDE))
-    return np.logical_and.outer(*within), np.logical_or.outer(*beside)
+        inside.append((at >= low + INSIDE) & (at + 1 <= high - INSIDE))
+        outside.append((at + 1 <= low - OUTSIDE) | (at >= high + OUTSIDE))
+    return np.logical_and.outer(*inside), np.logical_or.outer(*outside)
 
 
 def _darkest(image: NDArray[Any], sensor: SensorModel, area: tuple[slice, slice], share: float) -> float:
-    """Light that a share of an area lies below, from some of its lines; image (lines, pixels) [DN]. [white]"""
+    """Return the light [white] that a share of an area lies below, from some lines of image (lines, pixels) [DN]."""
     lines, pixels = area
     offset, gain = sensor.column_offset_dn[pixels], sensor.column_gain[pixels]
-    light = (image[lines, pixels][::LINES_APART] - offset) / (gain * np.float32(sensor.white_dn))
+    light = (image[lines, pixels][::LINE_STEP] - offset) / (gain * np.float32(sensor.white_dn))
     if not light.size:
         return 1.0
     rank = int(share * light.size)
@@ -183,7 +186,7 @@ def _darkest(image: NDArray[Any], sensor: SensorModel, area: tuple[slice, slice]
 
 
 def _agreed(ratio: NDArray[np.float64]) -> float | None:
-    """Median of the narrowest interval that holds half of the ratios; None: it is wide, or they are few."""
+    """Return the median of the narrowest interval that holds half of the ratios; None: it is wide, or they are few."""
     half = ratio.size // 2 + 1
     if ratio.size < LEAST_SQUARES:
         return None

@@ -1,9 +1,9 @@
-"""A scan of which the camera lost lines, judged where it was seen.
+"""Inspection of a scan of which the camera lost lines.
 
-Our detector asks nothing of them, from registration on (``LeavesLostLinesOut``). To any other, what nobody saw is taken
-to be as foretold: the page is found in what was seen, its own prediction is put where lines were lost, at the light of
-the lines around and with the camera's noise, and the sheet is judged so. Lines that were lost then speak neither for a
-misprint nor against one.
+The matched-filter detector leaves them out, from registration on (``LeavesLostLinesOut``). For any other
+detector they are filled by the prediction: the page is located in the lines that were seen, its own
+prediction is put where lines were lost, at the light of the lines around and with the camera's noise, and the
+sheet is inspected so. Lost lines are then evidence neither for a misprint nor against one.
 """
 
 from __future__ import annotations
@@ -30,25 +30,33 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import Unseen
 
 MOST_UNSEEN: Final = 0.2
-"""Of a scan's lines; a sheet of which more were lost is not judged. assumed: the rest still shows where the page lies,
-and a person would not call a sheet inspected of which a fifth was not."""
+"""Greatest share of a scan's lines that may be lost; a sheet that lost more is not inspected.
+
+assumed: the rest still shows where the page lies, and a person would not call a sheet inspected of which a
+fifth was not.
+"""
 MOST_UNSEEN_OF_UNKNOWN: Final = 0.02
-"""Of a sheet that is like no page. assumed: a page lacks so much and is still known by its thumbnail."""
+"""Greatest share of lost lines of a sheet that is like no page.
+
+assumed: a page that lacks as much is still identified by its thumbnail.
+"""
 LIGHT_LINES: Final = 32
-"""Lines on either side of lost ones whose light is taken for theirs, 3.4 mm of the prototype's paper."""
+"""Number of lines on either side of lost ones whose light is taken for theirs, 3.4 mm of the prototype's paper."""
 LIGHT_PIXELS: Final = 65
-"""Columns over which that light is evened out: a letter's edge half a pixel off its place must not count as light."""
+"""Columns over which that light is smoothed: a letter's edge half a pixel off its place must not count as light."""
 TONES: Final = 32
-"""Steps of the expected signal, each with as many pixels."""
+"""Number of steps of the expected signal, each with as many pixels."""
 NEAR_LINES: Final = 8
-"""A misprint said within so many lines of lost ones and nowhere else is said for their sake: the side of a block."""
+"""Distance in lines, the side of a block, at which a misprint that is nowhere else is attributed to lost lines."""
 MOST_ELSEWHERE: Final = 0.5
-"""Of a region's height that may lie elsewhere: what is summed is as high as 32 lines, and where lines were lost is as
-likely at its border as in its middle."""
+"""Greatest share of such a region's height that may lie elsewhere.
+
+Sums are as high as 32 lines, and lost lines are as likely at a region's border as in its middle.
+"""
 
 
 def unseen_share(unseen: Sequence[Unseen], lines: int) -> float:
-    """Which share of a scan's lines was lost, by the sensor that lost most. [-]"""
+    """Return the share of a scan's lines that was lost, by the sensor that lost most. [-]"""
     by_sensor = Counter[int | None]()
     for first, end, sensor in unseen:
         by_sensor[sensor] += end - first
@@ -65,38 +73,38 @@ def inspect_where_seen(
     scan_name: str = "the scan",
     seed: int = 0,
 ) -> Inspection:
-    """As ``Inspector.inspect`` where lines ``unseen`` of the scan (sensors, lines, pixels) [DN] show nothing.
+    """Inspect as ``Inspector.inspect`` does, a scan (sensors, lines, pixels) [DN] whose lines ``unseen`` were lost.
 
-    None unseen: it is ``Inspector.inspect``. A misprint said only where lines were lost, by a detector that was given
-    others in their place, is not-inspected: what is wrong there was not on the paper. ScanError: as there.
+    With none unseen it is ``Inspector.inspect``. A misprint only where lines were lost, by a detector that
+    was given others in their place, is not-inspected: its evidence was not on the paper. ScanError: as there.
     """
     given = Scan(dn=scan, name=scan_name, unseen=tuple(unseen))
-    found = inspector.inspect(prepared, given, seed=seed)
+    done_first = inspector.inspect(prepared, given, seed=seed)
     if not unseen or (
         isinstance(prepared.known, LeavesLostLinesOut) and prepared.known.leaves_lost_lines_out
     ):
-        return found
-    filled = as_foretold(scan, found, unseen, seed=seed)
+        return done_first
+    filled = as_foretold(scan, done_first, unseen, seed=seed)
     done = inspector.inspect(prepared, replace(given, dn=filled), seed=seed)
     verdict = done.verdict
     if verdict.verdict == "misprint" and _only_unseen(done, unseen, inspector):
         why = "lines were lost, and nothing else on the sheet is wrong"
-        said = Verdict.skipped(verdict.page, why, detector=verdict.detector)
+        skipped = Verdict.skipped(verdict.page, why, detector=verdict.detector)
         return replace(
-            done, verdict=replace(said, shift_mm=verdict.shift_mm, milliseconds=verdict.milliseconds)
+            done, verdict=replace(skipped, shift_mm=verdict.shift_mm, milliseconds=verdict.milliseconds)
         )
     return done
 
 
 def as_foretold(
-    scan: NDArray[np.uint16], found: Inspection, unseen: Sequence[Unseen], *, seed: int
+    scan: NDArray[np.uint16], inspection: Inspection, unseen: Sequence[Unseen], *, seed: int
 ) -> NDArray[np.uint16]:
-    """The scan with its page's own prediction where lines were lost; a copy, (sensors, lines, pixels). [DN]
+    """Return a copy of the scan with its page's own prediction where lines were lost, (sensors, lines, pixels). [DN]
 
-    found: what was seen of it with anything in their place; it says where the page lies.
+    inspection: of the scan with any values in their place; it gives the position of the page.
     """
-    rows, columns = found.area
-    expected = found.expect()
+    rows, columns = inspection.area
+    expected = inspection.expect()
     filled, rng = scan.copy(), stream(seed, "lost-lines")
     lost = np.zeros(scan.shape[:2], bool)
     for first, end, sensor in unseen:
@@ -126,21 +134,21 @@ def as_foretold(
 def _as_printed(
     measured: NDArray[np.uint16], expected: NDArray[np.float32], seen: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
-    """A prediction (lines, columns) [DN] as dark and as light as this print was where it was seen (lines,).
+    """Scale a prediction (lines, columns) [DN] to the tones of this print where it was seen (lines,).
 
-    Inks lie a little thicker or thinner on every print, all over it. Lines that are filled as the page should be would
-    stand out from the rest of the print by as much. What was measured where so much was expected stands for that, in
-    ``TONES`` steps of the expected signal, so that an ink on its own is followed and a spot is not.
+    Inks lie a little thicker or thinner on every print, all over it. Lines that are filled with the unscaled
+    prediction would differ from the rest of the print by as much. Each of ``TONES`` steps of the expected
+    signal is scaled by its mean measured signal, so that an ink on its own is followed and a spot is not.
     """
     if not seen.any():
         return expected
-    own, told = expected[seen].ravel(), measured[seen].ravel()
+    own, observed = expected[seen].ravel(), measured[seen].ravel()
     edges = np.quantile(own, np.linspace(0, 1, TONES + 1))
     step = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, TONES - 1)
     counts = np.bincount(step, minlength=TONES)
-    known = counts > 0
-    middles = np.bincount(step, own, TONES)[known] / counts[known]
-    ratios = np.bincount(step, told, TONES)[known] / np.bincount(step, own, TONES)[known].clip(1.0)
+    filled = counts > 0
+    middles = np.bincount(step, own, TONES)[filled] / counts[filled]
+    ratios = np.bincount(step, observed, TONES)[filled] / np.bincount(step, own, TONES)[filled].clip(1.0)
     order = np.argsort(middles)
     return np.asarray(expected * np.interp(expected, middles[order], ratios[order]), np.float32)
 
@@ -150,7 +158,7 @@ def _of(sensor: int | None) -> slice:
 
 
 def _light(measured: NDArray[np.uint16], expected: NDArray[np.float32]) -> NDArray[np.float32]:
-    """How many times as light lines (sensors, n, columns) are as foretold, by column: (sensors, 1, columns)."""
+    """Return the light of lines (sensors, n, columns) over the expected, by column: (sensors, 1, columns)."""
     sums = [
         cv2.blur(lines.sum(axis=1, dtype=np.float32), (LIGHT_PIXELS, 1), borderType=cv2.BORDER_REPLICATE)
         for lines in (measured, expected)
@@ -159,7 +167,7 @@ def _light(measured: NDArray[np.uint16], expected: NDArray[np.float32]) -> NDArr
 
 
 def _only_unseen(done: Inspection, unseen: Sequence[Unseen], inspector: Inspector) -> bool:
-    """Whether all that is wrong lies where lines were lost."""
+    """Return whether all regions of a misprint lie where lines were lost."""
     geometry = inspector.press.geometry
     near_mm = NEAR_LINES * geometry.line_pitch_mm
     lost_mm = [

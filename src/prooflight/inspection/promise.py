@@ -1,4 +1,4 @@
-"""Whether the detector's promise stands for a run's pages, page after page in the order of the run."""
+"""Sequential test of whether the detector's false-alarm rate holds for a run's pages, in the order of the run."""
 
 from __future__ import annotations
 
@@ -23,55 +23,55 @@ SUSPENDED: Final = (
 MISPRINTS: Final = (
     "{}: look for the cause on the press; how many alarms of this run are false is not promised"
 )
-"""Where alarms have a kind and a place in common: such sheets teach a press nothing good."""
+"""Message where alarms have a kind and a place in common: such sheets are no good pages to train a press on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """One page's verdict, and what it adds to its run."""
+    """One page's verdict, and its contribution to its run."""
 
     verdict: Verdict
     summary: NDArray[np.float64] | None = None
-    """``summary_of``."""
+    """Summary of the page, by ``summary_of``."""
     warnings: tuple[PageWarning, ...] = ()
-    """Of its page."""
+    """Warnings of its page."""
 
 
 def summary_of(inspection: Inspection) -> NDArray[np.float64] | None:
-    """What an inspected page says of its run; None: it was not inspected, or says nothing.
+    """Return an inspected page's summary for the test of its run; None: it was not inspected, or gives none.
 
-    A misprint by its verdict says as much as a good page: pages left out for what they say are not exchangeable.
+    A misprint by its verdict counts like a good page: pages chosen by their own values are not exchangeable.
     """
     return None if inspection.verdict.verdict == "not-inspected" else inspection.summary
 
 
 @dataclass(slots=True, kw_only=True)
 class PromiseWatch:
-    """Adds up what the pages of one run say, until they say that the promise does not hold; that is final."""
+    """Test of one run's pages, until it shows that the false-alarm rate does not hold; that is final."""
 
     test: RunTest | None = None
-    """None: the detector has none, or it has said all that it can."""
+    """Test of the run; None: the detector has none, or it has ended."""
     unlike: str = ""
-    """In what the run's pages are not like the press's own, and what is to be done; empty: nothing says so."""
+    """Difference of the run's pages from the press's own, and the remedy; empty: none is shown."""
     seen: set[int] = field(default_factory=set)
     """Designs of which a sheet came."""
     cause: CommonCause = field(default_factory=CommonCause)
-    """Counts the run's alarms by kind and place."""
+    """Counter of the run's alarms by kind and place."""
 
     @classmethod
     def of(cls, detector: Detector, *, seed: int = 0) -> Self:
-        """Before the run's first page. seed: of what the test draws at random."""
+        """Create the test before the run's first page. seed: of the test's random draws."""
         return cls(test=detector.run_test(seed=seed) if isinstance(detector, ChecksRuns) else None)
 
     @property
     def suspended(self) -> str:
-        """Why the promise does not hold, in one line, and what is to be done; empty: nothing says so."""
+        """Return why the false-alarm rate does not hold, in one line with the remedy; empty: nothing shows it."""
         if not self.unlike:
             return ""
-        return MISPRINTS.format(self.cause.in_words) if self.cause.in_words else self.unlike
+        return MISPRINTS.format(self.cause.description) if self.cause.description else self.unlike
 
     def add(self, verdict: Verdict, summary: NDArray[np.float64] | None, design: int) -> bool:
-        """The next page of the run; whether the promise is suspended by it, which happens once.
+        """Add the next page of the run; return whether it suspends the guarantee, which happens once.
 
         Of each design the first sheet counts: copies of one are not exchangeable with pages of many.
         """
@@ -87,5 +87,5 @@ class PromiseWatch:
         return True
 
     def marked(self, verdict: Verdict) -> Verdict:
-        """The verdict on the page that came last, or on one behind it."""
+        """Mark the verdict on the page that came last, or on one after it."""
         return replace(verdict, promise_suspended=True) if self.unlike else verdict

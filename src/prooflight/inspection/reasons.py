@@ -1,4 +1,4 @@
-"""Why a page could not be looked at, in one line."""
+"""Reason why a page could not be inspected, in one line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _log = logging.getLogger(__name__)
 
 
 def reason_of(error: Exception, *, of: str) -> str:
-    """An error as the reason in a verdict; one that nobody foresaw is logged whole. of: what was being done."""
+    """Return an error as the reason in a verdict; an unexpected one is logged whole. of: the work that failed."""
     if isinstance(error, ProoflightError):
         return str(error)
     if isinstance(error, MemoryError):

@@ -1,7 +1,8 @@
-"""What a verdict can be made from again: kept with its page, judged again with the press of the run.
+"""Evidence that is stored with a page, from which its verdict can be repeated with the press of the run.
 
-Kept is what the detector itself was given (of ours some kilobytes, of the paper's a tenth of a megabyte), and for
-people a cut of the scan at each place of a misprint, or the whole scan of a sheet that passed and is asked about.
+It holds the detector's own input (some kilobytes for the matched-filter detector, a tenth of a megabyte for
+the paper's), and for people a cut of the scan at each place of a misprint, or the whole scan of a sheet that
+passed and is sampled for review.
 """
 
 from __future__ import annotations
@@ -30,42 +31,42 @@ if TYPE_CHECKING:
     Kept = Mapping[str, NDArray[Any]]
 
 CUTS: Final = 3
-"""Places of a misprint of which the scan is kept."""
+"""Greatest number of places of a misprint of which the scan is stored."""
 CUT_PIXELS: Final = 256
 """Longest side of such a cut, 27 mm at the prototype's pitch."""
 MARGIN_MM: Final = 2.0
 WHOLE_PIXELS: Final = 12_000_000
-"""Most that is kept of a whole scan, an A3 page at the prototype's pitch; larger ones are halved."""
+"""Greatest number of pixels of a stored whole scan, an A3 page at the prototype's pitch; larger ones are halved."""
 ROUNDING: Final = 1e-9
-"""Relative; other processors add in another order."""
+"""Relative tolerance of repeated figures; other processors add in another order."""
 
 
 def kept_evidence(
     inspection: Inspection, page: Page, press: Press, *, whole: bool = False
 ) -> dict[str, NDArray[Any]]:
-    """What ``decided_again`` needs of one page, and cuts of the scan where it is a misprint.
+    """Return the arrays that ``decided_again`` needs of one page, and cuts of the scan where it is a misprint.
 
-    Arrays: ``Inspection.kept``; "cutN" (sensors, lines, pixels) [DN] and "cutN_mm", its x, y, width and height on the
-    page as printed. whole: also "whole" (lines, pixels) [DN], all that the first sensor saw of the page, of at most
-    ``WHOLE_PIXELS``, and "whole_mm".
+    Arrays: ``Inspection.kept``; "cutN" (sensors, lines, pixels) [DN] and "cutN_mm", its x, y, width and
+    height on the page as printed. whole: also "whole" (lines, pixels) [DN], the first sensor's image of the
+    page, of at most ``WHOLE_PIXELS``, and "whole_mm".
     """
     cuts = _cuts(inspection, page, press) if inspection.verdict.regions else {}
     return {**inspection.kept, **cuts, **(_whole(inspection, page, press) if whole else {})}
 
 
 def decided_again(kept: Kept, press: Press, detector_name: str) -> Decision:
-    """The decision that this evidence led to; RequestError if it is of another detector, or of no page at all."""
-    held = KeptArrays(kept, detector_name)
-    _ = held.wrong_page  # refused where it is not told
-    again = detector(detector_name, press).decided_again(held)
+    """Repeat the decision from this evidence; RequestError if it is of another detector, or of no page at all."""
+    arrays = KeptArrays(kept, detector_name)
+    _ = arrays.wrong_page  # refused where it is not told
+    again = detector(detector_name, press).decided_again(arrays)
     if np.isnan(again.score):
-        raise held.refusal("it gives no score")
+        raise arrays.refusal("it gives no score")
     return again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """One figure of a verdict, as recorded and as it comes out again."""
+    """One figure of a verdict, as recorded and as it is repeated."""
 
     name: str
     recorded: float | str | None
@@ -73,16 +74,16 @@ class Figure:
 
     @property
     def same(self) -> bool:
-        """Equal, or but for rounding."""
+        """Return whether both are equal up to rounding."""
         if isinstance(self.recorded, float) and isinstance(self.again, float):
             return bool(np.isclose(self.recorded, self.again, rtol=ROUNDING, atol=0, equal_nan=True))
         return self.recorded == self.again
 
 
 def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
-    """Verdict, score, threshold, p-value and probability made from evidence again, beside what was recorded.
+    """Repeat verdict, score, threshold, p-value and probability from evidence, with the recorded ones.
 
-    RequestError: nobody judged the page, or its evidence is of another detector.
+    RequestError: the page was not inspected, or its evidence is of another detector.
     """
     if verdict.score is None:
         raise RequestError(
@@ -99,22 +100,23 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
 
 
 def _whole(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
-    """All that was judged, as the first sensor saw it."""
+    """Return the whole area that was inspected, as the first sensor saw it."""
     begin_mm, pitch = _begin_mm(inspection, page, press)
     seen = inspection.measured_dn[0]
     (y, x), (height, width) = -begin_mm, np.array(seen.shape) * pitch
-    kept = seen.copy()
-    while kept.size > WHOLE_PIXELS:
-        half = max(kept.shape[1] // 2, 1), max(kept.shape[0] // 2, 1)
-        kept = cv2.resize(kept, half, interpolation=cv2.INTER_AREA)
-    return {"whole": kept, "whole_mm": np.array([x, y, width, height])}
+    image = seen.copy()
+    while image.size > WHOLE_PIXELS:
+        half = max(image.shape[1] // 2, 1), max(image.shape[0] // 2, 1)
+        image = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
+    return {"whole": image, "whole_mm": np.array([x, y, width, height])}
 
 
 def _begin_mm(
     inspection: Inspection, page: Page, press: Press
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """From the page as printed to the area that was judged: y and x of its place in the scan, less where the area
-    begins; and the pitch of lines and pixels. [mm]
+    """Return the offset from the page as printed to the inspected area, and the pitch of lines and pixels. [mm]
+
+    The offset is y and x of the page's place in the scan, less where the area begins.
     """
     geometry = press.geometry
     pitch = np.array([geometry.line_pitch_mm, geometry.pixel_pitch_mm])
@@ -125,10 +127,10 @@ def _begin_mm(
 
 
 def _cuts(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray[Any]]:
-    """The scan at the places that say most."""
+    """Return cuts of the scan at the regions of greatest evidence."""
     begin_mm, pitch = _begin_mm(inspection, page, press)
     extent = np.array(inspection.measured_dn.shape[1:])
-    kept = {}
+    cuts = {}
     for index, region in enumerate(inspection.verdict.regions[:CUTS]):
         corner_mm, size_mm = (
             np.array([region.y_mm, region.x_mm]),
@@ -138,7 +140,7 @@ def _cuts(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArray
         half = np.minimum((size_mm / 2 + MARGIN_MM) / pitch, CUT_PIXELS / 2)
         first = np.clip(np.rint(middle - half), 0, extent - 1).astype(int)
         last = np.clip(np.rint(middle + half), first + 1, extent).astype(int)
-        kept[f"cut{index}"] = inspection.measured_dn[:, first[0] : last[0], first[1] : last[1]].copy()
+        cuts[f"cut{index}"] = inspection.measured_dn[:, first[0] : last[0], first[1] : last[1]].copy()
         (y, x), (height, width) = first * pitch - begin_mm, (last - first) * pitch
-        kept[f"cut{index}_mm"] = np.array([x, y, width, height])
-    return kept
+        cuts[f"cut{index}_mm"] = np.array([x, y, width, height])
+    return cuts

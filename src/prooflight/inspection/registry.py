@@ -1,8 +1,8 @@
-"""Detectors by the names that users call them: Prooflight's own, and those that other packages register.
+"""Detectors by the names that users select them by: Prooflight's own, and those that other packages register.
 
-A package registers one by an entry point of the group ``prooflight.detectors``: a function that takes a ``Press`` and
-gives a ``Detector`` (``detectors.base``). examples/write_a_detector.py is one. None can take the name of another; only
-the one that is asked for is loaded, of ours too.
+A package registers one by an entry point of the group ``prooflight.detectors``: a function that takes a
+``Press`` and gives a ``Detector`` (``detectors.base``). examples/write_a_detector.py is one. None can take
+the name of another; only the selected one is loaded, also among Prooflight's own.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ GROUP: Final = "prooflight.detectors"
 
 
 def chi_square(press: Press) -> Detector:
-    """The paper's statistical detector, with the promise of the press."""
+    """Return the paper's statistical detector, with the press's target false-alarm rate."""
     from prooflight.detectors.paper.chi_square import ChiSquare
     from prooflight.detectors.paper.detector import PaperDetector
 
@@ -37,7 +37,7 @@ def chi_square(press: Press) -> Detector:
 
 
 def bayes(press: Press) -> Detector:
-    """The paper's learned detector; RequestError: this press was not taught it."""
+    """Return the paper's learned detector; RequestError: this press was not trained with it."""
     if press.bayes is None:
         raise _untrained(press, "bayes", "`prooflight press build --detector full`")
     from prooflight.detectors.paper.detector import PaperDetector
@@ -46,7 +46,7 @@ def bayes(press: Press) -> Detector:
 
 
 def matched_filter(press: Press) -> Detector:
-    """Ours; RequestError: this press was not taught it."""
+    """Return the matched-filter detector; RequestError: this press was not trained with it."""
     if press.ours is None:
         raise _untrained(press, "ours", "`prooflight press build --detector quick`")
     from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
@@ -63,9 +63,10 @@ BUILT_IN: Final[dict[str, Factory]] = {
 
 
 def detector(name: str | None, press: Press) -> Detector:
-    """The detector that users call ``name``, with this press's promise; None: ours if this press was taught it.
+    """Return the detector of the user's ``name``, with this press's false-alarm rate.
 
-    RequestError: there is no such detector, it cannot be loaded, or this press was not taught it.
+    None: the matched-filter detector if this press was trained with it, else the paper's statistical one.
+    RequestError: there is no such detector, it cannot be loaded, or this press was not trained with it.
     """
     if name is None:
         return default_detector(press)
@@ -79,20 +80,20 @@ def detector(name: str | None, press: Press) -> Detector:
 
 
 def names() -> tuple[str, ...]:
-    """Of all detectors: our own, and those that packages have registered."""
+    """Return the names of all detectors: Prooflight's own, and those that packages have registered."""
     others = {entry.name for entry in entry_points(group=GROUP)}
     return (*BUILT_IN, *sorted(others - set(BUILT_IN)))
 
 
 def default_detector(press: Press) -> Detector:
-    """Ours if this press was taught it, else the paper's statistical one."""
+    """Return the matched-filter detector if this press was trained with it, else the paper's statistical one."""
     return chi_square(press) if press.ours is None else matched_filter(press)
 
 
 def promises(press: Press) -> dict[str, str]:
-    """What each of Prooflight's own detectors that this press has promises, by name."""
-    taught = {"ours": press.ours, "bayes": press.bayes}
-    has = ["chi-square", *(name for name, model in taught.items() if model is not None)]
+    """Return the stated guarantee of each of Prooflight's own detectors that this press has, by name."""
+    trained = {"ours": press.ours, "bayes": press.bayes}
+    has = ["chi-square", *(name for name, model in trained.items() if model is not None)]
     return {name: detector(name, press).promise for name in has}
 
 

@@ -1,9 +1,9 @@
-"""From sides to sheets to sets: one verdict a side, one a sheet, one a set, and one for each page on them.
+"""Verdicts of sheets and sets from those of sides: one for each side, sheet, set, and each page on them.
 
-The worst counts: misprint, then not inspected, then good. A side that did not come leaves its sheet not inspected, and
-a sheet that did not come its set incomplete. Of a misprint whose places are known, only the pages are misprints on
-which one lies; where no place is known, or all lie beside the pages, nobody can tell, and every page of the side is
-one.
+The worst counts: misprint, then not inspected, then good. A side that did not come leaves its sheet not
+inspected, and a sheet that did not come its set incomplete. Of a misprint whose places are known, only the
+pages are misprints on which one lies; where no place is known, or all lie outside the pages, every page of
+the side counts as one, since the page is not known.
 """
 
 from __future__ import annotations
@@ -24,119 +24,121 @@ if TYPE_CHECKING:
 WORST_FIRST: Final[tuple[Word, ...]] = ("misprint", "not-inspected", "good")
 OUT_OF_ORDER: Final = frozenset({"repeated", "out-of-order"})
 OPEN_SHEETS: Final = 4096
-"""That wait for a side or for the rest of their set; assumed: no loop, batch or set is longer, and one that is gets its
-verdict before its end, which says so."""
+"""Greatest number of sheets that wait for a side or for the rest of their set.
+
+assumed: no loop, batch or set is longer, and one that is gets its verdict before its end, which says so.
+"""
 PATIENCE: Final = 64
-"""assumed: no side comes further behind its turn. [positions]"""
+"""assumed: no side comes later than this after its turn. [positions]"""
 NEXT: Final = 4
-"""For who watches: a sheet is told when the next two or three have come. [positions]"""
+"""Patience of a live display: a sheet is reported when the next two or three have come. [positions]"""
 NAMED: Final = 5
-"""Sheets that are named; the rest is counted."""
+"""Greatest number of sheets that are named; the rest is counted."""
 NEVER: Final = "it did not come"
 HOLD: Final[tuple[Disposition, ...]] = ("hold",)
 SideName = Literal["front", "back", ""]
 
 
 class SideRow(Protocol):
-    """What is known of a side that passed, or did not: a row of the journal, ``journal.records.PageRecord``."""
+    """Record of a side that passed, or did not: a row of the journal, ``journal.records.PageRecord``."""
 
     @property
     def sheet(self) -> int:
-        """Its number in the run."""
+        """Return its number in the run."""
 
     @property
     def job_page(self) -> int | None:
-        """Its position; None: nobody can place it."""
+        """Return its position; None: it cannot be placed."""
 
     @property
     def verdict(self) -> Verdict:
-        """Of the side."""
+        """Return the verdict on the side."""
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Of the paper path, and of the camera's lines."""
+        """Return the faults of the paper path, and of the camera's lines."""
 
     @property
     def disposition(self) -> Disposition:
-        """What becomes of it."""
+        """Return its disposition."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageVerdict:
-    """One page at one place."""
+    """Verdict on one page at one place."""
 
     page: int
-    """Its number in the job, from 1."""
+    """Number of the page in the job, from 1."""
     place: int
-    """On its side, from 1, row by row from the top left as the side was laid out."""
+    """Place on its side, from 1, row by row from the top left as the side was laid out."""
     verdict: Word
     why: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideVerdict:
-    """One side of a sheet."""
+    """Verdict on one side of a sheet."""
 
     side: SideName
-    """Empty: the sheet has but one."""
+    """Side of the sheet; empty: the sheet has but one."""
     name: str
     verdict: Word
     why: str = ""
     came: bool = True
     """Whether the camera saw it."""
     rows: tuple[int, ...] = ()
-    """Numbers under which the journal has it; more than one: it came again."""
+    """Row numbers in the journal; more than one: it came again."""
     faults: tuple[str, ...] = ()
     pages: tuple[PageVerdict, ...] = ()
     disposition: Disposition = "accept"
-    """What becomes of it, the gravest where it came more than once."""
+    """Disposition of the side, the gravest where it came more than once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetVerdict:
-    """One sheet of a run."""
+    """Verdict on one sheet of a run."""
 
     sheet: int
-    """In the run, from 0."""
+    """Number in the run, from 0."""
     copy: int
-    """Of the job, from 1."""
+    """Number of the copy of the job, from 1."""
     number: int
-    """In the job, from 1."""
+    """Number in the job, from 1."""
     name: str
     verdict: Word
     why: tuple[str, ...]
     sides: tuple[SideVerdict, ...]
     set_number: int | None = None
-    """From 0; None: the job has no sets."""
+    """Number of its set, from 0; None: the job has no sets."""
 
     @property
     def disposition(self) -> Disposition:
-        """What becomes of it, the gravest of its sides."""
+        """Return its disposition, the gravest of its sides."""
         return gravest(side.disposition for side in self.sides)
 
     @property
     def missing(self) -> bool:
-        """Whether no side of it came."""
+        """Return whether no side of it came."""
         return not any(side.came for side in self.sides)
 
     @property
     def doubled(self) -> bool:
-        """Whether a side of it came again."""
+        """Return whether a side of it came again."""
         return any(len(side.rows) > 1 or "repeated" in side.faults for side in self.sides)
 
     @property
     def out_of_order(self) -> bool:
-        """Whether a side of it came behind its turn."""
+        """Return whether a side of it came after its turn."""
         return any("out-of-order" in side.faults for side in self.sides)
 
     @property
     def clean(self) -> bool:
-        """Whether it is good and came once, in its turn."""
+        """Return whether it is good and came once, in its turn."""
         return self.verdict == "good" and not (self.doubled or self.out_of_order)
 
     @property
     def bad_pages(self) -> tuple[int, ...]:
-        """Pages of the job, from 1, that are not good."""
+        """Return the pages of the job, from 1, that are not good."""
         return tuple(
             dict.fromkeys(page.page for side in self.sides for page in side.pages if page.verdict != "good")
         )
@@ -144,61 +146,61 @@ class SheetVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetVerdict:
-    """The sheets of a run that belong together."""
+    """Verdict on a set of a run's sheets."""
 
     set_number: int
-    """In the run, from 0."""
+    """Number in the run, from 0."""
     sheets: int
-    """That it should have."""
+    """Number of sheets that it should have."""
     verdict: Word
     bad: tuple[int, ...] = ()
     """Sheets of the run that are misprints."""
     unseen: tuple[int, ...] = ()
-    """Sheets of which not all was inspected, but that came."""
+    """Sheets that came, but were not all inspected."""
     missing: tuple[int, ...] = ()
     doubled: tuple[int, ...] = ()
     out_of_order: tuple[int, ...] = ()
     disposition: Disposition = "accept"
-    """What becomes of it, the gravest of its sheets; hold where one did not come."""
+    """Disposition of the set, the gravest of its sheets; hold where one did not come."""
 
     @property
     def complete(self) -> bool:
-        """Whether all its sheets came, once each and in order."""
+        """Return whether all its sheets came, once each and in order."""
         return not (self.missing or self.doubled or self.out_of_order)
 
     @property
     def why(self) -> tuple[str, ...]:
-        """What keeps it from being delivered, in words."""
-        told = (
+        """Return the reasons why it may not be delivered."""
+        reasons = (
             ("misprint", self.bad),
             ("not all inspected", self.unseen),
             ("missing", self.missing),
             ("doubled", self.doubled),
             ("out of order", self.out_of_order),
         )
-        return tuple(f"{what}: {_numbers(sheets)}" for what, sheets in told if sheets)
+        return tuple(f"{what}: {_numbers(sheets)}" for what, sheets in reasons if sheets)
 
     @property
     def clean(self) -> bool:
-        """Whether it is good and complete: it may be delivered."""
+        """Return whether it is good and complete: it may be delivered."""
         return self.verdict == "good" and self.complete
 
 
 def _numbers(sheets: Sequence[int]) -> str:
-    """Sheets by number; of many the first."""
+    """Return sheets by number; of many the first."""
     more = f" and {len(sheets) - NAMED} more" if len(sheets) > NAMED else ""
     return f"sheet{'s' if len(sheets) > 1 else ''} {', '.join(map(str, sheets[:NAMED]))}{more}"
 
 
-def worst(words: Iterable[Word]) -> Word:
-    """The one that counts; good where there is none."""
-    return min(words, key=WORST_FIRST.index, default="good")
+def worst(verdicts: Iterable[Word]) -> Word:
+    """Return the worst of the verdicts; good where there is none."""
+    return min(verdicts, key=WORST_FIRST.index, default="good")
 
 
 def came(record: SideRow) -> bool:
-    """Whether a row of the journal is of a side that the camera saw, and not of one that did not come.
+    """Return whether a row of the journal is of a side that the camera saw, and not of one that did not come.
 
-    A side that came behind a gap has the fault ``missing`` too, but was looked at, or says why it was not.
+    A side that came after a gap has the fault ``missing`` too, but was inspected, or says why it was not.
     """
     return not (
         record.faults == ("missing",)
@@ -209,18 +211,20 @@ def came(record: SideRow) -> bool:
 
 
 def why_of(verdict: Verdict) -> str:
-    """In a few words."""
+    """Return the reason for a verdict in a few words."""
     return "" if verdict.verdict == "good" else verdict.reason or verdict.kind or verdict.verdict
 
 
 def page_verdicts(
     verdict: Verdict, pages: Sequence[int | None], places: Sequence[Place]
 ) -> tuple[PageVerdict, ...]:
-    """Of the pages of one side. pages: their numbers by place, None where it stays blank, and what lies there alone
-    spoils no page; places: in mm of the side; empty: nobody knows.
+    """Return the verdicts on the pages of one side.
+
+    pages: their numbers by place; None where it stays blank, and a misprint there alone spoils no page.
+    places: in mm of the side; empty: unknown.
     """
-    word, why = verdict.verdict, why_of(verdict)
-    if word == "misprint" and len(pages) > 1 and len(places) == len(pages):
+    decision, why = verdict.verdict, why_of(verdict)
+    if decision == "misprint" and len(pages) > 1 and len(places) == len(pages):
         boxes = [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.regions]
         boxes += [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.codes if one.failed]
         hit = [any(place.meets(box) for box in boxes) for place in places]
@@ -232,12 +236,12 @@ def page_verdicts(
                 for at, (page, bad) in enumerate(zip(pages, hit, strict=True), start=1)
                 if page is not None
             )
-    return _all_alike(pages, word, why)
+    return _all_alike(pages, decision, why)
 
 
-def _all_alike(pages: Sequence[int | None], word: Word, why: str = "") -> tuple[PageVerdict, ...]:
+def _all_alike(pages: Sequence[int | None], verdict: Word, why: str = "") -> tuple[PageVerdict, ...]:
     return tuple(
-        PageVerdict(page=page, place=at, verdict=word, why=why)
+        PageVerdict(page=page, place=at, verdict=verdict, why=why)
         for at, page in enumerate(pages, start=1)
         if page is not None
     )
@@ -246,8 +250,10 @@ def _all_alike(pages: Sequence[int | None], word: Word, why: str = "") -> tuple[
 def side_verdict(
     plan: SheetPlan, sheet: int, back: int, records: Sequence[SideRow], *, passed: bool = False
 ) -> SideVerdict:
-    """Of one side. records: what the journal has of it, each time that it came, or that it did not; none: it did not
-    come, or, where it is known to have ``passed``, was good.
+    """Return the verdict on one side.
+
+    records: the journal's rows of it, one each time that it came, or that it did not; none: it did not come,
+    or, where it is known to have ``passed``, was good.
     """
     number = (sheet * plan.layout.sides + back) % plan.sides + 1
     shown = [record for record in records if came(record)]
@@ -267,21 +273,21 @@ def side_verdict(
             pages=never,
             disposition="hold",
         )
-    told = min(shown, key=lambda record: WORST_FIRST.index(record.verdict.verdict))
+    worst_row = min(shown, key=lambda record: WORST_FIRST.index(record.verdict.verdict))
     return SideVerdict(
         side=side,
         name=name,
-        verdict=told.verdict.verdict,
-        why=why_of(told.verdict),
+        verdict=worst_row.verdict.verdict,
+        why=why_of(worst_row.verdict),
         rows=tuple(record.sheet for record in shown),
         faults=tuple(dict.fromkeys(fault for record in shown for fault in record.faults)),
-        pages=page_verdicts(told.verdict, pages, places),
+        pages=page_verdicts(worst_row.verdict, pages, places),
         disposition=gravest(record.disposition for record in shown),
     )
 
 
 def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> SheetVerdict:
-    """Of a sheet from its sides, front first."""
+    """Return the verdict on a sheet from its sides, front first."""
     copy, number = divmod(sheet, plan.sheets_a_job)
     why = [f"{side.side}: {side.why}" if side.side else side.why for side in sides if side.verdict != "good"]
     again = [side for side in sides if len(side.rows) > 1 or "repeated" in side.faults]
@@ -302,16 +308,16 @@ def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> 
 
 
 def set_verdict(plan: SheetPlan, number: int, sheets: Sequence[SheetVerdict]) -> SetVerdict:
-    """Of a set from its sheets; those that are not among them did not come."""
-    known = {one.sheet: one for one in sheets}
+    """Return the verdict on a set from its sheets; those that are not among them did not come."""
+    by_number = {one.sheet: one for one in sheets}
     own = plan.sheets_of(number)
-    missing = [at for at in own if at not in known or known[at].missing]
-    there = [one for at, one in sorted(known.items()) if at not in missing]
-    words = [one.verdict for one in there] + ["not-inspected" for _ in missing]
+    missing = [at for at in own if at not in by_number or by_number[at].missing]
+    there = [one for at, one in sorted(by_number.items()) if at not in missing]
+    verdicts = [one.verdict for one in there] + ["not-inspected" for _ in missing]
     return SetVerdict(
         set_number=number,
         sheets=len(own),
-        verdict=worst(words),
+        verdict=worst(verdicts),
         bad=tuple(one.sheet for one in there if one.verdict == "misprint"),
         unseen=tuple(one.sheet for one in there if one.verdict == "not-inspected"),
         missing=tuple(missing),
@@ -326,93 +332,96 @@ def set_verdict(plan: SheetPlan, number: int, sheets: Sequence[SheetVerdict]) ->
 
 @dataclass(slots=True)
 class Counts:
-    """How many of each; a sheet or set that is counted is done."""
+    """Numbers of sheets and sets by verdict; a sheet or set that is counted is complete."""
 
     sheets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
     sets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
     spoiled: int = 0
-    """Sets that may not be delivered as they are."""
+    """Number of sets that may not be delivered as they are."""
 
     @classmethod
-    def of(cls, found: Iterable[SheetVerdict | SetVerdict]) -> Self:
-        """Of these sheets and sets."""
+    def of(cls, counted: Iterable[SheetVerdict | SetVerdict]) -> Self:
+        """Count these sheets and sets."""
         counts = cls()
-        for one in found:
+        for one in counted:
             counts.add(one)
         return counts
 
-    def add(self, found: SheetVerdict | SetVerdict) -> None:
-        """One more."""
-        if isinstance(found, SheetVerdict):
-            self.sheets[found.verdict] += 1
+    def add(self, counted: SheetVerdict | SetVerdict) -> None:
+        """Count one more sheet or set."""
+        if isinstance(counted, SheetVerdict):
+            self.sheets[counted.verdict] += 1
         else:
-            self.sets[found.verdict] += 1
-            self.spoiled += not found.clean
+            self.sets[counted.verdict] += 1
+            self.spoiled += not counted.clean
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What JSON can hold."""
+        """Return the counts in types that JSON can hold."""
         return {"sheets": dict(self.sheets), "sets": dict(self.sets), "sets_spoiled": self.spoiled}
 
 
 class Assembling:
-    """Puts sides together as their rows come; its memory is bounded however long the run is.
+    """Assembly of sides to sheets and sets as their rows come; its memory is bounded however long the run is.
 
-    A sheet's verdict is due when a side has come that lies ``patience`` positions or more behind its last one: whatever
-    comes behind its turn, or twice, has come by then. The rest is due at the end.
+    A sheet's verdict is due when a side has come that lies ``patience`` positions or more after its last one:
+    any side that comes after its turn, or twice, has come by then. The rest is due at the end.
     """
 
     def __init__(self, plan: SheetPlan, *, patience: int = PATIENCE) -> None:
         self.plan, self.counts, self._patience = plan, Counts(), patience
         self._rows: dict[int, list[list[SideRow]]] = {}
         self._sets: dict[int, list[SheetVerdict]] = {}
-        self._told = 0
-        """All sheets before this one have their verdict."""
+        self._next = 0
+        """Number of the first sheet that has no verdict yet."""
 
     def add(self, record: SideRow) -> list[SheetVerdict | SetVerdict]:
-        """One row, in the order of the run; what is due with it. A side that nobody can place belongs to no sheet."""
+        """Add one row, in the order of the run; return the verdicts that are due with it.
+
+        A side that cannot be placed belongs to no sheet.
+        """
         position = record.job_page
         if position is None or not 0 <= position < self.plan.passings:
             return []
         sheet, back = self.plan.sheet_at(position)
-        if sheet >= self._told:  # else it has been told: the side came far behind its turn
+        if sheet >= self._next:  # else it has been told: the side came far behind its turn
             self._rows.setdefault(sheet, [[] for _ in range(self.plan.layout.sides)])[back].append(record)
-        return list(self._tell(self._due(position)))
+        return list(self._verdicts_until(self._due(position)))
 
     def end(self) -> list[SheetVerdict | SetVerdict]:
-        """The rest, up to the last sheet of which any side came."""
-        found = list(self._tell(max((sheet + 1 for sheet in self._rows), default=self._told)))
-        return [*found, *(self._tell_set(own) for own in sorted(self._sets))]
+        """Return the remaining verdicts, up to the last sheet of which any side came."""
+        verdicts = list(self._verdicts_until(max((sheet + 1 for sheet in self._rows), default=self._next)))
+        return [*verdicts, *(self._set_verdict(own) for own in sorted(self._sets))]
 
     def _due(self, position: int) -> int:
-        until = self._told
+        until = self._next
         while until < self.plan.sheets and max(self.plan.positions(until)) <= position - self._patience:
             until += 1
         return max(until, max(self._rows, default=0) - OPEN_SHEETS)
 
-    def _tell(self, until: int) -> Iterator[SheetVerdict | SetVerdict]:
-        while self._told < until:
-            sheet, self._told = self._told, self._told + 1
+    def _verdicts_until(self, until: int) -> Iterator[SheetVerdict | SetVerdict]:
+        while self._next < until:
+            sheet, self._next = self._next, self._next + 1
             rows = self._rows.pop(sheet, None) or [[] for _ in range(self.plan.layout.sides)]
             sides = [side_verdict(self.plan, sheet, at, one) for at, one in enumerate(rows)]
-            found = sheet_verdict(self.plan, sheet, sides)
-            self.counts.add(found)
-            yield found
-            own = found.set_number
+            verdict = sheet_verdict(self.plan, sheet, sides)
+            self.counts.add(verdict)
+            yield verdict
+            own = verdict.set_number
             if own is None:
                 continue
-            self._sets.setdefault(own, []).append(found)
+            self._sets.setdefault(own, []).append(verdict)
             if sheet + 1 == self.plan.sheets_of(own).stop:
-                yield self._tell_set(own)
+                yield self._set_verdict(own)
 
-    def _tell_set(self, own: int) -> SetVerdict:
-        found = set_verdict(self.plan, own, self._sets.pop(own))
-        self.counts.add(found)
-        return found
+    def _set_verdict(self, own: int) -> SetVerdict:
+        verdict = set_verdict(self.plan, own, self._sets.pop(own))
+        self.counts.add(verdict)
+        return verdict
 
 
 def assembled(plan: SheetPlan, records: Iterable[SideRow]) -> Iterator[SheetVerdict | SetVerdict]:
-    """All sheets and sets of a run from all its rows, in order."""
+    """Yield all sheets and sets of a run from all its rows, in order."""
     assembling = Assembling(plan)
     for record in records:
         yield from assembling.add(record)
@@ -421,7 +430,7 @@ def assembled(plan: SheetPlan, records: Iterable[SideRow]) -> Iterator[SheetVerd
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToLookAt:
-    """The sheets and sets of a run that are not clean, and how many there are of each kind."""
+    """Sheets and sets of a run that are not clean, and the number of each kind."""
 
     sheets: tuple[SheetVerdict, ...]
     sets: tuple[SetVerdict, ...]
@@ -429,9 +438,10 @@ class ToLookAt:
 
 
 def to_look_at(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ended: bool) -> ToLookAt:
-    """The same from those rows alone that somebody should look at, as all others are good.
+    """Return the same from those rows alone that a person should see, as all others are good.
 
-    passed: how many positions have been passed. ended: whether no more come; else what lacks a side is not due yet.
+    passed: number of positions that have been passed. ended: whether no more come; else what lacks a side is
+    not due yet.
     """
     rows: dict[int, list[list[SideRow]]] = {}
     for record in records:
@@ -451,10 +461,10 @@ def to_look_at(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ende
             side_verdict(plan, sheet, back, own, passed=at < passed)
             for back, (own, at) in enumerate(zip(rows[sheet], plan.positions(sheet), strict=True))
         ]
-        found = sheet_verdict(plan, sheet, sides)
-        if not found.clean:
-            sheets[sheet] = found
-            counts.add(found)
+        verdict = sheet_verdict(plan, sheet, sides)
+        if not verdict.clean:
+            sheets[sheet] = verdict
+            counts.add(verdict)
     counts.sheets["good"] += seen - len(sheets)
     sets, of_set = [], plan.layout.sheets_a_set
     if of_set is not None:
@@ -479,7 +489,7 @@ def _good(plan: SheetPlan, sheet: int) -> SheetVerdict:
 
 
 def _first_not(among: range, holds: Callable[[int], bool]) -> int:
-    """The first for which it does not hold, where it holds for none behind it; their end: it holds for all."""
+    """Return the first for which it does not hold, where it holds for none after it; their end: it holds for all."""
     low, high = among.start, among.stop
     while low < high:
         middle = (low + high) // 2

@@ -1,1 +1,1 @@
-"""The press: its artefact, and the press file in a user's words."""
+"""The press: its artefact, and the press file that a user writes."""

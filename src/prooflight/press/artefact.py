@@ -1,20 +1,24 @@
-"""The press artefact: what one press needs to be watched, in one versioned, digested file.
+"""Press artefact: all data that inspection needs of one press, in one versioned, digested file.
 
-What it may hold, ``press_schema`` says; nothing else is written or read. Schema history:
-1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
-2: the inks it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
-3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
-4: the detectors taught for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
-5: in our detector, forests that tell each kind of misprint from good pages (tensors ``ours.tolerance.kind*``).
-6: in it, where the score that no misprint taught speaks for itself (``outright``). Said only where it differs from what
-presses of before did, so that their digests stay: ``fringes``, ``rip_dpi``, ``rip_engine``, and in our detector
-``prior``.
-7: our detector is a ranking that was learned once, made fit for the press by its own good pages (``ours.values``,
-``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
-8: those of other presses by how many pages made a ranking fit (``ours.reference``, ``ours.reference_pages``).
-9: the same, of statistics of pages that are predicted anew where they lie; scores of schema 8 would not fit these.
-10: in our detector, statistics of small windows by class of place (``statistics.marks``), and a screen that alone
-decides; and ``floor_share``.
+``press_schema`` defines its contents; nothing else is written or read. Schema history:
+
+- 1: geometry, sensors (tables, footprints, columns, backing), appearance, costs, promise, supersampling, origin.
+- 2: the inks that it was made from (tensors ``inks.*``, ``ink_facts``) and ``clipped``, where noise is not Gaussian.
+- 3: short footprints with their lens corrections (tensors ``correction_*``), and ``variation``.
+- 4: the detectors trained for this press (tensors ``ours.*``, ``bayes.*``, and ``detectors``); each may be absent.
+- 5: in the matched-filter detector (``ours``), forests that separate each kind of misprint from good pages (tensors
+  ``ours.tolerance.kind*``).
+- 6: in it, the threshold above which the score that was trained on no misprint decides alone (``outright``). Stored
+  only where they differ from the behaviour of earlier presses, so that the digests of those stay: ``fringes``,
+  ``rip_dpi``, ``rip_engine``, and ``prior`` in the matched-filter detector.
+- 7: the matched-filter detector is a ranking that was trained once, adapted to the press by its own good pages
+  (``ours.values``, ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
+- 8: reference scores of other presses by the number of pages that adapted the ranking (``ours.reference``,
+  ``ours.reference_pages``).
+- 9: the same, from statistics of pages that are predicted again at their measured position; scores of schema 8 would
+  not fit these.
+- 10: in the matched-filter detector, statistics of small windows by class of place (``statistics.marks``), and a screen
+  that decides alone; and ``floor_share``.
 """
 
 from __future__ import annotations
@@ -66,17 +70,17 @@ REBUILD = "build it again with `prooflight press build`"
 
 MUPDF: Final = RipEngine()
 LIGHT_STEPS: Final = 18
-"""15 bytes of ink apart, so that no ink and all of it are two of them."""
+"""Steps of ink, 15 bytes apart, so that no ink and full ink are both among them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClippedShare:
-    """Shares of a sensor's table nodes whose noise is cut off, so that it is not Gaussian; 0..1 each."""
+    """Shares of a sensor's table nodes whose noise is clipped, so that it is not Gaussian; 0..1 each."""
 
     black: float
-    """Within four sigma of 0 DN."""
+    """Share of the nodes within four sigma of 0 DN."""
     saturation: float
-    """Within four sigma of the top code."""
+    """Share of the nodes within four sigma of the top code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,44 +91,50 @@ class Press(Shown):
     geometry: ScanGeometry
     sensors: tuple[SensorModel, ...]
     supersampling: int
-    """Raster pixels across one camera pixel at which PDF pages are ripped."""
+    """Number of raster pixels across one camera pixel at which PDF pages are ripped."""
     appearance_srgb: NDArray[np.uint8]
-    """(n, n, n, n, 3) sRGB of recipes at n even steps of each ink, paper shown white; for pictures only."""
+    """Appearance of recipes at n even steps of each ink, (n, n, n, n, 3) sRGB, paper shown white; for pictures only."""
     costs: RunningCosts
     good_pages_per_false_alarm: float
-    """The promise: one good page in so many may alarm."""
+    """Inverse of the target false-alarm rate: one good page in this number may alarm."""
     floor_share: float = FLOOR_SHARE
-    """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0: none is."""
+    """Least difference from the expected light, as a share of paper white, that is a misprint in flat places.
+
+    0: none is.
+    """
     origin: Mapping[str, str] = field(default_factory=dict)
-    """What it was made from: texts, digests, seed."""
+    """Origin of the press: texts, digests, seed."""
     ink_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """Arrays of the ink model that the tables were made from; ``commissioning.inks`` makes the model again."""
+    """Arrays of the ink model that the tables were made from; ``commissioning.inks`` rebuilds the model from them."""
     ink_facts: Mapping[str, str] = field(default_factory=dict)
-    """Its name, its kind and what it is worth."""
+    """Name, kind and cross-validation score of the ink model."""
     clipped: tuple[ClippedShare, ...] = ()
-    """Of each sensor; empty where nobody looked."""
+    """Clipped shares of each sensor; empty where they were not determined."""
     variation: Mapping[str, Any] = field(default_factory=dict)
-    """How much good prints of this press vary, as far as it is known: what JSON can hold."""
+    """Variation of this press's good prints, as far as it is known, in types that JSON can hold."""
     fringes: bool = False
-    """Whether our detector predicts planes that share edges where their fringes show them; it is taught with it."""
+    """Whether the matched-filter detector predicts planes that share edges at the positions that their fringes show.
+
+    The detector is trained with the same setting.
+    """
     rip_dpi: float | None = None
-    """Resolution at which the press itself rips PDFs; None: nobody said. [pixels/inch]"""
+    """Resolution at which the press itself rips PDFs; None: unknown. [pixels/inch]"""
     rip_engine: RipEngine = MUPDF
-    """What draws the pages of PDFs: MuPDF, or what the press file names."""
+    """Engine that draws the pages of PDFs: MuPDF, or the one that the press file names."""
     ours: CalibratedDetector | None = None
-    """Our detector, taught for this press; None: not yet."""
+    """Matched-filter detector, trained for this press; None: not yet trained."""
     bayes: BayesDetector | None = None
-    """The paper's learned detector, taught for this press; None: not yet."""
+    """The paper's learned detector, trained for this press; None: not yet trained."""
 
     @property
     def dpi(self) -> float:
-        """Resolution at which this press wants PDF pages ripped. [pixels/inch]"""
+        """Return the resolution at which PDF pages are ripped for this press. [pixels/inch]"""
         return self.geometry.raster_dpi(self.supersampling)
 
     @property
     def ink_light(self) -> InkLight:
-        """How its inks take the light of all its sensors together."""
-        found, steps = [], np.linspace(0, 1, LIGHT_STEPS)
+        """Return the light that each ink absorbs at even steps: a share of its solid's, mean over the sensors."""
+        absorbed, steps = [], np.linspace(0, 1, LIGHT_STEPS)
         for ink in range(4):
             alone = [
                 np.moveaxis(one.mean_dn, ink, 0)[:, 0, 0, 0].astype(np.float64) / one.white_dn
@@ -132,11 +142,14 @@ class Press(Shown):
             ]
             along = np.mean(alone, axis=0)
             taken = np.maximum.accumulate(along[0] - np.interp(steps, node_fractions(), along))
-            found.append(tuple((taken / taken[-1]).tolist()))
-        return tuple(found)
+            absorbed.append(tuple((taken / taken[-1]).tolist()))
+        return tuple(absorbed)
 
     def station(self, threads: int | None = None) -> Station:
-        """What a detector needs to know of it. threads: that one page may take; None: one a core."""
+        """Return the part of the press that a detector needs.
+
+        threads: number of threads that one page may use; None: one a core.
+        """
         return Station(
             name=self.name,
             sensors=self.sensors,
@@ -149,17 +162,17 @@ class Press(Shown):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything in it; equal digests, equal verdicts."""
+        """Return the SHA-256 of everything in it; equal digests, equal verdicts."""
         arrays, document = self._parts()
         return _digest(arrays, document)
 
     def check(self) -> None:
-        """PressError, with the field's name, if it holds what no artefact may: nothing can be judged by it."""
+        """Raise PressError, with the field's name, if it holds a value that no artefact may hold."""
         arrays, document = self._parts()
         _checked(f"press {self.name}", document, arrays)
 
     def save(self, path: str | Path) -> str:
-        """Write to ``path``, whole or not at all; returns the digest. PressError: ``load`` would refuse it."""
+        """Write to ``path``, whole or not at all, and return the digest. PressError: ``load`` would refuse it."""
         path = Path(path)
         arrays, document = self._parts()
         _checked(path, document, arrays)
@@ -171,7 +184,10 @@ class Press(Shown):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a press artefact; PressError if it is none, damaged, of another schema, or holds what none may."""
+        """Read a press artefact.
+
+        PressError if it is none, damaged, of another schema, or holds a value that none may hold.
+        """
         path = Path(path)
         if not path.is_file():
             raise PressError(path, "there is no such file", remedy=f"{REBUILD} or give the right path")
@@ -269,7 +285,7 @@ def _engine(facts: Mapping[str, Any] | None) -> RipEngine:
 
 
 def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
-    """Document and arrays whose digest is right, yet unchecked. Damaged, Misfit: see ``Tensors``."""
+    """Read document and arrays whose digest is right, yet unchecked. Damaged, Misfit: see ``Tensors``."""
     file = Tensors(path)
     if file.texts.get("kind") != KIND:
         raise PressError(path, "is not a press artefact", remedy=REBUILD)
@@ -285,7 +301,7 @@ def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
 
 
 def _checked(where: object, document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """What ``document`` says, once all of it and of ``arrays`` is known to be sound."""
+    """Return the content of ``document``, after all of it and of ``arrays`` has been checked."""
     try:
         return check_press(document, arrays)
     except Misfit as error:

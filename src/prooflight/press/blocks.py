@@ -1,4 +1,4 @@
-"""What may stand in a press file (TOML), and what is said of one in which something else stands."""
+"""Schema of a press file (TOML), and the error messages for values that it does not allow."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]
 Share = Annotated[float, Field(strict=True, ge=LEAST, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
-"""Of what good prints do: per cent, micrometres, millimetres."""
+"""Amount of variation of good prints: per cent, micrometres, millimetres."""
 Range = tuple[
     Annotated[float, Field(strict=True, ge=1e-3, le=1000)], Annotated[float, Field(strict=True, le=1000)]
 ]
 
 LEAST_RIP_DPI, MOST_RIP_DPI = 100, 5080
-"""Of what rips for a press: fax to film."""
+"""Range of resolutions of a press's RIP: fax to film."""
 Lead = Annotated[float, Field(strict=True, ge=0, le=10_000)]
 _DEEPEST = 8
-"""Tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
+"""Greatest depth of tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
-"""``a.b.c`` and so on: tomllib takes time and memory in the square of its parts."""
+"""Keys such as ``a.b.c`` of many parts: tomllib takes time and memory in the square of their number."""
 
 
 class _Block(BaseModel):
@@ -130,10 +130,10 @@ class TransportBlock(_Block):
 
 
 class RipBlock(_Block):
-    """``[rip]``: how the press makes pixels of a PDF."""
+    """``[rip]``: conversion of PDF pages to pixels by the press."""
 
     dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
-    """None: nobody knows."""
+    """Resolution of the press's RIP; None: unknown."""
     engine: Literal["mupdf", "ghostscript", "command"] = "mupdf"
     command: tuple[str, ...] = ()
 
@@ -159,28 +159,38 @@ class CostsBlock(_Block):
 
 
 IN_IDEAL: Final = 100_000.0
-"""Good pages per false alarm where they are as predicted. assumed: a press of 100 pages a minute then stops for nothing
-about once in two shifts."""
+"""Good pages per false alarm where they are as predicted.
+
+assumed: a press of 100 pages a minute then stops without cause about once in two shifts.
+"""
 
 
 class DecisionBlock(_Block):
     """``[decision]``."""
 
     good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e9)] | None = None
-    """None: ours promises what counts support (``training.train.DEFAULT_RATE``), chi-square ``IN_IDEAL``."""
+    """Good pages per false alarm.
+
+    None: the matched-filter detector's target is the rate that counts support
+    (``training.train.DEFAULT_RATE``), and chi-square's is ``IN_IDEAL``.
+    """
     floor_percent_of_white: Annotated[float, Field(strict=True, ge=0, le=100)] = 100 * FLOOR_SHARE
-    """Difference from the expected light of a flat place, over 0.1 mm2, that is always a misprint; 0: none is."""
+    """Least difference from the expected light of a flat place, over 0.1 mm2, that is always a misprint; 0: none is."""
 
 
 class InspectionBlock(_Block):
-    """``[inspection]``: how our detector looks at scans."""
+    """``[inspection]``: settings of the matched-filter detector."""
 
     fringes: Annotated[bool, Field(strict=True)] = True
-    """``study press``: without, 15 % of misprints are missed at a promised 1 %, with 10 %."""
+    """Whether prediction follows planes that share edges.
+
+    ``study press``: at a target false-alarm rate of 1 %, 15 % of misprints are missed without it and 10 %
+    with it.
+    """
 
 
 class _Amounts(_Block):
-    """A block of amounts; those that are absent are ``worlds.toml``'s."""
+    """Block of amounts; those that are absent are ``worlds.toml``'s."""
 
     @model_validator(mode="after")
     def _ranges_rise(self) -> Self:
@@ -213,13 +223,13 @@ VARIATION = {
     "lamp": ("profile_percent", "profile_print_percent", "flicker_percent"),
     "camera": ("column_gain_percent", "sigma_error", "table_gain_percent", "table_shape_percent"),
 }
-"""The amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may state anew."""
+"""Amounts of ``worlds.toml``'s ``[press.*]``, which ``[variation.*]`` may override."""
 VARIATION_RANGES = ("specks_ink_percent", "specks_diameter_mm", "sigma_error")
-"""Those of them that are [least, greatest]."""
+"""Amounts among them that are given as [least, greatest]."""
 
 
 def _variation_block() -> type[_Block]:
-    """``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
+    """Build ``[variation]``: ``all_times``, a factor on the amounts that are not given, and the amounts that are."""
     blocks: dict[str, Any] = {"all_times": (Annotated[float, Field(strict=True, ge=0, le=100)], 1.0)}
     for block, names in VARIATION.items():
         fields: dict[str, Any] = {
@@ -234,30 +244,33 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
-Word = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 
 
 Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
-"""Of a sensor's lines or pixels: sensors that look at the page 10 m apart at the prototype's pitch."""
+"""Offset of a sensor's lines or pixels; the limit is 10 m between sensors on the page at the prototype's pitch."""
 Offsets = Annotated[tuple[Offset, ...], Field(max_length=16)]
 
 
 class CameraBlock(_Block):
-    """``[camera]``, or one of ``[[camera]]``: how a line camera is set up; what is not given stays as it stands."""
+    """``[camera]``, or one of ``[[camera]]``: settings of a line camera.
 
-    id: Word | None = None
-    pixel_format: Word | None = None
+    A setting that is not given is left unchanged.
+    """
+
+    id: ShortText | None = None
+    pixel_format: ShortText | None = None
     block_lines: Count | None = None
     line_rate_hz: Positive | None = None
     exposure_us: Positive | None = None
     trigger: Literal["free", "encoder"] | None = None
-    trigger_source: Word | None = None
+    trigger_source: ShortText | None = None
     encoder_steps: Count | None = None
     chunks: Annotated[bool, Field(strict=True)] | None = None
     offset_lines: Offsets = ()
     offset_pixels: Offsets = ()
-    features: Annotated[dict[Word, bool | int | float | str], Field(max_length=1000)] = {}
-    names: Annotated[dict[Word, dict[Word, Word]], Field(max_length=100)] = {}
+    features: Annotated[dict[ShortText, bool | int | float | str], Field(max_length=1000)] = {}
+    names: Annotated[dict[ShortText, dict[ShortText, ShortText]], Field(max_length=100)] = {}
 
 
 Register = Annotated[int, Field(strict=True, ge=0, le=65_535)]
@@ -267,7 +280,7 @@ Milliseconds = Annotated[int, Field(strict=True, ge=1, le=60_000)]
 class PlcBlock(_Block):
     """``[gate.plc]``: the plant's controller, a Modbus TCP server."""
 
-    host: Word
+    host: ShortText
     port: Annotated[int, Field(strict=True, ge=1, le=65_535)] = 502
     unit: Annotated[int, Field(strict=True, ge=0, le=255)] = 1
     style: Literal["registers", "coil"] = "registers"
@@ -276,14 +289,14 @@ class PlcBlock(_Block):
     counts_per_mm: Positive = 10.0
     """assumed: an encoder of 5,000 counts on a wheel of 500 mm."""
     cycle_ms: Milliseconds = 20
-    """assumed: two scans of a usual controller."""
+    """assumed: two scan cycles of a usual controller."""
     timeout_ms: Milliseconds = 250
     heartbeat_ms: Milliseconds = 500
-    """assumed: half the way from camera to gate at 2 m/s and 2 m."""
+    """assumed: half the time from camera to gate at 2 m/s and 2 m."""
 
 
 class GateBlock(_Block):
-    """``[gate]``: where bad sheets leave the paper path."""
+    """``[gate]``: the gate at which bad sheets leave the paper path."""
 
     distance_mm: Positive
     tolerance_mm: Positive = 40.0
@@ -303,7 +316,7 @@ class GateBlock(_Block):
 
 
 class Document(_Block):
-    """All of a press file."""
+    """Complete press file."""
 
     light: LightBlock
     lens: LensBlock
@@ -325,7 +338,7 @@ class Document(_Block):
 
 
 def checked(path: Path, text: str) -> Document:
-    """The document that a file's text is; PressFileError names the field that is wrong and what would be right."""
+    """Return a file's text as a checked document; PressFileError names the wrong field and a valid value."""
     tree = _tree(path, text)
     _refuse_what_no_field_holds(path, tree)
     try:
@@ -351,7 +364,7 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
 
 
 def _refuse_what_no_field_holds(path: Path, tree: dict[str, Any]) -> None:
-    """Numbers too long, tables too deep: neither can be checked field by field, or even be shown."""
+    """Refuse numbers too long and tables too deep: neither can be checked field by field, or even be shown."""
     level: list[tuple[str, Any]] = list(tree.items())
     for _ in range(_DEEPEST):
         for field, value in level:
@@ -390,7 +403,7 @@ def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> Pre
         case "missing":
             return PressFileError(path, f"{field} is missing{more}", remedy="add it")
         case "extra_forbidden":
-            names = _names_beside(fault["loc"])
+            names = _allowed_names(fault["loc"])
             near = difflib.get_close_matches(place[-1], names, n=1)
             meant = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
             return PressFileError(path, f"{field} is not a known field{more}", remedy=meant)
@@ -402,8 +415,8 @@ def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> Pre
             )
 
 
-def _names_beside(place: tuple[Any, ...]) -> list[str]:
-    """Fields that are allowed where an unknown one stood."""
+def _allowed_names(place: tuple[Any, ...]) -> list[str]:
+    """Return the names of the fields that are allowed at the place of an unknown one."""
     block: type[BaseModel] = Document
     for part in place[:-1]:
         if isinstance(part, str):
@@ -413,7 +426,7 @@ def _names_beside(place: tuple[Any, ...]) -> list[str]:
 
 
 def _block_of(annotation: Any) -> type[BaseModel]:
-    """The block that a field holds: itself, or each of several."""
+    """Return the block that a field holds: itself, or each of several."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return _block_of(get_args(annotation)[0])

@@ -1,4 +1,4 @@
-"""``[gate]`` of a press file: where bad sheets leave the paper path, and the controller that moves the gate."""
+"""``[gate]`` of a press file: the gate at which bad sheets leave the paper path, and the controller that moves it."""
 
 from __future__ import annotations
 
@@ -16,22 +16,26 @@ class PlcSettings:
     port: int = 502
     unit: int = 1
     style: Literal["registers", "coil"] = "registers"
-    """registers: a result a sheet, which the controller matches by its encoder. coil: one output, timed by us."""
+    """Protocol of the controller.
+
+    registers: one result for each sheet, which the controller matches by its encoder. coil: one output, timed
+    by this program.
+    """
     first_register: int = 0
-    """Of the register map, as the protocol counts: 0 is what many controllers call 40001."""
+    """First register of the register map, as the protocol counts: 0 is called 40001 by many controllers."""
     coil: int = 0
     counts_per_mm: float = 10.0
-    """Of the encoder whose count the controller shows."""
+    """Counts per millimetre of the encoder whose count the controller shows."""
     cycle_ms: int = 20
-    """From one exchange of registers to the next."""
+    """Period of the exchange of registers."""
     timeout_ms: int = 250
-    """Without an answer, after which the connection is given up and opened again."""
+    """Time without an answer after which the connection is closed and opened again."""
     heartbeat_ms: int = 500
-    """Without a change of the other's heartbeat, after which either side takes the other to be gone."""
+    """Time without a change of the other side's heartbeat after which that side is taken to be disconnected."""
 
     @property
     def where(self) -> str:
-        """For people."""
+        """Return the controller's address, for messages."""
         return f"{self.host}:{self.port}"
 
 
@@ -40,17 +44,17 @@ class GateSettings:
     """``[gate]``."""
 
     distance_mm: float
-    """From the line that the camera sees to the gate's eye, along the paper path."""
+    """Distance along the paper path from the line that the camera sees to the gate's photo-eye."""
     tolerance_mm: float = 40.0
-    """How far from its place a sheet may reach the gate and still be the sheet that was judged."""
+    """Greatest distance of a sheet from its expected position at the gate at which it is still taken for that sheet."""
     policy: Policy = "reject"
-    """What becomes of a sheet in every doubt."""
+    """Action on a sheet in every case of doubt."""
     divert: Literal["sheet", "until-clean-break"] = "sheet"
-    """What leaves with a bad sheet: it (and the rest of its set), or all until the next whole copy begins."""
+    """Sheets that leave with a bad sheet: it (and the rest of its set), or all until the next whole copy begins."""
     pages_a_set: int = 1
-    """A bad page spoils its set."""
+    """Number of pages in a set; one bad page spoils its set."""
     stop_in_a_row: int | None = None
-    """Misprints one behind the other, at which the press is stopped."""
+    """Number of consecutive misprints at which the press is stopped."""
     stop_of: tuple[int, int] | None = None
-    """Misprints, of so many sheets, at which the press is stopped."""
+    """Number of misprints, and the number of sheets among which they occur, at which the press is stopped."""
     plc: PlcSettings

@@ -1,6 +1,6 @@
-"""What a camera may not be, however right each of its numbers is: too fine, too blurred, too dark to compute with.
+"""Limits of a camera as a whole: combinations of valid numbers that are too fine, too blurred or too dark to compute.
 
-Said before anything is computed, in words of the press file.
+They are checked before anything is computed, and reported in the fields of the press file.
 """
 
 from __future__ import annotations
@@ -20,19 +20,21 @@ if TYPE_CHECKING:
 
 FINEST_MM: Final = 0.001
 COARSEST_MM: Final = 5.0
-"""Of what a pixel or a line sees of the page; office-class cameras see 0.02 to 0.3 mm."""
+"""Greatest extent of a pixel or a line on the page; office-class cameras see 0.02 to 0.3 mm."""
 LONGEST_BLUR_PIXELS: Final = 256.0
-"""Motion, binning and TDI smear together. Its footprint takes 150 MB to compute, and the exact camera as many times a
-page's memory as it has pixels."""
+"""Greatest blur by motion, binning and TDI smear combined.
+
+Its footprint takes 150 MB to compute, and the exact camera as many times a page's memory as it has pixels.
+"""
 LARGEST_SCAN_GB: Final = 2.0
-"""Of an A4 page."""
+"""Greatest size of the scan of an A4 page."""
 _A4_LENGTH_MM: Final = 297.0
 _FEWEST_ELECTRONS: Final = 1e-3
-"""Of white paper in a line: no sensor has so little noise that less could be seen."""
+"""Least electrons of white paper in a line: no sensor has so little noise that less could be seen."""
 
 
 def refuse_unworkable(path: Path, camera: Camera) -> None:
-    """PressFileError names the fields whose numbers do not go together, and what would be right."""
+    """Refuse a camera whose numbers do not go together; PressFileError names the fields and valid values."""
     _refuse_pitches(path, camera)
     _refuse_blur(path, camera)
     _refuse_large_scans(path, camera)
@@ -54,7 +56,7 @@ def _refuse_pitches(path: Path, camera: Camera) -> None:
 
 
 def _line_rate(camera: Camera) -> str:
-    """What would make lines as far apart as pixels are wide."""
+    """Return the setting that would make lines as far apart as pixels are wide."""
     if camera.speed_mm_s is None:
         return "lower transport.binning_along"
     wanted = camera.speed_mm_s / camera.pixel_pitch_mm

@@ -1,6 +1,7 @@
-"""``[plant.*]`` of a press file: who is told what a run finds, and how they are reached.
+"""``[plant.*]`` of a press file: the receivers of a run's events, and how they are reached.
 
-Passwords and secrets never stand in a press file: it names a file or a variable of the environment that holds one.
+Passwords and secrets never stand in a press file: it names a file or a variable of the environment that holds
+one.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ SECRET_FILES: Final = GivenFiles(
     error=PressFileError, remedy="name a file of one line that holds the secret", largest_mb=0.01
 )
 LEAST_SECRET: Final = 16
-"""Characters of a webhook's secret. assumed: 16 random letters and digits cannot be guessed."""
+"""Least number of characters of a webhook's secret. assumed: 16 random letters and digits cannot be guessed."""
 
 Text = Annotated[str, Field(strict=True, min_length=1, max_length=500)]
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
@@ -51,16 +52,16 @@ class MqttBlock(_Block):
 
     host: Text
     port: Port | None = None
-    """None: 1883, with ``tls`` 8883."""
+    """Port; None: 1883, with ``tls`` 8883."""
     topic: Topic | None = None
-    """Under which all topics lie; None: prooflight/ and the press's name."""
+    """Prefix of all topics; None: prooflight/ and the press's name."""
     client_id: Text | None = None
     user: Text | None = None
     password_file: Text | None = None
     password_env: Text | None = None
     tls: Annotated[bool, Field(strict=True)] = False
     ca_file: Text | None = None
-    """Whom to trust; None: whom the system trusts."""
+    """Certificates to trust; None: the system's."""
     keepalive_s: Annotated[int, Field(strict=True, ge=1, le=3600)] = 10
 
     @model_validator(mode="after")
@@ -81,7 +82,7 @@ class WebhookBlock(_Block):
     secret_file: Text | None = None
     secret_env: Text | None = None
     events: Annotated[tuple[Kind, ...], Field(min_length=1)] | None = None
-    """None: all."""
+    """Kinds of events to send; None: all."""
     timeout_s: Seconds = 10.0
     ca_file: Text | None = None
 
@@ -98,12 +99,12 @@ class XjmfBlock(_Block):
     """``[plant.xjmf]``."""
 
     url: Url | None = None
-    """To which signals are pushed; None: none are."""
+    """Address to which signals are pushed; None: none are."""
     listen: Text | None = None
-    """HOST:PORT at which queries are answered; None: none are."""
+    """Address HOST:PORT at which queries are answered; None: none are."""
     device_id: Annotated[str, Field(strict=True, max_length=100, pattern=r"^[\w.:-]+$")] = "prooflight"
     sheets: Literal["all", "alarms"] = "all"
-    """Of which signals are pushed."""
+    """Sheets of which signals are pushed."""
     timeout_s: Seconds = 10.0
     ca_file: Text | None = None
 
@@ -155,7 +156,7 @@ class PlantBlock(_Block):
     """``[plant]``."""
 
     room: Room = 10_000
-    """Events that may wait at each outlet."""
+    """Number of events that may wait at each outlet."""
     mqtt: MqttBlock | None = None
     webhook: Annotated[tuple[WebhookBlock, ...], Field(max_length=16)] = ()
     xjmf: XjmfBlock | None = None
@@ -163,7 +164,7 @@ class PlantBlock(_Block):
 
 
 def address(text: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT, [IPV6]:PORT. ValueError: it is none."""
+    """Return host and port of HOST:PORT, [IPV6]:PORT. ValueError: it is none."""
     host, colon, port = text.rpartition(":")
     if not (colon and host and port.isascii() and port.isdecimal() and 0 <= int(port) <= 65535):
         message = "listen must be HOST:PORT"
@@ -172,37 +173,37 @@ def address(text: str) -> tuple[str, int]:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody beyond this machine can reach it."""
+    """Return whether the host can be reached from this machine alone."""
     return host in ("localhost", "::1") or host.startswith("127.")
 
 
 def secret(
     path: Path, where: str, block: BaseModel, name: str, environment: Mapping[str, str] = os.environ
 ) -> str | None:
-    """What ``name``_file or ``name``_env of a block holds, without the line's end; None: neither is given.
+    """Return the secret in ``name``_file or ``name``_env of a block, without the line's end; None: neither is given.
 
-    path: of the press file, beside which the file lies. where: the block, for errors. PressFileError: it is not there,
-    or it is empty.
+    path: of the press file, to which the file's name is relative. where: the block, for errors.
+    PressFileError: it is missing, or it is empty.
     """
     file, variable = getattr(block, f"{name}_file"), getattr(block, f"{name}_env")
     if file is not None:
         field = f"{where}.{name}_file"
         try:
-            found = SECRET_FILES.read_text(path.parent / file).rstrip("\n")
+            content = SECRET_FILES.read_text(path.parent / file).rstrip("\n")
         except (OSError, PressFileError) as error:
             raise PressFileError(
                 path, f"{field}: {shortly(file)} cannot be read", remedy=SECRET_FILES.remedy
             ) from error
     elif variable is not None:
         field = f"{where}.{name}_env"
-        found = environment.get(variable, "")
+        content = environment.get(variable, "")
     else:
         return None
-    if not found or "\n" in found:
-        what = "is empty" if not found else "holds more than a line"
+    if not content or "\n" in content:
+        what = "is empty" if not content else "holds more than a line"
         named = shortly(file or variable)
         raise PressFileError(path, f"{field}: {named} {what}", remedy="let it hold the secret alone")
-    return found
+    return content
 
 
 def _one_of(block: BaseModel, one: str, other: str) -> None:

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 class PressJob(Job):
-    """An open job whose pages come as they enter one press (``ScanGeometry.lay``)."""
+    """Open job whose pages are given as they enter one press (``ScanGeometry.lay``)."""
 
     def __init__(self, source: JobSource, press: Press) -> None:
-        """Errors as ``open_job``."""
+        """Open the job; errors as ``open_job``."""
         super().__init__(source)
         self.press = press
 
@@ -26,14 +26,14 @@ class PressJob(Job):
         return PressJob, (self.source, self.press)
 
     def page(self, number: int) -> Page:
-        """Page ``number``, from 1; errors as ``Job.page``; JobError: it does not fit this press."""
+        """Return page ``number``, from 1; errors as ``Job.page``; JobError: it does not fit this press."""
         return self.press.geometry.lay(super().page(number))
 
 
 def job_source(
     path: Path, press: Press, *, profile: Path | None = None, layout: Layout | None = None
 ) -> JobSource:
-    """A job as this press wants it: PDFs drawn at its RIP's resolution, and pixels taken together by its inks."""
+    """Return a job prepared for this press: PDFs are drawn at its RIP's resolution, and pixels pooled by its inks."""
     return JobSource(
         path=path,
         dpi=press.dpi,
@@ -46,7 +46,7 @@ def job_source(
 
 
 def drawn_dpi(press: Press) -> float:
-    """Resolution at which PDF pages are drawn for a press before their pixels are taken together. [pixels/inch]"""
+    """Return the resolution at which PDF pages are drawn for a press before their pixels are pooled. [pixels/inch]"""
     return press.rip_dpi or FINER * press.dpi
 
 
@@ -62,8 +62,8 @@ def open_job(path: str | Path, press: Press, *, profile: str | Path | None = Non
 
 
 def predict(page: Page, press: Press) -> Prediction:
-    """The lines that the camera of a press must see of a page in its place, and how sure that is.
+    """Predict the lines that the camera of a press sees of a page in its place, and their variance.
 
-    page: as it enters the press (``ScanGeometry.lay``); pages of ``open_job`` are.
+    page: as it enters the press (``ScanGeometry.lay``); pages of ``open_job`` do.
     """
     return press.station().predict(page)

@@ -1,6 +1,6 @@
-"""The press file (TOML): one press and its camera in a user's words.
+"""Press file (TOML): one press and its camera, as a user describes them.
 
-Units stand in the names; unknown fields are refused.
+Units are part of the names; unknown fields are refused.
 """
 
 from __future__ import annotations
@@ -49,25 +49,25 @@ CURVE_FILES: Final = GivenFiles(
     error=PressFileError, remedy="name a file of wavelengths and values", largest_mb=0.25
 )
 TWO_SENSORS: Final = "two-sensors.toml"
-"""The paper's camera with its second sensor, among the presets."""
+"""Preset of the paper's camera with its second sensor."""
 
 
 class PressFile:
-    """A press file that has been read and checked; builds the values that the stages work with."""
+    """Press file that has been read and checked; builds the values that the stages work with."""
 
     def __init__(self, path: Path, text: str) -> None:
-        """``path`` is named in errors and is where relative file names start from."""
+        """Check ``text``; ``path`` is named in errors, and relative file names start from it."""
         self.path, self.text = path, text
         self._document = checked(path, text)
         self._inks: ReflectanceModel | None = None
 
     def __reduce__(self) -> tuple[object, ...]:
-        """To worker processes, which read it again."""
+        """Pickle by path and text, so that worker processes parse it again."""
         return type(self), (self.path, self.text)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read a file; PressFileError names the field that is wrong and what would be right."""
+        """Read a file; PressFileError names the wrong field and a valid value."""
         path = Path(path)
         try:
             text = PRESS_FILES.read_text(path)
@@ -77,28 +77,28 @@ class PressFile:
 
     @classmethod
     def preset(cls, name: str) -> Self:
-        """One that comes with the package; errors name it without its folder."""
+        """Read a preset of the package; errors name it without its folder."""
         file = resources.files("prooflight.press").joinpath("presets", name)
         return cls(Path(name), file.read_text(encoding="utf-8"))
 
     @classmethod
     def prototype(cls) -> Self:
-        """The paper's rig with the built-in inks."""
+        """Read the paper's rig with the built-in inks."""
         return cls.preset("prototype.toml")
 
     @property
     def name(self) -> str:
-        """The press's name: the file's."""
+        """Return the press's name: the file's."""
         return self.path.stem
 
     @property
     def good_pages_per_false_alarm(self) -> float:
-        """The promise of ``[decision]``, or what chi-square promises where none is stated."""
+        """Return the good pages per false alarm of ``[decision]``, or chi-square's where none is stated."""
         return self._document.decision.good_pages_per_false_alarm or IN_IDEAL
 
     @property
     def states_promise(self) -> bool:
-        """Whether ``[decision]`` says how rarely good pages may alarm."""
+        """Return whether ``[decision]`` states the false-alarm rate."""
         return self._document.decision.good_pages_per_false_alarm is not None
 
     @property
@@ -108,68 +108,70 @@ class PressFile:
 
     @property
     def fringes(self) -> bool:
-        """``[inspection]``: whether prediction follows planes that share edges."""
+        """Return whether prediction follows planes that share edges, from ``[inspection]``."""
         return self._document.inspection.fringes
 
     @property
     def rip_dpi(self) -> float | None:
-        """``[rip]``: at what resolution the press rips PDFs; None: the file does not say. [pixels/inch]"""
+        """Return the resolution of ``[rip]`` at which the press rips PDFs; None: not stated. [pixels/inch]"""
         return self._document.rip.dpi
 
     @property
     def rip_engine(self) -> RipEngine:
-        """``[rip]``: what draws the pages of PDFs."""
+        """Return the engine of ``[rip]`` that draws the pages of PDFs."""
         block = self._document.rip
         return RipEngine(name=block.engine, command=block.command)
 
     @property
     def backing_reflectance(self) -> float:
-        """Reflectance of what lies beyond the page, the same at every wavelength. [-]"""
+        """Return the reflectance of the backing beyond the page, the same at every wavelength. [-]"""
         return self._document.transport.backing_reflectance
 
     def costs(self) -> RunningCosts:
-        """``[costs]``."""
+        """Return the costs of ``[costs]``."""
         return RunningCosts(**self._document.costs.model_dump())
 
     def variation(self) -> dict[str, Any]:
-        """``[variation]`` as it stands in the file: only what is given, nested alike, ranges as lists."""
+        """Return ``[variation]`` as it stands in the file: only given amounts, nested alike, ranges as lists."""
         given: BaseModel = self._document.variation
         return given.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
     def camera_settings(self) -> CameraSettings:
-        """``[camera]``, or the first of ``[[camera]]``; errors as of ``cameras``."""
+        """Return ``[camera]``, or the first of ``[[camera]]``; errors as of ``cameras``."""
         return (*self.cameras(), CameraSettings())[0]
 
     def cameras(self) -> tuple[CameraSettings, ...]:
-        """How each line camera is to be set up; PressFileError: a name in it is none of ours."""
-        found = tuple(CameraSettings(**block.model_dump()) for block in self._document.camera)
-        for settings in found:
+        """Return the settings of each line camera; PressFileError: it holds an unknown name."""
+        cameras = tuple(CameraSettings(**block.model_dump()) for block in self._document.camera)
+        for settings in cameras:
             for model, names in settings.names.items():
-                for word in names:
-                    if word not in NAMES:
-                        what = f"camera.names.{shortly(model)}.{shortly(word)} is nothing that can be named"
+                for feature in names:
+                    if feature not in NAMES:
+                        what = (
+                            f"camera.names.{shortly(model)}.{shortly(feature)} is nothing that can be named"
+                        )
                         raise PressFileError(self.path, what, remedy=f"name {', '.join(NAMES)}")
-        return found
+        return cameras
 
     def sensor_offsets(self) -> tuple[SensorOffset, ...]:
-        """How far each sensor's lines lie from those of the press; PressFileError: they are not of its sensors.
+        """Return the offset of each sensor's lines from the press's; PressFileError: they are not of its sensors.
 
-        One of each ``[[sensor]]``; none are stated: all lie in their place.
+        One entry for each ``[[sensor]]``; none where the file states no offset.
         """
         sensors, cameras = len(self._document.sensor), self.cameras()
         stated = [camera.offset_lines or camera.offset_pixels for camera in cameras]
         if not any(stated):
             return (SensorOffset(),) * sensors
-        found = [
+        offsets = [
             offset for camera in cameras for offset in camera.offsets(sensors if len(cameras) == 1 else None)
         ]
-        if len(found) != sensors:
-            what = f"camera.offset_lines and offset_pixels are of {len(found)} sensors"
+        if len(offsets) != sensors:
+            what = f"camera.offset_lines and offset_pixels are of {len(offsets)} sensors"
             raise PressFileError(self.path, what, remedy=f"give one each of the file's {sensors} sensors")
-        return tuple(found)
+        return tuple(offsets)
 
     def gate_settings(self) -> GateSettings | None:
-        """``[gate]``: where bad sheets leave the paper path; None: the press has no gate."""
+        """Return ``[gate]``, the gate at which bad sheets leave the paper path; None: the press has no gate."""
         block = self._document.gate
         if block is None:
             return None
@@ -178,13 +180,14 @@ class PressFile:
 
     @property
     def plant(self) -> PlantBlock:
-        """``[plant]``: who is told what a run finds."""
+        """Return ``[plant]``, the receivers of a run's events."""
         return self._document.plant
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
-        """``[inks]``: the built-in press where no chart is named. ChartError: the chart cannot be used.
+        """Return the ink model of ``[inks]``: the built-in press where no chart is named.
 
-        Fitting takes up to half a minute, so ``progress`` is told what is tried, and the model is kept.
+        Fitting takes up to half a minute, so ``progress`` is called with each step, and the model is cached.
+        ChartError: the chart cannot be used.
         """
         if self._inks is None:
             block = self._document.inks
@@ -200,7 +203,7 @@ class PressFile:
         return self._inks
 
     def camera(self) -> Camera:
-        """``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""
+        """Build the camera from ``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""
         document = self._document
         try:
             camera = Camera(
@@ -218,7 +221,7 @@ class PressFile:
         return camera
 
     def geometry(self, camera: Camera) -> ScanGeometry:
-        """How ``camera`` samples a page on this transport."""
+        """Return how ``camera`` samples a page on this transport."""
         transport = self._document.transport
         return ScanGeometry(
             pixels=camera.sensors[0].pixels,
@@ -254,7 +257,7 @@ class PressFile:
         return LineSensor(**block.model_dump(exclude={"quantum_efficiency"}), quantum_efficiency=qe)
 
     def _curve(self, where: str, name: str) -> NDArray[np.float64]:
-        """A two-column file (wavelength nm, value), comma, semicolon, tab or blank between, header lines allowed.
+        """Read a two-column file (wavelength nm, value), comma, semicolon, tab or blank between, header lines allowed.
 
         PressFileError names the line that is neither.
         """
@@ -290,7 +293,10 @@ class PressFile:
 
 
 def _pairs(text: str) -> list[tuple[float, float]]:
-    """Rows of a curve's file; lines before the first number are its header. ValueError names the line at fault."""
+    """Read the rows of a curve's file; lines before the first number are its header.
+
+    ValueError names the wrong line.
+    """
     rows: list[tuple[float, float]] = []
     for at, line in enumerate(text.split("\n"), start=1):
         cells = [
@@ -325,9 +331,9 @@ def _is_header(cell: str, rows: list[tuple[float, float]]) -> bool:
 
 
 def _illuminant(path: Path, name: str) -> NDArray[np.float64]:
-    known = {"A": "A", "C": "C", "E": "E", "D50": "D50", "D55": "D55", "D65": "D65", "D75": "D75"}
-    known |= {f"F{number}": f"FL{number}" for number in range(1, 13)}
-    if name not in known:
+    illuminants = {"A": "A", "C": "C", "E": "E", "D50": "D50", "D55": "D55", "D65": "D65", "D75": "D75"}
+    illuminants |= {f"F{number}": f"FL{number}" for number in range(1, 13)}
+    if name not in illuminants:
         what = f"light.illuminant: there is no illuminant {shortly(name)!r}"
-        raise PressFileError(path, what, remedy=f"choose one of {', '.join(known)}, or give file")
-    return spectra.illuminant(known[name])
+        raise PressFileError(path, what, remedy=f"choose one of {', '.join(illuminants)}, or give file")
+    return spectra.illuminant(illuminants[name])

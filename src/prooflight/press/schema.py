@@ -1,4 +1,4 @@
-"""What a press artefact may hold: every number of its document and of its arrays, checked at save and at load.
+"""Schema of a press artefact: every number of its document and of its arrays, checked at save and at load.
 
 Detectors check their own parts (``deciding``), ink models theirs (``ink_schema``).
 """
@@ -39,17 +39,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LONGEST_PAGE_MM: Final = 420.0
-"""A3, by which the memory that a geometry asks for is reckoned. [mm]"""
+"""Length of an A3 page, from which the memory for a geometry is estimated. [mm]"""
 MOST_SCAN_BYTES: Final = 2 << 30
-"""Of the prediction of such a page: 4 a camera pixel and sensor."""
+"""Greatest size of the prediction of such a page: 4 bytes a camera pixel and sensor."""
 MOST_RASTER_BYTES: Final = 4 << 30
-"""Of the raster of such a page as wide as the field: 4 a raster pixel."""
+"""Greatest size of the raster of such a page as wide as the field: 4 bytes a raster pixel."""
 FARTHEST: Final = 64.0
-"""Pixel pitches that a footprint reaches at most; ours reach 2 to 6."""
+"""Greatest reach of a footprint in pixel pitches; built presses have 2 to 6."""
 MOST_CODE: Final = 65535
-"""Of 16 bits. [DN]"""
+"""Greatest code of 16 bits. [DN]"""
 EVEN: Final = 1e-3
-"""By which weights that sum to 1 may be off: rounding of float32 comes to 1e-6."""
+"""Tolerance of weights that sum to 1: rounding of float32 comes to 1e-6."""
 
 Text = Annotated[str, Field(strict=True, max_length=4_000_000)]
 Pitch = Annotated[float, Field(strict=True, ge=0.002, le=10, allow_inf_nan=False)]
@@ -69,7 +69,7 @@ class GeometryFacts(Block):
 
 
 class SensorFacts(Block):
-    """What of a ``SensorModel`` is no array."""
+    """Fields of a ``SensorModel`` that are not arrays."""
 
     name: Name
     footprint_reach_mm: Positive
@@ -95,7 +95,7 @@ class ClippedFacts(Block):
 
 
 class DetectorFacts(Block):
-    """Those that were taught; each checks its own."""
+    """Detectors that were trained; each checks its own fields."""
 
     ours: dict[str, Any] | None = None
     bayes: dict[str, Any] | None = None
@@ -114,7 +114,7 @@ class EngineFacts(Block):
 
 
 class PressFacts(Block):
-    """All of a press that is no array."""
+    """All fields of a press that are not arrays."""
 
     name: Name
     geometry: GeometryFacts
@@ -134,7 +134,7 @@ class PressFacts(Block):
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """What ``document`` says; Misfit, with the field's name, unless it and ``arrays`` are a press to inspect by."""
+    """Return the content of ``document``; Misfit, with the field's name, unless it and ``arrays`` are a valid press."""
     raw = parsed(document)
     facts = checked(PressFacts, raw)
     _check_geometry(facts)
@@ -169,12 +169,12 @@ def _check_geometry(facts: PressFacts) -> None:
     for what, size, most in (("scan", scan, MOST_SCAN_BYTES), ("raster", raster, MOST_RASTER_BYTES)):
         if size > most:
             dpi = MM_PER_INCH / pitch_mm
-            told = f"asks for {size / 2**30:.1f} GiB for the {what} of a page {LONGEST_PAGE_MM:g} mm long"
-            raise Misfit("geometry", f"{told} at {dpi:.0f} dpi, must be {most / 2**30:g} at most")
+            demand = f"asks for {size / 2**30:.1f} GiB for the {what} of a page {LONGEST_PAGE_MM:g} mm long"
+            raise Misfit("geometry", f"{demand} at {dpi:.0f} dpi, must be {most / 2**30:g} at most")
 
 
 def _check_amounts(amounts: Any, field: str, depth: int = 0) -> None:
-    """Of ``[variation]``: numbers, [least, greatest], and blocks of them."""
+    """Check amounts of ``[variation]``: numbers, [least, greatest], and blocks of them."""
     if isinstance(amounts, dict) and depth < 4:
         for name, amount in amounts.items():
             _check_amounts(amount, f"{field}.{name}", depth + 1)
@@ -256,4 +256,4 @@ SENSOR: Final = {
         dtype="float32", shape=("farther", "farther"), low=-10, high=10, rule=_not_odd
     ),
 }
-"""Of one sensor; the extents of footprint and correction are its own."""
+"""Arrays of one sensor; each sensor has its own extents of footprint and correction."""

@@ -1,4 +1,4 @@
-"""A job's sheets on one press."""
+"""Plan of a job's sheets on one press."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def planned(job: Job, layout: Layout, geometry: ScanGeometry, *, sheets: int | None = None) -> SheetPlan:
-    """How the pages of a job lie on the sheets of one press. job: opened without a layout. sheets: of the run; None:
-    the job once.
+    """Plan how the pages of a job are placed on the sheets of one press.
 
-    In the plan's layout a back is upright or turned, whichever way it was said. RequestError: the sheets fill no whole
-    sets, or the pages need more than a sheet has, or are wider than the press sees. JobError: pages of one sheet are
-    not of one size.
+    job: opened without a layout. sheets: of the run; None: the job once. In the plan's layout a back is
+    upright or turned, however it was specified. RequestError: the sheets fill no whole sets, or the pages
+    need more than a sheet has, or are wider than the press sees. JobError: pages of one sheet are not of one
+    size.
     """
     layout, sides = layout.of(len(job)), layout.sides_of(len(job))
     flaws, sizes = job.flaws(), dict[int, tuple[float, float]]()
@@ -33,7 +33,7 @@ def planned(job: Job, layout: Layout, geometry: ScanGeometry, *, sheets: int | N
         first = number - (number - 1) % layout.pages_a_sheet
         if first in sizes:
             refuse_other_size(number, size, first, sizes[first])
-    laid = {}
+    placed = {}
     for size in dict.fromkeys(sizes.values()):
         side = side_size(size, layout)
         if not any(geometry.sees(extent) for extent in side):
@@ -41,18 +41,18 @@ def planned(job: Job, layout: Layout, geometry: ScanGeometry, *, sheets: int | N
             raise RequestError(WHERE, what, remedy="lay fewer pages on it, or build a press with more pixels")
         turned = not geometry.sees(side[0]) and geometry.sees(side[1])
         across, along = side[::-1] if turned else side
-        laid[turned, backs_at(layout.backs, across_mm=across, along_mm=along)] = size
+        placed[turned, backs_at(layout.backs, across_mm=across, along_mm=along)] = size
     if layout.backs in ("long-edge", "short-edge"):
-        found = {backs for _, backs in laid}
-        if len(found) > 1:
+        meanings = {backs for _, backs in placed}
+        if len(meanings) > 1:
             what = f"backs={layout.backs} means two things for sheets of this job, which lie both ways"
             raise RequestError(WHERE, what, remedy="say backs=upright or backs=turned")
-        layout = replace(layout, backs=found.pop() if found else "upright")
+        layout = replace(layout, backs=meanings.pop() if meanings else "upright")
     one = len({(round(width), round(height)) for width, height in sizes.values()}) == 1
     return SheetPlan(
         layout=layout,
         sides=sides,
         sheets=sides // layout.sides if sheets is None else sheets,
         page_mm=next(iter(sizes.values())) if one else None,
-        laid_turned=len(laid) > 0 and all(turned for turned, _ in laid),
+        laid_turned=len(placed) > 0 and all(turned for turned, _ in placed),
     )

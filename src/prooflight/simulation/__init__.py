@@ -1,1 +1,1 @@
-"""The world run forward: what a press prints, with misprints, and what the camera records."""
+"""Forward simulation of a press: its prints, with misprints, and the camera's recordings of them."""

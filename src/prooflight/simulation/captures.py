@@ -30,49 +30,49 @@ World = Literal["ideal", "press"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Printed:
-    """What is printed, right or wrong: a raster, and where a misprint puts it."""
+    """Printed page, good or a misprint: its raster, and its placement by a misprint."""
 
     page: Page
     expected: Prediction
-    """What the press's tables expect of just this."""
+    """Prediction of exactly this page by the press's tables."""
     placement: Placement = IN_PLACE
     misprint: Misprint | None = None
-    """None: a good print."""
+    """Misprint; None: a good print."""
     draws: int = 0
-    """How many misprints were drawn until one reached the gate."""
+    """Number of misprints drawn until one reached the gate."""
 
     @property
     def kind(self) -> str:
-        """Of the misprint; none: a good print."""
+        """Return the kind of misprint; empty: a good print."""
         return self.misprint.kind if self.misprint else ""
 
     @property
     def severity(self) -> float:
-        """Of the misprint; 0: a good print."""
+        """Return the severity of the misprint; 0: a good print."""
         return self.misprint.severity if self.misprint else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulatedDay:
-    """A press on one day: everything that its prints share."""
+    """Press on one day: all parameters that its prints share."""
 
     press: Press
     session: Session | None
-    """None in the ideal world, where every day is alike."""
+    """Session of the day; None in the ideal world, where every day is alike."""
 
     @classmethod
     def begin(cls, world: World, press: Press, rng: np.random.Generator) -> SimulatedDay:
-        """A new day."""
+        """Begin a new day."""
         session = Session.draw(amounts_of(press), press, rng) if world == "press" else None
         return cls(press=press, session=session)
 
     def expected(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:
-        """What the tables expect of a page that lies there."""
+        """Predict a page at this placement by the tables."""
         sensors, geometry = self.press.sensors, self.press.geometry
         return predict(page, sensors=sensors, geometry=geometry, placement=placement, threads=1)
 
     def good(self, page: Page) -> Printed:
-        """Nothing wrong."""
+        """Print a page without a misprint."""
         return Printed(page=page, expected=self.expected(page))
 
     def wrong(
@@ -84,7 +84,9 @@ class SimulatedDay:
         fetch: Callable[[int], Page],
         rng: np.random.Generator,
     ) -> Printed | None:
-        """A misprint of a kind, its severity drawn evenly from 0..1; None if nine draws all stay below the gate.
+        """Print a misprint of a kind, its severity drawn uniformly from 0..1.
+
+        None if nine draws all stay below the gate.
 
         A draw that changes too little is drawn again, severity and all, at most 8 times (``worlds.toml``).
         """
@@ -102,7 +104,7 @@ class SimulatedDay:
         return None
 
     def seen(self, printed: Printed, rng: np.random.Generator) -> Prediction:
-        """Mean and variance of what the camera sees of one more print."""
+        """Return mean and variance of the camera's signal of one more print."""
         if self.session is None:
             return printed.expected
         return self.seen_in_press(printed.page, rng, printed.placement)
@@ -110,12 +112,12 @@ class SimulatedDay:
     def seen_in_press(
         self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
     ) -> Prediction:
-        """The same of a page that a misprint puts there, in the press world, whatever the tables expect."""
+        """Return the same for a page at a misprint's placement, in the press world, whatever the tables predict."""
         assert self.session is not None
         print_ = Print.draw(self.session, self.press, page, rng)
         moved = replace(print_, placement=together(placement, print_.placement))
         return fast_mean_variance(page, self.press, self.session, moved)
 
     def recorded(self, seen: Prediction, rng: np.random.Generator) -> NDArray[np.uint16]:
-        """The scan. (sensors, lines, pixels) [DN]"""
+        """Draw the scan. (sensors, lines, pixels) [DN]"""
         return ideal_scan(seen, self.press, rng) if self.session is None else noisy(seen, self.press, rng)

@@ -1,4 +1,4 @@
-"""The simulated drum: scans rendered beforehand pass the camera one after the other, with faults where asked for."""
+"""Simulated drum: scans rendered in advance pass the camera one after the other, with requested faults."""
 
 from __future__ import annotations
 
@@ -30,25 +30,31 @@ AMOUNTS: Final = {
     "splice": (12.0, 40.0),
     "missing": (0.0, 1.0),
 }
-"""Least and greatest amount drawn, in the units of ``DrumFault.amount``; assumed: what an operator calls a fault."""
+"""Least and greatest amount drawn, in the units of ``DrumFault.amount``.
+
+Assumed: the range that an operator calls a fault.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrumFault:
-    """Something that goes wrong at one sheet."""
+    """Fault at one sheet."""
 
     kind: OrderFault | LineFault
     amount: float = 0.0
-    """slip: how much late [mm]. stretch: how much longer [%]. lost-lines, extra-lines: how many. splice: the tape's
-    height [mm]. missing: 1 leaves the sheet's room empty."""
+    """Amount of the fault.
+
+    slip: delay [mm]. stretch: additional length [%]. lost-lines, extra-lines: number of lines. splice: the
+    tape's height [mm]. missing: 1 leaves the sheet's room empty.
+    """
     at: float = 0.5
-    """Where on the sheet, as a share of its scan. [-]"""
+    """Position on the sheet, as a share of its scan. [-]"""
     counted: bool = True
-    """lost-lines, extra-lines: whether the camera's count tells. Else the transport's encoder erred."""
+    """Whether the camera's count shows lost or extra lines; otherwise the transport's encoder erred."""
 
     @classmethod
     def draw(cls, kind: OrderFault | LineFault, rng: np.random.Generator) -> DrumFault:
-        """One of a kind, its amount of ``AMOUNTS``, anywhere in the sheet's inner 60 %."""
+        """Draw a fault of a kind, its amount of ``AMOUNTS``, anywhere in the sheet's inner 60 %."""
         sign = 1.0 if rng.random() < 0.5 else -1.0
         low, high = AMOUNTS.get(kind, (0.0, 0.0))
         amount = float(rng.uniform(low, high)) * (sign if kind == "stretch" else 1.0)
@@ -61,20 +67,20 @@ class DrumFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """What passes the camera next."""
+    """Next object that passes the camera."""
 
     page: int | None
-    """Which of the job's sheets; None: none of them."""
+    """Index of the job's sheet; None: none of them."""
     fault: DrumFault | None = None
-    """Of the lines; also ``blank``, ``unknown`` and ``missing``, where no page is shown."""
+    """Fault of the lines; also ``blank``, ``unknown`` and ``missing``, where no page is shown."""
 
 
 def turns(sheets: int, faults: Mapping[int, DrumFault]) -> list[Turn]:
-    """The sheets 0 to ``sheets`` - 1 of a job as they pass, with faults at some of them.
+    """Return the sheets 0 to ``sheets`` - 1 of a job in the order of their passing, with faults at some of them.
 
-    blank, unknown: another sheet comes in this one's place. repeated: it comes twice. missing: it does not come.
-    out-of-order: it comes behind the one that follows. RequestError: a fault at a sheet that is not there, or at two
-    sheets of which one has the other's place.
+    blank, unknown: another sheet comes in this one's place. repeated: it comes twice. missing: it does not
+    come. out-of-order: it comes after the one that follows. RequestError: a fault at a sheet that is not
+    there, or at two sheets of which one has the other's place.
     """
     order = list(range(sheets))
     for sheet, fault in faults.items():
@@ -99,7 +105,7 @@ def turns(sheets: int, faults: Mapping[int, DrumFault]) -> list[Turn]:
 
 
 class Drum:
-    """A ``LineSource`` that plays scans; blocks are views of them, so that playing costs next to nothing."""
+    """``LineSource`` that plays scans; blocks are views of them, so that playing costs next to nothing."""
 
     def __init__(
         self,
@@ -114,10 +120,11 @@ class Drum:
         block_lines: int = BLOCK_LINES,
         pacer: Pacer | None = None,
     ) -> None:
-        """scans: (sensors, lines, pixels) each; sheet i of the job shows scan i modulo their number. [DN]
+        """Prepare to play scans (sensors, lines, pixels); sheet i of the job shows scan i modulo their number. [DN]
 
-        passing: as ``turns`` makes it, or without end. pages_per_s: None: as fast as they are taken. blank, foreign:
-        scans of such sheets, for faults. gap_lines: of backing between scans, besides their own. pacer: in its place.
+        passing: as ``turns`` makes it, or without end. pages_per_s: None: as fast as they are read. blank,
+        foreign: scans of such sheets, for faults. gap_lines: of backing between scans, besides their own.
+        pacer: replaces the own one.
         """
         if not scans:
             raise RequestError("drum", "there are no scans", remedy="give at least one")
@@ -128,11 +135,11 @@ class Drum:
         self._backing = np.rint(backing).clip(0).astype(np.uint16)[:, None]
         self._gap_lines, self._block_lines, self._closed = gap_lines, block_lines, False
         self.page_lines = scans[0].shape[1] + gap_lines
-        """Lines from page to page."""
+        """Number of lines from page to page."""
         self._pacer = pacer or Pacer(None if pages_per_s is None else pages_per_s * self.page_lines)
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Blocks until nothing more passes."""
+        """Yield blocks until nothing more passes."""
         count = 0
         for turn in self._passing:
             for jump, lines in self._pieces(turn):
@@ -149,24 +156,24 @@ class Drum:
                     yield block
 
     def close(self) -> None:
-        """Play no more."""
+        """Stop playing."""
         self._closed = True
         self._pacer.stop()
 
     def _pieces(self, turn: Turn) -> Iterator[tuple[int, NDArray[np.uint16]]]:
-        """The lines of a turn, each piece with how far the camera's count jumps before it."""
+        """Yield the lines of a turn, each piece with the jump of the camera's count before it."""
         if self._gap_lines:
             yield 0, self._empty(self._gap_lines)
         if turn.page is not None:
             scan = self._scans[turn.page % len(self._scans)]
             yield from ((0, scan),) if turn.fault is None else self._faulty(scan, turn.fault)
         elif turn.fault is not None and turn.fault.kind != "missing":
-            yield 0, self._stranger(turn.fault.kind)
+            yield 0, self._other_sheet(turn.fault.kind)
         elif turn.fault is not None and turn.fault.amount:
             yield 0, self._empty(self._scans[0].shape[1])
 
     def _faulty(self, scan: NDArray[np.uint16], fault: DrumFault) -> Iterator[tuple[int, NDArray[np.uint16]]]:
-        """The pieces of a scan with a fault of its lines."""
+        """Yield the pieces of a scan with a fault of its lines."""
         cut, kind = round(fault.at * scan.shape[1]), fault.kind
         if kind == "slip":
             yield 0, self._empty(round(fault.amount / self._press.geometry.line_pitch_mm))
@@ -188,7 +195,7 @@ class Drum:
             yield -extra if fault.counted else 0, again
             yield 0, scan[:, cut:]
 
-    def _stranger(self, kind: str) -> NDArray[np.uint16]:
+    def _other_sheet(self, kind: str) -> NDArray[np.uint16]:
         scan = self._other.get(kind)
         if scan is None:
             what = f"a fault {kind} without a scan of such a sheet"
@@ -200,7 +207,7 @@ class Drum:
 
 
 def stretched(scan: NDArray[np.uint16], percent: float) -> NDArray[np.uint16]:
-    """A scan of paper that ran too slow or too fast: lines read twice, or passed over, at even distances."""
+    """Return a scan of paper that ran too slow or too fast: lines read twice, or skipped, at even distances."""
     lines = scan.shape[1]
     read = np.arange(round(lines * (1 + percent / 100))) / (1 + percent / 100)
     return scan[:, np.minimum(read.astype(np.intp), lines - 1)]
@@ -213,15 +220,18 @@ TAPE_LIGHT: Final = 0.62
 def taped(
     scan: NDArray[np.uint16], fault: DrumFault, press: Press, backing_dn: NDArray[np.uint16]
 ) -> NDArray[np.uint16]:
-    """A scan of a sheet with a splice's tape across it, which hides the print; backing_dn (sensors, 1, pixels)."""
+    """Return a scan of a sheet with a splice's tape across it, which hides the print.
+
+    Backing_dn (sensors, 1, pixels).
+    """
     half = round(fault.amount / press.geometry.line_pitch_mm / 2)
     middle = round(fault.at * scan.shape[1])
-    found = scan.copy()
+    taped_scan = scan.copy()
     rows = slice(max(middle - half, 0), middle + half)
     seen = np.abs(scan[0, middle].astype(np.int32) - backing_dn[0, 0]) > backing_dn[0, 0] // 2
     columns = np.flatnonzero(seen)
     across = slice(int(columns[0]), int(columns[-1]) + 1) if columns.size else slice(0, 0)
-    for image, sensor in zip(found, press.sensors, strict=True):
+    for image, sensor in zip(taped_scan, press.sensors, strict=True):
         level = sensor.column_offset_dn + sensor.column_gain * (TAPE_LIGHT * sensor.white_dn)
         image[rows, across] = np.rint(level[across]).astype(np.uint16)
-    return found
+    return taped_scan

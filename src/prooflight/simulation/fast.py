@@ -1,4 +1,4 @@
-"""A scan in the press world from tables, as fast as prediction: every effect physical, through the true tables."""
+"""Scan in the press world from tables, as fast as prediction: every effect physical, through the true tables."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 def fast_scan(
     page: Page, press: Press, session: Session, print_: Print, *, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
-    """One print of a page as the camera records it, (sensors, lines, pixels) [DN]."""
+    """Simulate one print of a page as the camera records it, (sensors, lines, pixels) [DN]."""
     return noisy(fast_mean_variance(page, press, session, print_), press, rng)
 
 
 def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print) -> Prediction:
-    """The same without noise: mean and variance (temporal, halftone and rounding) of every pixel.
+    """Simulate the same without noise: mean and variance (temporal, halftone and rounding) of every pixel.
 
-    Every ink is read from its own displaced plane, its area changed by gain, tilt and dot gain, and looked up in the
-    session's true tables; then filtered under the print's placement as prediction does, and lit.
+    Every ink is read from its own displaced plane, its area changed by gain, tilt and dot gain, and looked up
+    in the session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
     where = sampling_grid(page, press.geometry, print_.placement)
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
@@ -83,9 +83,9 @@ def light_scan(
     session: Session,
     print_: Print,
 ) -> None:
-    """Light above the backing's [DN] and texture [DN^2] -> mean and variance, in place; (lines, pixels) each.
+    """Convert light above the backing's [DN] and texture [DN^2] to mean and variance, in place; (lines, pixels) each.
 
-    What acts on the light as a whole: cloudy paper, lamps, flicker, columns; and the noise that then comes.
+    It applies the effects on the light as a whole: cloudy paper, lamps, flicker, columns; and then the noise.
     """
     geometry, model = press.geometry, sensor.model
     contrast = session.amounts.ink.halftone_contrast * CONTRAST_PITCH_MM / geometry.pixel_pitch_mm
@@ -109,7 +109,7 @@ def light_scan(
 
 
 def noisy(seen: Prediction, press: Press, rng: np.random.Generator) -> NDArray[np.uint16]:
-    """Digital numbers of that mean and variance, rounded and clipped to each sensor's codes."""
+    """Draw digital numbers of that mean and variance, rounded and clipped to each sensor's codes."""
     dn = np.empty(seen.expected_dn.shape, np.uint16)
     for sensor, mean, variance, out in zip(
         press.sensors, seen.expected_dn, seen.variance_dn2, dn, strict=True
@@ -122,12 +122,12 @@ def noisy(seen: Prediction, press: Press, rng: np.random.Generator) -> NDArray[n
 
 @cache
 def half_normals() -> NDArray[np.float32]:
-    """2^16 even quantiles of a normal distribution, scaled to the variance 1/2: two draws make a normal number."""
+    """Return 2^16 even quantiles of a normal distribution of variance 1/2: two draws make a normal number."""
     quantiles = special.ndtri((np.arange(2**16) + 0.5) / 2**16)
     return (quantiles * (np.sqrt(0.5) / quantiles.std())).astype(np.float32)
 
 
 def cloud_places(centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
-    """Where camera pixels lie among the cloud's nodes; -1 off the page, where there is no paper."""
+    """Return the positions of camera pixels among the cloud's nodes; -1 off the page, where there is no paper."""
     on_page = (centres_mm >= 0) & (centres_mm < extent_mm)
     return np.where(on_page, centres_mm / CLOUD_PITCH_MM, -1).astype(np.float32)

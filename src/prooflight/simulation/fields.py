@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 WAVES = 64
-"""Cosines in a function of colour; the sum of so many is Gaussian to a per cent of kurtosis."""
+"""Number of cosines in a function of colour; the sum of so many is Gaussian to a per cent of kurtosis."""
 COLOUR_LENGTH = 0.5
 """assumed: tables drift with an ink's tints, not with single patches: smooth over half of an ink's range."""
 
@@ -25,7 +25,7 @@ COLOUR_LENGTH = 0.5
 def smooth_line(
     count: int, *, pitch_mm: float, length_mm: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Values at ``count`` points pitch_mm apart, smooth over length_mm: (count,) [-]."""
+    """Draw values at ``count`` points pitch_mm apart, smooth over length_mm: (count,) [-]."""
     root = _root(count, pitch_mm / length_mm)
     return np.asarray(root @ rng.standard_normal(root.shape[1]))
 
@@ -33,51 +33,52 @@ def smooth_line(
 def smooth_field(
     rows: int, columns: int, *, pitch_mm: float, length_mm: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Values at points pitch_mm apart down and across, smooth over length_mm in both: (rows, columns) [-]."""
+    """Draw values at points pitch_mm apart down and across, smooth over length_mm in both: (rows, columns) [-]."""
     down, across = (_root(count, pitch_mm / length_mm) for count in (rows, columns))
     return np.asarray(down @ rng.standard_normal((down.shape[1], across.shape[1])) @ across.T)
 
 
 @lru_cache(maxsize=64)
 def _root(count: int, step: float) -> NDArray[np.float64]:
-    """A matrix whose product with its transpose is the correlation of ``count`` points ``step`` lengths apart.
+    """Return a matrix whose product with its transpose is the correlation of ``count`` points ``step`` lengths apart.
 
-    Its columns are the few shapes that a smooth line has; those that hold less than 1e-9 of the variance are left out.
+    Its columns are the few shapes that a smooth line has; those that hold less than 1e-9 of the variance are
+    left out.
     """
     place = np.arange(count) * step
     correlation = np.exp(-(np.subtract.outer(place, place) ** 2))
     value, vector = np.linalg.eigh(correlation)
-    kept = value > 1e-9 * count
-    return np.asarray(vector[:, kept] * np.sqrt(value[kept]))
+    used = value > 1e-9 * count
+    return np.asarray(vector[:, used] * np.sqrt(value[used]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ColourWaves:
-    """A smooth random function of ink areas: a sum of cosines of random direction, wavelength and phase.
+    """Smooth random function of ink areas: a sum of cosines of random direction, wavelength and phase.
 
-    Random Fourier features (Rahimi and Recht 2007) of the correlation above; the same at every call, and a product
-    of functions of two inks each, so that a whole table costs one matrix product.
+    Random Fourier features (Rahimi and Recht 2007) of the correlation above; the same at every call, and a
+    product of functions of two inks each, so that a whole table costs one matrix product.
     """
 
     wave: NDArray[np.float64]
-    """(waves, 4) [radian a whole ink]"""
+    """Wave vectors (waves, 4). [radian a whole ink]"""
     phase: NDArray[np.float64]
-    """(waves,) [radian]"""
+    """Phases (waves,). [radian]"""
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Self:
-        """One function."""
+        """Draw one function."""
         return cls(
             wave=rng.standard_normal((WAVES, INKS)) * (np.sqrt(2) / COLOUR_LENGTH),
             phase=rng.uniform(0, 2 * np.pi, WAVES),
         )
 
     def at(self, area: NDArray[np.floating]) -> NDArray[np.float64]:
-        """At ink areas (..., 4) -> (...) [-]."""
+        """Return the values at ink areas (..., 4) -> (...) [-]."""
         return np.asarray(np.cos(area @ self.wave.T + self.phase).sum(axis=-1) * np.sqrt(2 / WAVES))
 
     def on_grid(self, axis: NDArray[np.float64]) -> NDArray[np.float64]:
-        """At all combinations of the areas ``axis`` (n,) -> (n, n, n, n) [-]."""
+        """Return the values at all combinations of the areas ``axis`` (n,) -> (n, n, n, n) [-]."""
         c, m, y, k = (np.exp(1j * np.multiply.outer(axis, wave)) for wave in self.wave.T)
         cm = (c[:, None] * m[None] * np.exp(1j * self.phase)).reshape(-1, WAVES)
         yk = (y[:, None] * k[None]).reshape(-1, WAVES)

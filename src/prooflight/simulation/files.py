@@ -1,4 +1,4 @@
-"""Simulated scans as files, with the truth beside them."""
+"""Files of simulated scans, with the ground truth next to them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ TRUTH_FILES: Final = GivenFiles(error=RequestError, remedy="give another folder"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanToFile:
-    """Print, scan and write one page; small and picklable, so that it travels to worker processes."""
+    """Work of printing, scanning and writing one page.
+
+    Small and picklable, so that it can be sent to worker processes.
+    """
 
     job: JobSource
     press: Press
@@ -43,7 +46,7 @@ class ScanToFile:
     """One of ``worlds.WORLDS``."""
 
     def __call__(self, number: int) -> dict[str, Any]:
-        """Page ``number`` of the job to ``out``; returns the truth about it."""
+        """Write page ``number`` of the job to ``out``; return its ground truth."""
         job, press = opened(self.job), self.press
         page = press.geometry.lay(job.page(number))
         scan = scan_page(
@@ -70,21 +73,21 @@ class ScanToFile:
 def kept_truths(
     path: Path, pages: Container[str], *, world: str, seed: int, press: Press
 ) -> list[dict[str, Any]]:
-    """Return the truths in a ``truth.json`` that stay true when ``pages`` are printed anew into its folder.
+    """Return the truths in a ``truth.json`` that stay valid when ``pages`` are printed again into its folder.
 
     Parameters
     ----------
     path
-        Of ``truth.json``; it need not be there.
+        Path of ``truth.json``; it need not exist.
     pages
         Names of the pages that will be printed.
     world, seed, press
-        Of the new prints.
+        Parameters of the new prints.
 
     Raises
     ------
     RequestError
-        Scans of other pages lie there that are of another world, seed or press, or the file is none of ours.
+        If scans of other pages lie there that are of another world, seed or press, or the file is of another form.
     """
     if not path.exists():
         return []
@@ -92,20 +95,20 @@ def kept_truths(
     try:
         document = json.loads(TRUTH_FILES.read_text(path))
         old = [dict(truth) for truth in document["scans"] if truth["page"] not in pages]
-        made = document["world"], document["seed"], document["press_digest"]
+        earlier = document["world"], document["seed"], document["press_digest"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise RequestError(path, "does not say what was printed there", remedy=remedy) from error
-    if old and made != (world, seed, press.digest):
+    if old and earlier != (world, seed, press.digest):
         what = f"tells of {len(old)} scans of another world, seed or press"
         raise RequestError(path, what, remedy=remedy)
     return old
 
 
 def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, seed: int, press: Press) -> None:
-    """``truth.json``: what was done to every page, in which world, from which seed; atomic.
+    """Write ``truth.json``: the misprint of every page, the world and the seed; atomic.
 
-    Scans are in the order of their pages' names. In the press world also what the press was like, ``session``, and what
-    each print did, in mm, degrees and per cent.
+    Scans are in the order of their pages' names. In the press world it also holds the press's parameters,
+    ``session``, and those of each print, in mm, degrees and per cent.
     """
     document = {
         "world": world,

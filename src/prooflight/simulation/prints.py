@@ -1,4 +1,4 @@
-"""What one good print does: where it lies, how its inks came out, on which paper and under which light."""
+"""Good prints: placement, register, inks, paper and light of one print."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WARP_LENGTH_MM: Final = 25.0
 WARP_PITCH_MM: Final = 2.5
 CLOUD_LENGTHS_MM: Final = (5.0, 10.0, 20.0)
-"""worlds.toml: smooth over 5..20 mm; assumed: as much at 5 as at 10 and at 20."""
+"""Lengths of the paper's clouds, 5..20 mm by worlds.toml; assumed: as much at 5 as at 10 and at 20."""
 CLOUD_PITCH_MM: Final = 1.25
 A4_MM2: Final = 210.0 * 297.0
 CONTRAST_PITCH_MM: Final = 0.254
@@ -32,44 +32,46 @@ CONTRAST_PITCH_MM: Final = 0.254
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speck:
-    """A benign speck of ink."""
+    """Benign speck of ink."""
 
     x_mm: float
     y_mm: float
     diameter_mm: float
     ink: int
-    """0..3: C, M, Y, K; assumed: any ink alike."""
+    """Ink 0..3 for C, M, Y, K; assumed: any ink alike."""
     share: float
-    """How much more of a whole ink is there. [-]"""
+    """Additional share of a whole ink. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Print:
-    """One good print."""
+    """Parameters of one good print."""
 
     placement: Placement
     register_mm: NDArray[np.float64]
-    """(4, 2) how far each ink plane lies too far right and too far down on the page."""
+    """Displacement (4, 2) of each ink plane to the right and downwards on the page."""
     ink_gain: NDArray[np.float64]
-    """(4,) how much more of each ink is printed at the page's centre, besides the session's. [-]"""
+    """Relative gain (4,) of each ink at the page's centre, besides the session's. [-]"""
     ink_tilt: NDArray[np.float64]
-    """(4, 2) what is added to it at the page's right and lower edges, and taken off at the others. [-]"""
+    """Gain (4, 2) added to it at the page's right and lower edges, and subtracted at the others. [-]"""
     dot_gain: NDArray[np.float64]
-    """(4,) ink area added at 50 %; 4 d a (1 - a) elsewhere. [-]"""
+    """Ink area (4,) added at 50 %; 4 d a (1 - a) elsewhere. [-]"""
     white: NDArray[np.float64]
-    """(sensors,) reflectance of the paper over what it should be. [-]"""
+    """Reflectance (sensors,) of the paper over the expected. [-]"""
     cloud: NDArray[np.float64]
-    """(rows, columns) the same from place to place, 0 on average; nodes CLOUD_PITCH_MM apart from the page's corner,
-    linear between. [-]"""
+    """Relative deviation (rows, columns) of reflectance from place to place, 0 on average. [-]
+
+    Nodes are CLOUD_PITCH_MM apart from the page's corner, linear between.
+    """
     specks: tuple[Speck, ...]
     lamp: NDArray[np.float64]
-    """(pixels,) the lamp's profile over the session's. [-]"""
+    """Lamp's profile (pixels,) over the session's. [-]"""
     flicker: NDArray[np.float64]
-    """(lines,) light of each line, 1 on average. [-]"""
+    """Light (lines,) of each line, 1 on average. [-]"""
 
     @classmethod
     def draw(cls, session: Session, press: Press, page: Page, rng: np.random.Generator) -> Self:
-        """What one good print of a page of this size does."""
+        """Draw one good print of a page of this size."""
         amounts, geometry = session.amounts, press.geometry
         ink, paper, lamp = amounts.ink, amounts.paper, amounts.lamp
         plane_um = rng.standard_normal((4, 2)) * amounts.register.plane_um
@@ -91,7 +93,7 @@ class Print:
         )
 
     def plain(self) -> dict[str, Any]:
-        """What a person reads of it, in mm, degrees and per cent; inks in the order C, M, Y, K."""
+        """Return the parameters for a person, in mm, degrees and per cent; inks in the order C, M, Y, K."""
         place = self.placement
         warp = np.zeros((1, 1, 2)) if place.warp is None else place.warp.nodes_mm
         return {
@@ -119,11 +121,11 @@ class Print:
 
 
 def draw_placement(page_amounts: PageAmounts, page: Page, rng: np.random.Generator) -> Placement:
-    """Where a print lies.
+    """Draw the placement of a print.
 
-    Half of the variance of the displacement along the travel depends on the line alone, for the whole web slips; the
-    rest, and all of that across, varies over the page. All of it is smooth over 25 mm: a drum's inertia allows no
-    jitter from line to line.
+    Half of the variance of the displacement along the travel depends on the line alone, for the whole web
+    slips; the rest, and all of that across, varies over the page. All of it is smooth over 25 mm: a drum's
+    inertia allows no jitter from line to line.
     """
     shift_x, shift_y = rng.uniform(-1, 1, 2) * page_amounts.shift_mm
     skew = rng.uniform(-1, 1) * page_amounts.skew_deg
@@ -145,9 +147,9 @@ def draw_placement(page_amounts: PageAmounts, page: Page, rng: np.random.Generat
 
 
 def together(one: Placement, other: Placement) -> Placement:
-    """Both displacements at once: what is off its place by a misprint also moves as every print does.
+    """Return the sum of two displacements: a page displaced by a misprint also moves as every print does.
 
-    To first order: the turns and stretches are thousandths, so that their order does not matter.
+    It is of first order: the turns and stretches are thousandths, so that their order does not matter.
     """
     return Placement(
         shift_mm=(one.shift_mm[0] + other.shift_mm[0], one.shift_mm[1] + other.shift_mm[1]),
@@ -161,14 +163,14 @@ def together(one: Placement, other: Placement) -> Placement:
 
 
 def plane_pixels(print_: Print, page: Page) -> NDArray[np.int64]:
-    """(4, 2) how many whole raster pixels each plane lies off, nearest to its register (52 um each at s = 2)."""
+    """Return each plane's register, rounded to whole raster pixels (52 um each at s = 2), (4, 2)."""
     return np.rint(print_.register_mm / page.pixel_mm).astype(np.int64)
 
 
 def speck_pixels(print_: Print, page: Page) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """The raster pixels on which specks lie: (n, 2) row and column, and what is printed there, (n, 4).
+    """Return the raster pixels on which specks lie: (n, 2) row and column, and the ink printed there, (n, 4).
 
-    Those whose centre a speck covers; the ink comes on top of what the displaced planes print.
+    They are those whose centre a speck covers; the ink is added to that of the displaced planes.
     """
     rows, columns = page.cmyk.shape[:2]
     planes = plane_pixels(print_, page)
@@ -186,7 +188,7 @@ def speck_pixels(print_: Print, page: Page) -> tuple[NDArray[np.int64], NDArray[
 
 
 def _recipe(page: Page, planes: NDArray[np.int64], row: int, column: int) -> NDArray[np.int64]:
-    """What the displaced planes print at one raster pixel, (4,)."""
+    """Return the ink of the displaced planes at one raster pixel, (4,)."""
     recipe = np.zeros(4, np.int64)
     for ink, (right, down) in enumerate(planes):
         i, j = row - down, column - right

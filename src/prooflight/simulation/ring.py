@@ -1,4 +1,4 @@
-"""Scans for the drum: a job printed on the simulated press beforehand, so that playing costs the inspection nothing."""
+"""Scans for the drum: a job printed on the simulated press in advance, so that playing does not slow the inspection."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ if TYPE_CHECKING:
     from prooflight.simulation.scans import MisprintRequest, SimulatedScan
 
 LEAST_PRINTS: Final = 24
-"""A job of fewer pages is printed several times, so that no two turns of the ring follow closely."""
+"""Least number of prints: a shorter job is printed several times, so that no two turns of the ring follow closely."""
 
 
 def ring_size(pages: int, sheets: int) -> int:
-    """How many prints make a ring for so many sheets: whole jobs, unless fewer sheets are asked for."""
+    """Return the number of prints in a ring for so many sheets: whole jobs, unless fewer sheets are requested."""
     return min(pages * -(-LEAST_PRINTS // pages), max(sheets, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RingPrint:
-    """One print of a ring; small and picklable, so that it travels to worker processes."""
+    """Print of a ring; small and picklable, so that it can be sent to worker processes."""
 
     job: JobSource
     press: Press
     pages: int
     world: str = "press"
     requests: tuple[MisprintRequest, ...] = ()
-    """What is printed wrong, one after the other."""
+    """Misprints to print, one after the other."""
     every: int = 10
-    """Every so many prints is a misprint, if one is requested and shows on its page."""
+    """Interval of misprints in prints, if one is requested and shows on its page."""
     seed: int = 1
 
     def __call__(self, index: int) -> SimulatedScan:
-        """Print ``index``, of page index modulo the job's."""
+        """Return print ``index``, of page index modulo the job's."""
         session = session_of(self.press, self.seed) if self.world == "press" else None
         turn, last = divmod(index, self.every)
         wanted = (
@@ -74,11 +74,14 @@ class RingPrint:
         raise AssertionError  # the last request is for a good print
 
     def page(self, number: int) -> Page:
-        """A page of the job as it lies in the press."""
+        """Return a page of the job as it lies in the press."""
         return self.press.geometry.lay(opened(self.job).page(number))
 
     def strangers(self) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        """Scans of a blank sheet, and of a sheet that is no page of the job: page 1 upside down and in other inks."""
+        """Return scans of a blank sheet, and of one that is no page of the job.
+
+        The latter is page 1 upside down and in other inks.
+        """
         first = self.page(1)
         blank = replace(first, cmyk=np.zeros_like(first.cmyk))
         foreign = replace(first, cmyk=np.ascontiguousarray(first.cmyk[::-1, ::-1, [1, 2, 0, 3]]))
@@ -91,5 +94,5 @@ class RingPrint:
 
 
 def rendered(prints: RingPrint, count: int) -> Iterator[SimulatedScan]:
-    """The prints of a ring, in order."""
+    """Yield the prints of a ring, in order."""
     return in_order(prints, range(count))

@@ -1,4 +1,4 @@
-"""A job on the simulated press: pages printed, with misprints where asked for, and scanned."""
+"""Scans of a job on the simulated press, with misprints where requested."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from prooflight.simulation.session import Session
 
 TRIES = 9
-"""A misprint that changes nothing visible on its page is drawn again at most 8 times (worlds.toml)."""
+"""Greatest number of draws of a misprint: one without visible change is drawn again at most 8 times (worlds.toml)."""
 GATE_BLUR_MM = 0.38
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MisprintRequest:
-    """A kind of misprint, and how severe; severity None: drawn evenly from 0..1 for each page."""
+    """Kind of misprint, and its severity; severity None: drawn uniformly from 0..1 for each page."""
 
     kind: str
     severity: float | None = None
@@ -56,7 +56,7 @@ class MisprintRequest:
 
     @classmethod
     def parse(cls, text: str) -> MisprintRequest:
-        """``KIND`` or ``KIND:SEVERITY``."""
+        """Parse ``KIND`` or ``KIND:SEVERITY``."""
         kind, _, severity = text.partition(":")
         try:
             return cls(kind=kind, severity=float(severity) if severity else None)
@@ -69,20 +69,20 @@ class MisprintRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulatedScan:
-    """One page as the camera recorded it, and the truth about it."""
+    """Page as the camera recorded it, and its ground truth."""
 
     dn: NDArray[np.uint16]
-    """(sensors, lines, pixels) [DN]"""
+    """Scan (sensors, lines, pixels). [DN]"""
     misprint: Misprint | None
-    """None: a good print."""
+    """Misprint; None: a good print."""
     draws: int
-    """How many misprints were drawn until one changed the page; 0 for a good print."""
+    """Number of misprints drawn until one changed the page; 0 for a good print."""
     print_: Print | None = None
-    """What the print does as good ones do; None in the ideal world."""
+    """Parameters of the print that good prints have too; None in the ideal world."""
 
 
 def ideal_scan(prediction: Prediction, press: Press, rng: np.random.Generator) -> NDArray[np.uint16]:
-    """The ideal world: expected plus temporal noise, rounded and clipped to the converter's codes."""
+    """Draw a scan of the ideal world: expected plus temporal noise, rounded and clipped to the converter's codes."""
     rounding = np.float32(ROUNDING_DN2)
     noise = rng.standard_normal(prediction.expected_dn.shape, dtype=np.float32)
     noise *= np.sqrt(np.maximum(prediction.variance_dn2 - rounding, 0))
@@ -104,10 +104,19 @@ def scan_page(
 ) -> SimulatedScan:
     """Print and scan one page, with a misprint if one is requested.
 
-    others: numbers of the job's other pages, which ``fetch`` gives. least: the least change that counts, by default the
-    gate of ``worlds.toml``; it compares predictions, whatever the world. session: the press today, in the press world;
-    None: the ideal world. RequestError if none of the draws of the misprint
-    changes this page (a page of black text alone has no cyan to lose).
+    Parameters
+    ----------
+    others
+        Numbers of the job's other pages, which ``fetch`` gives.
+    least
+        Least change that counts, by default the gate of ``worlds.toml``; it compares predictions, whatever the world.
+    session
+        The press today, in the press world; None: the ideal world.
+
+    Raises
+    ------
+    RequestError
+        If none of the draws of the misprint changes this page (a page of black text alone has no cyan to lose).
     """
     print_ = None if session is None else Print.draw(session, press, page, rng)
 
@@ -145,29 +154,30 @@ def simulate(
 ) -> Scan:
     """Print a page on the simulated press and scan it; the scan that `prooflight simulate` writes.
 
-    misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal", where a
-    good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift. others: the job's
-    other pages, one of which a wrong page may show. JobError: the page does not fit this press. RequestError: there is
-    no such kind or world, or the misprint changes nothing that could be seen.
+    misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal",
+    where a good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift.
+    others: the job's other pages, one of which a wrong page may show. JobError: the page does not fit this
+    press. RequestError: there is no such kind or world, or the misprint has no visible effect.
     """
     known_world(world)
-    laid = {other.number: press.geometry.lay(other) for other in others if other.number != page.number}
-    made = scan_page(
+    placed = {other.number: press.geometry.lay(other) for other in others if other.number != page.number}
+    simulated = scan_page(
         press.geometry.lay(page),
         press=press,
         request=None if misprint is None else MisprintRequest.parse(misprint),
-        others=tuple(laid),
-        fetch=laid.__getitem__,
+        others=tuple(placed),
+        fetch=placed.__getitem__,
         rng=stream(seed, "print", page.number),
         session=session_of(press, seed) if world == "press" else None,
     )
-    return Scan(dn=made.dn, name=page.name)
+    return Scan(dn=simulated.dn, name=page.name)
 
 
 def passes_gate(good: Prediction, misprinted: Prediction, press: Press, limits: Gate) -> bool:
-    """Whether a misprint changes the page's signal by the least amount that counts.
+    """Return whether a misprint changes the page's signal by the least amount that counts.
 
-    Either the greatest change after a Gaussian of 0.38 mm, or the change's rms over the page, as shares of paper white.
+    Either the greatest change after a Gaussian of 0.38 mm, or the change's rms over the page, as shares of
+    paper white.
     """
     sigma = GATE_BLUR_MM / press.geometry.pixel_pitch_mm
     for index, sensor in enumerate(press.sensors):

@@ -1,4 +1,4 @@
-"""What one press is like today: all that a session's prints share, and the tables that are then true."""
+"""State of one press today: the parameters that a session's prints share, and the tables that are then true."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from prooflight.simulation.worlds import Amounts
 
 LAMP_LENGTH: Final = 0.25
-"""assumed: a lamp is a row of sources or a tube, even over a quarter of the field."""
+"""assumed: a lamp is a row of sources or a tube, uniform over a quarter of the field."""
 _LAMP_KNOTS: Final = 33
 _SOLID: Final = (NODES - 1) * NODE_STEP / 255 + 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorDay:
-    """How one sensor differs today from what its tables say."""
+    """Deviation of one sensor today from its tables."""
 
     sigma_error: float
     """True temporal sigma over the table's. [-]"""
@@ -40,27 +40,27 @@ class SensorDay:
     table_shape_sd: float
     """Standard deviation of the relative error of the table that is smooth in CMYK. [-]"""
     column_gain: NDArray[np.float64]
-    """(pixels,) what flat-fielding left, 1 on average. [-]"""
+    """Residual (pixels,) of flat-fielding, 1 on average. [-]"""
 
     def shape_at(self, area: NDArray[np.floating]) -> NDArray[np.float64]:
-        """True signal over the table's of ink areas (..., 4) -> (...), besides ``table_gain`` [-]."""
+        """Return the true signal over the table's of ink areas (..., 4) -> (...), besides ``table_gain`` [-]."""
         return 1 + self.table_shape_sd * self.table_shape.at(area)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Session:
-    """One press on one day."""
+    """State of one press on one day."""
 
     amounts: Amounts
     ink_gain: NDArray[np.float64]
-    """(4,) how much more of each ink is printed, as a share of it. [-]"""
+    """Relative gain (4,) of each ink. [-]"""
     lamp: NDArray[np.float64]
-    """(pixels,) the lamp's profile across, over the calibrated one. [-]"""
+    """Lamp's profile (pixels,) across, over the calibrated one. [-]"""
     sensors: tuple[SensorDay, ...]
 
     @classmethod
     def draw(cls, amounts: Amounts, press: Press, rng: np.random.Generator) -> Self:
-        """A day of ``press``; sensors share the lamp, and nothing else."""
+        """Draw a day of ``press``; sensors share the lamp, and nothing else."""
         camera, pixels = amounts.camera, press.geometry.pixels
         low, high = np.log(camera.sigma_error)
         return cls(
@@ -80,7 +80,7 @@ class Session:
         )
 
     def plain(self, press: Press) -> dict[str, Any]:
-        """What a person reads of it, in per cent; inks in the order C, M, Y, K."""
+        """Return the parameters for a person, in per cent; inks in the order C, M, Y, K."""
         return {
             "amounts": asdict(self.amounts),
             "ink_gain_percent": rounded(100 * self.ink_gain, 3),
@@ -98,48 +98,53 @@ class Session:
 
 @lru_cache(maxsize=1)
 def session_of(press: Press, seed: int) -> Session:
-    """The day of a seed; the same object for every print in one process, so that its true tables are kept."""
+    """Return the day of a seed; the same object for every print in one process, so that its true tables are cached."""
     return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 def rounded(values: NDArray[np.float64] | tuple[float, ...], digits: int) -> list[float]:
-    """As plain numbers, for a person."""
+    """Return plain numbers, for a person."""
     return [round(float(value), digits) for value in values]
 
 
 def bounds_percent(lamp: NDArray[np.float64]) -> list[float]:
-    """Least and greatest of what is 1 on average, as a difference. [%]"""
+    """Return least and greatest deviation from 1. [%]"""
     return rounded((100 * (lamp.min() - 1), 100 * (lamp.max() - 1)), 3)
 
 
 def lamp_profile(pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """A lamp's drift across, smooth over a quarter of the field, of standard deviation 1: (pixels,) [-]."""
+    """Draw a lamp's drift across, smooth over a quarter of the field, of standard deviation 1: (pixels,) [-]."""
     knots = smooth_line(_LAMP_KNOTS, pitch_mm=1 / (_LAMP_KNOTS - 1), length_mm=LAMP_LENGTH, rng=rng)
     return np.interp(np.linspace(0, _LAMP_KNOTS - 1, pixels), np.arange(_LAMP_KNOTS), knots)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueSensor:
-    """One sensor's tables as they are today, ready for ``kernels.scan_lines``."""
+    """Tables of one sensor as they are today, ready for ``kernels.scan_lines``."""
 
     model: SensorModel
     nodes: NDArray[np.float32]
-    """(37^4, 2) at 0, 8/255, ..., 288/255 of each ink: light of bare columns [DN], and the relative variance of a
-    halftone of unit contrast, the sum over inks of (d log light / d ink)^2 a (1 - a) [-]: light falls almost
-    exponentially with ink, so that this is what lies on straight lines between nodes."""
+    """Nodes (37^4, 2) at 0, 8/255, ..., 288/255 of each ink.
+
+    They hold the light of bare columns [DN], and the relative variance of a halftone of unit contrast, the
+    sum over inks of (d log light / d ink)^2 a (1 - a) [-]: light falls almost exponentially with ink, so that
+    this lies on straight lines between nodes.
+    """
     bends: NDArray[np.float32]
-    """(4, 36) how light is bent between nodes n and n + 1 of each ink: the share f of the way counts as
-    f + bend f (1 - f), as light is curved along that ink alone. [-]"""
+    """Curvature (4, 36) of light between nodes n and n + 1 of each ink. [-]
+
+    The share f of the way counts as f + bend f (1 - f), as light is curved along that ink alone.
+    """
     noise_dn2: NDArray[np.float32]
-    """(1024,) temporal variance before rounding at light 0 .. ``noise_top_dn``, evenly. [DN^2]"""
+    """Temporal variance (1024,) before rounding at light 0 .. ``noise_top_dn``, at even steps. [DN^2]"""
     noise_top_dn: float
     columns: NDArray[np.float32]
-    """(pixels,) lamp, table gain and what flat-fielding left. [-]"""
+    """Product (pixels,) of lamp, table gain and the residual of flat-fielding. [-]"""
 
 
 @lru_cache(maxsize=2)
 def true_sensors(session: Session, press: Press) -> tuple[TrueSensor, ...]:
-    """The press's tables with the session's errors; kept, for they take a third of a second a sensor."""
+    """Return the press's tables with the session's errors; cached, for they take a third of a second a sensor."""
     return tuple(
         _true_sensor(model, day, session) for model, day in zip(press.sensors, session.sensors, strict=True)
     )
@@ -168,31 +173,31 @@ def _true_sensor(model: SensorModel, day: SensorDay, session: Session) -> TrueSe
 
 @lru_cache(maxsize=4)
 def _exact_light(model: SensorModel) -> NDArray[np.float64]:
-    """Light of bare columns without the session's errors, (37, 37, 37, 37): on every day the same."""
+    """Return the light of bare columns without the session's errors, (37, 37, 37, 37): on every day the same."""
     return beyond_solid(exact_nodes(model.mean_dn.astype(np.float64)))
 
 
 def exact_nodes(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Exact values at the nodes of a table whose straight lines err evenly to both sides.
+    """Return the exact values at the nodes of a table whose straight lines err evenly to both sides.
 
-    Undoes ``commissioning.characterise.unbiased_nodes``, which takes a twelfth of the second difference off each node,
-    by fixed-point iteration; axis by axis, in the opposite order.
+    It inverts ``commissioning.characterise.unbiased_nodes``, which takes a twelfth of the second difference
+    off each node, by fixed-point iteration; axis by axis, in the opposite order.
     """
     exact = nodes
     for axis in reversed(range(nodes.ndim)):
-        given, found = np.moveaxis(exact, axis, 0), np.moveaxis(exact, axis, 0).copy()
+        given, estimate = np.moveaxis(exact, axis, 0), np.moveaxis(exact, axis, 0).copy()
         for _ in range(4):
-            second = np.diff(found, 2, axis=0) / 12
-            found[1:-1] = given[1:-1] + second
-            found[-1] = given[-1] + second[-1]
-        exact = np.moveaxis(found, 0, axis)
+            second = np.diff(estimate, 2, axis=0) / 12
+            estimate[1:-1] = given[1:-1] + second
+            estimate[-1] = given[-1] + second[-1]
+        exact = np.moveaxis(estimate, 0, axis)
     return np.ascontiguousarray(exact)
 
 
 def bends_of(light: NDArray[np.float64]) -> NDArray[np.float32]:
-    """``TrueSensor.bends`` of a table (37, 37, 37, 37), from each ink's ramp alone.
+    """Return ``TrueSensor.bends`` of a table (37, 37, 37, 37), from each ink's ramp alone.
 
-    Up to the solid the parabola through neighbouring nodes; beyond it the exponential that ``beyond_solid`` put there.
+    Up to the solid the parabola through neighbouring nodes; beyond it the exponential of ``beyond_solid``.
     """
     bends = np.zeros((4, TRUE_NODES - 1), np.float32)
     for ink in range(4):
@@ -207,9 +212,10 @@ def bends_of(light: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def beyond_solid(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A table (33, 33, 33, 33) carried on to 37 nodes an ink: its logarithm goes on as over its last step.
+    """Extrapolate a table (33, 33, 33, 33) to 37 nodes an ink: its logarithm goes on as over its last step.
 
-    More ink than a full solid makes a thicker film, whose density grows in proportion; ``PrintedInks`` does the same.
+    More ink than a full solid makes a thicker film, whose density grows in proportion; ``PrintedInks`` does
+    the same.
     """
     for ink in range(4):
         last, before = np.take(table, [-1], axis=ink), np.take(table, [-2], axis=ink)
@@ -220,19 +226,20 @@ def beyond_solid(table: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def noise_curve(model: SensorModel, top_dn: float) -> NDArray[np.float64]:
-    """Temporal variance before rounding as a function of light 0 .. top_dn, (1024,) [DN^2].
+    """Return temporal variance before rounding as a function of light 0 .. top_dn, (1024,) [DN^2].
 
-    A sensor's noise depends on its signal alone, so the variance table is one curve over the mean table: its average
-    in bins of light, linear between them, with the dark variance at 0 and a straight line beyond white.
+    A sensor's noise depends on its signal alone, so the variance table is one curve over the mean table: its
+    average in bins of light, linear between them, with the dark variance at 0 and a straight line beyond
+    white.
     """
     step = top_dn / (NOISE_STEPS - 1)
     place = np.rint(model.mean_dn.ravel() / step).astype(np.int64).clip(0, NOISE_STEPS - 1)
     count = np.bincount(place, minlength=NOISE_STEPS)
     mean = np.bincount(place, weights=model.mean_dn.ravel(), minlength=NOISE_STEPS)
     variance = np.bincount(place, weights=model.variance_dn2.ravel(), minlength=NOISE_STEPS)
-    known = count > 0
-    at = np.concatenate([[0.0], mean[known] / count[known]])
-    seen = np.concatenate([[model.dark_variance_dn2], variance[known] / count[known]])
+    filled = count > 0
+    at = np.concatenate([[0.0], mean[filled] / count[filled]])
+    seen = np.concatenate([[model.dark_variance_dn2], variance[filled] / count[filled]])
     light = np.arange(NOISE_STEPS) * step
     curve = np.interp(light, at, seen)
     beyond = light > at[-1]

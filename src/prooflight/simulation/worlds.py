@@ -1,7 +1,7 @@
-"""The worlds in which figures are measured, as ``worlds.toml`` fixes them.
+"""Simulated worlds in which figures are measured, as ``worlds.toml`` defines them.
 
-``ideal``: a good scan is the expected one plus sensor noise. ``press``: a good print also moves, drifts and scatters
-within tolerance, by the amounts of ``[press.*]``, which a press file's ``[variation]`` may state anew.
+``ideal``: a good scan is the expected one plus sensor noise. ``press``: a good print also moves, drifts and
+scatters within tolerance, by the amounts of ``[press.*]``, which a press file's ``[variation]`` may override.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
 
 WORLDS = ("ideal", "press")
 RANGES = ("specks_ink_percent", "specks_diameter_mm")
-"""Amounts that say which specks there are, not how much varies: ``all_times`` leaves them alone."""
+"""Amounts that describe specks, not an extent of variation: ``all_times`` does not scale them."""
 
 
 def worlds_text() -> bytes:
-    """The package's own copy of ``worlds.toml``."""
+    """Return the package's own copy of ``worlds.toml``."""
     return resources.files("prooflight.simulation").joinpath("worlds.toml").read_bytes()
 
 
 def worlds_digest() -> str:
-    """SHA-256 of it; published figures name it."""
+    """Return the SHA-256 of it; published figures name it."""
     return hashlib.sha256(worlds_text()).hexdigest()
 
 
 @cache
 def worlds() -> dict[str, Any]:
-    """Its content."""
+    """Return its content."""
     return tomllib.loads(worlds_text().decode())
 
 
 def known_world(name: str) -> str:
-    """``name``, if there is such a world; RequestError otherwise."""
+    """Return ``name``, if there is such a world; RequestError otherwise."""
     if name not in WORLDS:
         raise RequestError("world", f"there is no {shortly(name)!r}", remedy=f"choose {' or '.join(WORLDS)}")
     return name
@@ -51,21 +51,21 @@ def known_world(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageAmounts:
-    """``[press.page]``: where the page lies, per print."""
+    """``[press.page]``: placement of the page, per print."""
 
     shift_mm: float
-    """Uniform +- in x and in y."""
+    """Bound of the uniform distribution in x and in y."""
     skew_deg: float
-    """Uniform +-."""
+    """Bound of the uniform distribution."""
     scale_percent: float
-    """Uniform +-, across and along each by itself."""
+    """Bound of the uniform distributions across and along, each independent."""
     warp_across_um: float
     warp_along_um: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegisterAmounts:
-    """``[press.register]``: where each ink plane lies on the page, per print."""
+    """``[press.register]``: register of each ink plane on the page, per print."""
 
     plane_um: float
     plane_clip_um: float
@@ -115,7 +115,7 @@ class CameraAmounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amounts:
-    """How much good prints of one press differ: ``[press.*]``, with what a press file's ``[variation]`` says."""
+    """Variation of one press's good prints: ``[press.*]``, overridden by a press file's ``[variation]``."""
 
     page: PageAmounts
     register: RegisterAmounts
@@ -126,9 +126,10 @@ class Amounts:
 
     @classmethod
     def stated(cls, variation: Mapping[str, Any] | None = None) -> Self:
-        """``worlds.toml``'s amounts, each replaced by ``variation``'s where that gives it (``PressFile.variation``).
+        """Return ``worlds.toml``'s amounts, each replaced by ``variation``'s (``PressFile.variation``) where given.
 
-        ``all_times`` multiplies what it does not give; a ratio such as ``sigma_error`` is raised to that power.
+        ``all_times`` multiplies amounts that it does not give; a ratio such as ``sigma_error`` is raised to
+        that power.
         """
         given = variation or {}
         times = float(given.get("all_times", 1.0))
@@ -144,13 +145,13 @@ class Amounts:
 
     @property
     def exact(self) -> bool:
-        """Whether good prints differ in nothing but the camera's noise."""
+        """Return whether good prints differ in nothing but the camera's noise."""
         amounts = [amount for block in asdict(self).values() for amount in block.items()]
         return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
 
 
 def amounts_of(press: Press) -> Amounts:
-    """What good prints of ``press`` do: its press file's ``[variation]`` over ``worlds.toml``."""
+    """Return the variation of good prints of ``press``: its press file's ``[variation]`` over ``worlds.toml``."""
     return Amounts.stated(press.variation)
 
 
@@ -162,25 +163,25 @@ def _times(name: str, value: Any, times: float) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gate:
-    """A drawn misprint that reaches neither amount changes nothing that a person sees; it is drawn again."""
+    """Least change by a misprint; a drawn one that reaches neither amount has no visible effect and is drawn again."""
 
     blurred_peak_percent: float
     rms_percent: float
 
 
 def gate() -> Gate:
-    """``[gate]``."""
+    """Return ``[gate]``."""
     return Gate(**worlds()["gate"])
 
 
 def entry(kind: str) -> dict[str, Any]:
-    """What it says of a kind of misprint."""
-    (found,) = (one for one in worlds()["misprint"] if one["kind"] == kind)
-    return dict(found)
+    """Return the entry of a kind of misprint."""
+    (matching,) = (one for one in worlds()["misprint"] if one["kind"] == kind)
+    return dict(matching)
 
 
 def amount(kind: str, field: str, severity: float) -> float:
-    """Amount of a misprint kind at severity 0..1: from at_0 to at_1, geometrically unless the file says linear."""
+    """Return an amount of a misprint kind at severity 0..1: from at_0 to at_1, geometrically unless stated linear."""
     spec = entry(kind)[field]
     low, high = spec["at_0"], spec["at_1"]
     if spec.get("scale") == "linear":

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.inspection.codes.grading import CONTRAST, DEFECTS, decodability, letter, level
-from prooflight.inspection.codes.profiles import Profile, cut_apart
+from prooflight.inspection.codes.profiles import Profile, cut_elements
 
 STEP = 0.25
 PAPER, INK = 1.0, 0.1
@@ -28,7 +28,7 @@ def bars(widths: list[float], *, blur: float = 0.0) -> np.ndarray:
 
 
 def seen(light: np.ndarray) -> Profile:
-    (found,) = cut_apart(light[None], STEP)
+    (found,) = cut_elements(light[None], STEP)
     assert found is not None
     return found
 
@@ -55,8 +55,8 @@ def test_a_spot_in_a_space_is_a_defect_of_its_depth() -> None:
 
 
 def test_a_profile_without_bars_is_none() -> None:
-    assert cut_apart(np.full((1, 200), PAPER), STEP) == (None,)
-    assert cut_apart(1.1 - bars([4.0, 4.0, 4.0])[None], STEP) == (None,)  # it begins in the dark
+    assert cut_elements(np.full((1, 200), PAPER), STEP) == (None,)
+    assert cut_elements(1.1 - bars([4.0, 4.0, 4.0])[None], STEP) == (None,)  # it begins in the dark
 
 
 @given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=6), st.integers(0, 5))
@@ -67,9 +67,9 @@ def test_lines_cut_together_are_what_they_are_alone(seeds: list[int], bare: int)
         light = bars([float(width) for width in rng.integers(2, 5, 9)], blur=0.8)[:200]
         light = np.pad(light, (0, 200 - light.size), mode="edge")
         lines.append(light + rng.normal(0, 0.02, 200))
-    together = cut_apart(np.array(lines), STEP)
+    together = cut_elements(np.array(lines), STEP)
     for light, one in zip(lines, together, strict=True):
-        (alone,) = cut_apart(light[None], STEP)
+        (alone,) = cut_elements(light[None], STEP)
         assert (one is None) == (alone is None)
         if one is not None and alone is not None:
             for name in ("edges", "peaks", "defects"):

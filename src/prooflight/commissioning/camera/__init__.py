@@ -1,1 +1,1 @@
-"""A camera measured: from its exposures to the sensor block of a press file."""
+"""Characterisation of a camera: from its exposures to the sensor block of a press file."""

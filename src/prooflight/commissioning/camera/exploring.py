@@ -1,4 +1,4 @@
-"""What a camera would be like with other numbers: signal, noise, sharpness and speed against any field."""
+"""Signal, noise, sharpness and speed of a camera as functions of any field of its press file."""
 
 from __future__ import annotations
 
@@ -28,12 +28,15 @@ if TYPE_CHECKING:
 
 A4_LENGTH_MM = 297.0  # ISO 216; the long side lies along the travel
 PATCHES = np.array([[0, 0, 0, 0], [0, 0, 0, 0.5], [0, 0, 0, 1]], dtype=np.float64)
-"""Paper white, half black, solid black: recipes C, M, Y, K. [-]"""
+"""Recipes C, M, Y, K of paper white, half black and solid black. [-]"""
 TABLE_STRIDE = 4
-"""Every fourth node of the tables along each ink: few enough to explore with, and inks are darkest and lightest at the
-ends, which are among them."""
+"""Step over the nodes of the tables along each ink.
+
+Every fourth is few enough to explore with, and inks are darkest and lightest at the ends, which are among
+them.
+"""
 MOST_DESIGNS = 1000
-"""Of one command; all are checked before the first is computed."""
+"""Greatest number of designs of one command; all are checked before the first is computed."""
 _DEEPEST_FIELD = 5
 SATURATION_SIGMAS = 4.0
 """assumed: one column in some ten thousand lies further out, and `press build` refuses if a single one saturates."""
@@ -41,14 +44,14 @@ SATURATION_SIGMAS = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """Values that one field of a press file takes in turn."""
+    """Values of one field of a press file."""
 
     field: str
     values: tuple[int | float | str, ...]
 
     @classmethod
     def parse(cls, text: str) -> Variation:
-        """``lens.f_number=2.8,4,5.6``; RequestError for anything else."""
+        """Parse ``lens.f_number=2.8,4,5.6``; RequestError for anything else."""
         field, equals, values = text.partition("=")
         items = [item.strip() for item in values.split(",")]
         if not equals or not field.strip() or not all(items):
@@ -71,17 +74,17 @@ class SensorDesign:
     white_dn: float
     """Digital number of paper white after clipping, with dark and black level. [DN]"""
     saturates: bool
-    """The brightest colour, or a column 4 total standard deviations above, passes the top code."""
+    """Whether the brightest colour, or a column 4 total standard deviations above, passes the top code."""
     white_snr: float
     tint_snr: float
-    """At 50 % black. [-]"""
+    """Signal-to-noise ratio at 50 % black. [-]"""
     solid_snr: float
-    """At 100 % black. [-]"""
+    """Signal-to-noise ratio at 100 % black. [-]"""
     white_sigma_dn: float
     tint_sigma_dn: float
     solid_sigma_dn: float
     table_sigma_min_dn: float
-    """Over the nodes of the CMYK table. [DN]"""
+    """Least standard deviation over the nodes of the CMYK table. [DN]"""
     table_sigma_max_dn: float
     mtf_nyquist_across: float
     """System MTF of white paper's light at half a cycle a pixel. [-]"""
@@ -90,24 +93,24 @@ class SensorDesign:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """One combination of values and what comes of it."""
+    """One combination of values and its results."""
 
     vary: dict[str, int | float | str]
     field_mm: float
     pixel_pitch_mm: float
-    """On the page. [mm]"""
+    """Pixel pitch on the page. [mm]"""
     line_pitch_mm: float
-    """On the page, after binning. [mm]"""
+    """Line pitch on the page, after binning. [mm]"""
     a4_pages_per_s: float
-    """A4 sheets, short edge first, without gaps. [1/s]"""
+    """Number of A4 sheets, short edge first, without gaps. [1/s]"""
     sensors: tuple[SensorDesign, ...]
 
 
 def varied(press_file: PressFile, values: Mapping[str, int | float | str]) -> PressFile:
-    """The same press with other values in fields named by dots, checked anew.
+    """Return the same press with other values in fields named by dots, checked again.
 
-    ``sensor.read_noise_e`` is of every sensor, ``sensor.2.read_noise_e`` of the second. PressFileError, as of a file
-    with that value in it, if there is no such field or the value is wrong.
+    ``sensor.read_noise_e`` is of every sensor, ``sensor.2.read_noise_e`` of the second. PressFileError, as of
+    a file with that value in it, if there is no such field or the value is wrong.
     """
     tree = tomllib.loads(press_file.text)
     for field, value in values.items():
@@ -116,7 +119,7 @@ def varied(press_file: PressFile, values: Mapping[str, int | float | str]) -> Pr
 
 
 def designs(press_file: PressFile, variations: Sequence[Variation]) -> Iterator[Design]:
-    """One design for each combination of values, the last variation running fastest.
+    """Yield one design for each combination of values, the last variation running fastest.
 
     PressFileError before the first design if any combination cannot be used.
     """
@@ -134,7 +137,7 @@ def designs(press_file: PressFile, variations: Sequence[Variation]) -> Iterator[
 
 
 def refuse_many(designs: int) -> None:
-    """RequestError if there are more than one command can compute."""
+    """Raise RequestError if there are more than one command can compute."""
     if designs > MOST_DESIGNS:
         what = f"{designs} designs" if designs < 10**9 else "more than a thousand million designs"
         raise RequestError(
@@ -164,7 +167,7 @@ def _designs(
 
 
 def _nodes() -> NDArray[np.float64]:
-    """Recipes (9, 9, 9, 9, 4), every fourth of the tables' nodes along each ink."""
+    """Return the recipes (9, 9, 9, 9, 4) of every fourth of the tables' nodes along each ink."""
     axis = node_fractions()[::TABLE_STRIDE]
     return recipe_grid(axis, axis, axis, axis)
 
@@ -210,7 +213,7 @@ def _number_or_text(item: str) -> int | float | str:
 
 
 def _set(press_file: PressFile, tree: dict[str, Any], field: str, value: int | float | str) -> None:
-    """Put ``value`` where ``field`` points; blocks that are not there yet are made, and checked with the rest."""
+    """Set ``field`` to ``value``; blocks that are not there yet are created, and checked with the rest."""
     names = field.split(".")
     if len(names) > _DEEPEST_FIELD:
         what = f"{shortly(field)} is no field"

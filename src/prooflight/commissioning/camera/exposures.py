@@ -1,4 +1,4 @@
-"""Dark and flat exposures of a line camera, reduced to what photon transfer needs: lines repeat the same columns."""
+"""Statistics of a line camera's dark and flat exposures for photon transfer: lines repeat the same columns."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
 
 LEAST_LINES = 16
 LEAST_COLUMNS = 100
-"""A fixed pattern's size from fewer columns would be known to 7 % at best, 1 / sqrt(2 n)."""
+"""Least number of columns; a fixed pattern's size from fewer would be known to 7 % at best, 1 / sqrt(2 n)."""
 DARK_SIGMAS = 3.0
-"""An exposure within so many temporal standard deviations of the lowest is dark as well."""
+"""Temporal standard deviations from the lowest exposure within which another is dark as well."""
 _LINES_AT_A_TIME = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exposure:
-    """One sensor's statistics of one exposure to even light, or to none."""
+    """Statistics of one sensor's exposure to uniform light, or to none."""
 
     name: str
     lines: int
     column_mean_dn: NDArray[np.float64]
-    """(pixels,) mean over lines. [DN]"""
+    """Mean over lines (pixels,). [DN]"""
     variance_dn2: float
-    """Temporal variance of one pixel, mean over columns, without what all columns share. [DN^2]"""
+    """Temporal variance of one pixel, mean over columns, without the part that all columns share. [DN^2]"""
     line_variance_dn2: float
     """Variance from line to line that all columns share (lamp, supply). [DN^2]"""
     lowest_share: float
@@ -44,18 +44,19 @@ class Exposure:
     highest_share: float
     """Share of samples at the highest code of this exposure. [-]"""
     line_rate_hz: float | None = None
-    """Of a dark exposure taken at another line rate than the rest."""
+    """Line rate of a dark exposure taken at another line rate than the rest."""
 
     @property
     def mean_dn(self) -> float:
-        """Mean over lines and columns. [DN]"""
+        """Return the mean over lines and columns. [DN]"""
         return float(self.column_mean_dn.mean())
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Of ``variance_dn2``; for variances from differences of L neighbouring lines, 2 (L-1)^2 / (3 L - 4) a column.
+        """Return the degrees of freedom of ``variance_dn2``.
 
-        The variance of a Gaussian's variance estimate is 2 sigma^4 / degrees of freedom (von Neumann 1941 for
+        For variances from differences of L neighbouring lines they are 2 (L-1)^2 / (3 L - 4) a column. The
+        variance of a Gaussian's variance estimate is 2 sigma^4 / degrees of freedom (von Neumann 1941 for
         successive differences).
         """
         return 2 * (self.lines - 1) ** 2 / (3 * self.lines - 4) * self.column_mean_dn.size
@@ -63,14 +64,14 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureRequest:
-    """A file or folder that a user names, and the line rate of its dark exposures if it is another than the rest's."""
+    """File or folder that a user names, and the line rate of its dark exposures if it is another than the rest's."""
 
     path: Path
     line_rate_hz: float | None = None
 
     @classmethod
     def parse(cls, text: str) -> ExposureRequest:
-        """``dark.tif`` or ``dark.tif@277`` (line rate in Hz); a path that exists as written is taken as it is."""
+        """Parse ``dark.tif`` or ``dark.tif@277`` (line rate in Hz); a path that exists as written is taken as it is."""
         path = Path(text)
         stem, at, rate = text.rpartition("@")
         if not at or path.exists():
@@ -90,7 +91,7 @@ class ExposureRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureRequests:
-    """What a user names: dark exposures, flat ones, and some to be told apart by their level."""
+    """Files that a user names: dark exposures, flat ones, and some to be separated by their level."""
 
     dark: tuple[ExposureRequest, ...]
     flat: tuple[ExposureRequest, ...]
@@ -98,7 +99,7 @@ class ExposureRequests:
 
     @classmethod
     def parse(cls, *, dark: Iterable[str], flat: Iterable[str], either: Iterable[str]) -> ExposureRequests:
-        """RequestError if nothing is named."""
+        """Parse the names of files; RequestError if nothing is named."""
         kinds = [tuple(ExposureRequest.parse(text) for text in kind) for kind in (dark, flat, either)]
         if not any(kinds):
             remedy = "give DARK... FLAT..., or --dark and --flat"
@@ -107,11 +108,11 @@ class ExposureRequests:
 
 
 def statistics(dn: NDArray[np.uint16], *, name: str, line_rate_hz: float | None = None) -> Exposure:
-    """Reduce one sensor's exposure (lines, pixels) [DN]; ScanError if it is too small to say anything.
+    """Reduce one sensor's exposure (lines, pixels) [DN] to statistics; ScanError if it is too small.
 
-    The temporal variance is half the mean square difference of neighbouring lines, the two-image method of EMVA 1288
-    (Release 4.0 Linear, temporal noise) with lines as images: slow drift of the lamp does not enter, nor does, like the
-    images' mean difference there, what all columns of a line share.
+    The temporal variance is half the mean square difference of neighbouring lines, the two-image method of
+    EMVA 1288 (Release 4.0 Linear, temporal noise) with lines as images: slow drift of the lamp does not
+    enter, nor does, like the images' mean difference there, the part that all columns of a line share.
     """
     lines, pixels = dn.shape
     if lines < LEAST_LINES or pixels < LEAST_COLUMNS:
@@ -153,10 +154,10 @@ def read_exposures(
     sensors: int | None = None,
     shown: Callable[[Sequence[ExposureRequest]], Iterable[ExposureRequest]] = iter,
 ) -> tuple[list[tuple[Exposure, ...]], list[tuple[Exposure, ...]]]:
-    """Dark and flat exposures, each with one statistic a sensor; ScanError if a file cannot be used.
+    """Read dark and flat exposures, each with one statistic a sensor; ScanError if a file cannot be used.
 
-    sensors: of the camera; None: as many as images in the first file. shown: passes requests on one by one, e.g. with a
-    progress bar.
+    sensors: of the camera; None: as many as images in the first file. shown: passes requests on one by one,
+    e.g. with a progress bar.
     """
     named = [*requests.dark, *requests.flat, *requests.either]
     count = _images_in(named[0].path) if sensors is None else sensors
@@ -166,32 +167,32 @@ def read_exposures(
     dark, flat, either = (
         list(chain.from_iterable(part)) for part in (read[:first], read[first:end], read[end:])
     )
-    more_dark, more_flat = told_apart(either)
+    more_dark, more_flat = separated_by_level(either)
     return dark + more_dark, flat + more_flat
 
 
 def _images_in(path: Path) -> int:
-    """Images in the first TIFF that ``path`` names: the sensors of a camera that no press file describes."""
+    """Count the images in the first TIFF that ``path`` names: the sensors of a camera that no press file describes."""
     first = recorded_scans(path, sensors=1)
     return sum(scan.path == first[0].path for scan in first)
 
 
 def _exposures_of(request: ExposureRequest, *, sensors: int) -> list[tuple[Exposure, ...]]:
-    """Every exposure of a file or folder, one statistic for each sensor; ScanError if it cannot be used."""
+    """Reduce every exposure of a file or folder, one statistic for each sensor; ScanError if it cannot be used."""
     scans = recorded_scans(request.path, sensors=sensors)
-    made = []
+    reduced = []
     for scan in scans:
         name = str(scan.path)
         if scan.first_image or sum(other.path == scan.path for other in scans) > 1:
             name = f"{name} exposure {scan.first_image // sensors + 1}"
-        made.append(
+        reduced.append(
             tuple(statistics(image, name=name, line_rate_hz=request.line_rate_hz) for image in scan.read())
         )
-    return made
+    return reduced
 
 
 def _same_width(exposures: Iterable[Sequence[Exposure]]) -> None:
-    """ScanError if two exposures have lines of different lengths."""
+    """Raise ScanError if two exposures have lines of different lengths."""
     first, *others = (sensors[0] for sensors in exposures)
     for exposure in others:
         wide, wanted = exposure.column_mean_dn.size, first.column_mean_dn.size
@@ -202,12 +203,13 @@ def _same_width(exposures: Iterable[Sequence[Exposure]]) -> None:
             )
 
 
-def told_apart(
+def separated_by_level(
     exposures: Sequence[tuple[Exposure, ...]],
 ) -> tuple[list[tuple[Exposure, ...]], list[tuple[Exposure, ...]]]:
-    """Dark exposures and flat ones, by level: dark is what has a line rate, or lies at the lowest level of all.
+    """Separate dark exposures from flat ones by level: dark ones have a line rate, or the lowest level of all.
 
-    exposures, each with one entry a sensor. At the lowest level: within 3 temporal standard deviations, in each.
+    exposures, each with one entry a sensor. At the lowest level: within 3 temporal standard deviations, in
+    each.
     """
     plain = [exposure for exposure in exposures if exposure[0].line_rate_hz is None]
     if not plain:

@@ -1,4 +1,4 @@
-"""What differs between columns and stays: each column's own line of mean against level, and the spread over columns."""
+"""Fixed-pattern noise: each column's own line of mean against level, and the spread over columns."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ if TYPE_CHECKING:
     from prooflight.commissioning.camera.exposures import Exposure
 
 HIGH_PASS_COLUMNS = 25
-"""As many as the 5 x 5 box of EMVA 1288's high-pass filter holds."""
+"""Width of the high-pass window: as many columns as the 5 x 5 box of EMVA 1288's high-pass filter holds."""
 HIGH_PASS_DEGREE = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """A number and its standard error."""
+    """Measured value and its standard error."""
 
     value: float
     standard_error: float
 
     def times(self, factor: float) -> Measured:
-        """In another unit, or of something proportional."""
+        """Return the value in another unit, or of something proportional."""
         return Measured(value=self.value * factor, standard_error=self.standard_error * factor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ColumnLines:
-    """Each column's mean against the mean of all columns, a straight line."""
+    """Straight line of each column's mean against the mean of all columns."""
 
     slope: NDArray[np.float64]
-    """(pixels,), 1 on average. [-]"""
+    """Slopes (pixels,), 1 on average. [-]"""
     intercept: NDArray[np.float64]
-    """(pixels,) at the centre. [DN]"""
+    """Means (pixels,) of the columns at the centre. [DN]"""
     centre_dn: float
     error2: float
     """Variance of an intercept from temporal noise, mean over columns. [DN^2]"""
@@ -50,7 +50,7 @@ class ColumnLines:
 
     @classmethod
     def fit(cls, exposures: Sequence[Exposure], variance_dn2: NDArray[np.float64]) -> ColumnLines:
-        """Weighted least squares in every column; weights are lines over temporal variance."""
+        """Fit every column by weighted least squares; weights are lines over temporal variance."""
         means = np.stack([exposure.column_mean_dn for exposure in exposures])
         level = means.mean(axis=1)
         weight = np.array([exposure.lines for exposure in exposures]) / variance_dn2
@@ -65,20 +65,20 @@ class ColumnLines:
         )
 
     def at(self, level_dn: float) -> NDArray[np.float64]:
-        """Means of the columns at a mean of all. (pixels,) [DN]"""
+        """Return the means of the columns at a mean of all. (pixels,) [DN]"""
         return self.intercept + self.slope * (level_dn - self.centre_dn)
 
     def error2_at(self, level_dn: float) -> float:
-        """Variance of ``at`` from temporal noise. [DN^2]"""
+        """Return the variance of ``at`` from temporal noise. [DN^2]"""
         return self.error2 + self.slope_error2 * (level_dn - self.centre_dn) ** 2
 
 
 def level_of_clipped(
     dark: Sequence[Exposure], columns: ColumnLines, *, constant: float, gain: float
 ) -> Measured:
-    """The mean level, before clipping, at which columns would show the mean that clipped dark exposures show.
+    """Return the mean level, before clipping, at which columns would have the mean of clipped dark exposures.
 
-    ScanError if they show nothing at all.
+    ScanError if those are code 0 throughout.
     """
     lines = np.array([exposure.lines for exposure in dark], dtype=np.float64)
     shown = float(np.average([exposure.mean_dn for exposure in dark], weights=lines))
@@ -104,32 +104,36 @@ def level_of_clipped(
 
 
 def _shown_mean(mean_dn: NDArray[np.float64], sigma_dn: float) -> NDArray[np.float64]:
-    """Mean of a Gaussian rounded to integers and cut off at 0: sum over k >= 1 of P(x >= k - 1/2). Shapes (n,)."""
+    """Return the mean of a Gaussian rounded to integers and clipped at 0: sum over k >= 1 of P(x >= k - 1/2).
+
+    Shapes (n,).
+    """
     last = int(np.ceil(max(float(mean_dn.max()), 0.0) + 8 * sigma_dn)) + 1
     codes = np.arange(1, last + 1)
     return special.ndtr((mean_dn[:, None] - codes + 0.5) / sigma_dn).sum(axis=1)
 
 
 def prnu_percent(columns: ColumnLines) -> Measured:
-    """Standard deviation of the columns' gains about a running parabola, temporal noise taken out. [%]
+    """Return the standard deviation of the columns' gains about a running parabola, temporal noise removed. [%]
 
-    A high-pass filter with coefficients h leaves sum(h^2) of the variance of independent columns; EMVA 1288 corrects
-    its own box filter alike. Half a window at each end is left out.
+    A high-pass filter with coefficients h leaves sum(h^2) of the variance of independent columns; EMVA 1288
+    corrects its own box filter alike. Half a window at each end is left out.
     """
     half = HIGH_PASS_COLUMNS // 2
     # The parabola's value in the middle is a weighted mean of the window (Savitzky and Golay 1964).
     smoothing = np.linalg.pinv(np.vander(np.arange(-half, half + 1.0), HIGH_PASS_DEGREE + 1))[-1]
     smooth = np.convolve(columns.slope, smoothing, mode="valid")
     left = columns.slope[half:-half] / smooth - 1
-    kept = 1 - 2 * smoothing[half] + float(smoothing @ smoothing)
+    passed_share = 1 - 2 * smoothing[half] + float(smoothing @ smoothing)
     noise = columns.slope_error2 * float(np.mean(1 / smooth**2))
-    return spread(left / np.sqrt(kept), error2=noise, freedom=kept * left.size).times(100)
+    return spread(left / np.sqrt(passed_share), error2=noise, freedom=passed_share * left.size).times(100)
 
 
 def spread(values: NDArray[np.float64], *, error2: float, freedom: float) -> Measured:
-    """Standard deviation of what values (n,) stand for, given the variance of their own errors; 0 if errors hide it.
+    """Return the standard deviation of true values from measured ones (n,) and the variance of their errors.
 
-    The standard error is the one of a Gaussian population's from a sample of this size.
+    It is 0 where the errors exceed it. Its standard error is the one of a Gaussian population's from a sample
+    of this size.
     """
     total = float(values.var(ddof=1))
     error = total * np.sqrt(2 / freedom)

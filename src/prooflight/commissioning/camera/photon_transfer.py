@@ -1,20 +1,20 @@
-"""A sensor's own numbers from dark and flat exposures alone: photon transfer (EMVA 1288, Release 4.0 Linear).
+"""Photon transfer: a sensor's own parameters from dark and flat exposures alone (EMVA 1288, Release 4.0 Linear).
 
-Where light is even, the temporal variance of the digital number rises with its mean as
+Where light is uniform, the temporal variance of the digital number rises with its mean as
 
     variance = K mean + constant,   K the system gain [DN/e-],
 
-because shot noise is Poisson. K, and from the line's value without charge the read noise, follow without knowing the
-light. What differs between columns and stays follows from each column's own line of mean against level.
+because shot noise is Poisson. K, and from the line's value without charge the read noise, follow without
+knowing the light. Fixed differences between columns follow from each column's own line of mean against level.
 
 Three departures from the standard, for line cameras as they are used here:
 
 - One weighted line is fitted to all levels (weights by each variance's own standard error), not K from differences to
-  the dark variance: it stands where dark exposures are clipped at code 0, as with a black level of 0, or where their
+  the dark variance: it holds where dark exposures are clipped at code 0, as with a black level of 0, or where their
   noise is too small for the converter.
-- Such dark exposures are not averaged as they are. The level of no light is where the columns' own lines, with Gaussian
-  noise of the fitted variance, rounded and cut off at 0, have the mean that the dark exposures show.
-- PRNU is what is left of the columns' gains after a running parabola over 25 columns, the number of pixels in the
+- Such dark exposures are not averaged as they are. The level without light is where the columns' own lines, with
+  Gaussian noise of the fitted variance, rounded and clipped at 0, have the mean of the dark exposures.
+- PRNU is the residual of the columns' gains after a running parabola over 25 columns, the number of pixels in the
   5 x 5 box of the standard's high-pass filter: lamp profile and cos^4 are smooth, and no property of the sensor.
 """
 
@@ -43,58 +43,64 @@ if TYPE_CHECKING:
     from prooflight.commissioning.camera.exposures import Exposure
 
 CLIPPED_SHARE = 0.001
-"""Exposures with a greater share of samples at an end of the range are clipped. EMVA 1288 lets 0.5 % of a dark image
-underflow; that lowers the variance of Gaussian noise by 2 %, 0.1 % by 0.4 %."""
+"""Share of samples at an end of the range above which an exposure is clipped.
+
+EMVA 1288 lets 0.5 % of a dark image underflow; that lowers the variance of Gaussian noise by 2 %, 0.1 % by
+0.4 %.
+"""
 LINEAR_SHARE = 0.7
-"""Of the saturation level, up to which photon transfer is fitted (EMVA 1288)."""
+"""Share of the saturation level up to which photon transfer is fitted (EMVA 1288)."""
 LEAST_LEVELS = 3
 LEAST_VARIANCE_DN2 = 0.35
-"""Below it rounding hides the noise: what it adds is no longer 1/12 but depends on the mean's place between two codes,
-by 2 % of the variance here, by 14 % at EMVA 1288's own limit of 0.24. [DN^2]"""
+"""Least variance at which rounding does not hide the noise. [DN^2]
+
+Below it rounding no longer adds 1/12 but an amount that depends on the mean's place between two codes, by 2 %
+of the variance here, by 14 % at EMVA 1288's own limit of 0.24.
+"""
 _ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PhotonTransfer:
-    """The fitted line and the columns; everything in digital numbers but for ``gain``."""
+    """Fitted line and columns; everything in digital numbers but for ``gain``."""
 
     gain: Measured
-    """K. [DN/e-]"""
+    """System gain K. [DN/e-]"""
     constant_dn2: float
     """Variance at mean 0, rounding included. [DN^2]"""
     covariance: NDArray[np.float64]
-    """(2, 2) of constant and K."""
+    """Covariance (2, 2) of constant and K."""
     no_light_dn: Measured
     """Mean over columns without light, before clipping: black level and dark signal. [DN]"""
     dark_clipped: bool
     dark_hidden: bool
     """Whether rounding hides the dark exposures' noise."""
     offset_dn: NDArray[np.float64]
-    """(pixels,) each column's mean without light, before clipping. [DN]"""
+    """Mean of each column (pixels,) without light, before clipping. [DN]"""
     column_gain: NDArray[np.float64]
-    """(pixels,) each column's signal over the mean of all: lamp, cos^4 and PRNU. [-]"""
+    """Signal of each column (pixels,) over the mean of all: lamp, cos^4 and PRNU. [-]"""
     dsnu_dn: Measured
     prnu_percent: Measured
     saturation_dn: float | None
     """Mean at which the variance is greatest; None: the exposures do not reach it. [DN]"""
     line_noise_dn: float
-    """What all columns share, from line to line in the dark. [DN]"""
+    """Standard deviation from line to line in the dark that all columns share. [DN]"""
     level_dn: NDArray[np.float64]
-    """(exposures,) means of dark and flat exposures, rising. [DN]"""
+    """Means (exposures,) of dark and flat exposures, rising. [DN]"""
     variance_dn2: NDArray[np.float64]
     used: NDArray[np.bool_]
-    """Which of them the line was fitted to."""
+    """Whether the line was fitted to each of them."""
     worst_residual: float
     """Largest distance of a fitted variance from the line over its standard error. [-]"""
 
     def variance_at(self, mean_dn: float) -> Measured:
-        """Variance of shot and read noise, without rounding, at a mean. [DN^2]"""
+        """Return the variance of shot and read noise, without rounding, at a mean. [DN^2]"""
         direction = np.array([1.0, mean_dn])
         value = self.constant_dn2 + self.gain.value * mean_dn - ROUNDING_DN2
         return Measured(value=value, standard_error=float(np.sqrt(direction @ self.covariance @ direction)))
 
     def read_noise_e(self, mean_dn: float) -> Measured:
-        """Temporal noise at a mean, in electrons; 0 where rounding hides it. At the black level: one read's. [e-]
+        """Return the temporal noise at a mean; 0 where rounding hides it. At the black level: one read's. [e-]
 
         Standard error by the delta method, with the covariance of constant and K.
         """
@@ -111,10 +117,11 @@ class PhotonTransfer:
 def photon_transfer(
     dark: Sequence[Exposure], flat: Sequence[Exposure], *, top_code_dn: int | None = None
 ) -> PhotonTransfer:
-    """Photon transfer of one sensor.
+    """Fit the photon transfer of one sensor.
 
-    dark, flat: of one line rate; any number of lines each. top_code_dn: 2^bits - 1; None: the highest code seen counts
-    as the top where more than 0.1 % of an exposure's samples have it. ScanError where levels are too few for a line.
+    dark, flat: of one line rate; any number of lines each. top_code_dn: 2^bits - 1; None: the highest code
+    seen counts as the top where more than 0.1 % of an exposure's samples have it. ScanError where levels are
+    too few for a line.
     """
     used, saturation = _usable(dark, flat, top_code_dn)
     clipped = any(exposure.lowest_share > CLIPPED_SHARE for exposure in dark)
@@ -156,7 +163,7 @@ def photon_transfer(
 
 
 def dark_level(transfer: PhotonTransfer, dark: Exposure) -> Measured:
-    """Mean over columns of a dark exposure of any duration, before clipping. [DN]"""
+    """Return the mean over columns of a dark exposure of any duration, before clipping. [DN]"""
     if dark.lowest_share <= CLIPPED_SHARE and dark.variance_dn2 >= LEAST_VARIANCE_DN2:
         error2 = dark.variance_dn2 / dark.lines / dark.column_mean_dn.size
         return Measured(value=dark.mean_dn, standard_error=float(np.sqrt(error2)))
@@ -175,7 +182,10 @@ def dark_level(transfer: PhotonTransfer, dark: Exposure) -> Measured:
 def _usable(
     dark: Sequence[Exposure], flat: Sequence[Exposure], top_code_dn: int | None
 ) -> tuple[list[Exposure], float | None]:
-    """Flat exposures between black and 70 % of saturation, by level, and the saturation level if it is reached."""
+    """Select flat exposures between black and 70 % of saturation, by level.
+
+    Return the saturation level if it is reached.
+    """
     if not dark or not flat:
         what, which = f"{len(dark)} dark and {len(flat)} flat exposures", "dark" if not dark else "flat"
         remedy = f"record {which} exposures too: lens covered, and even light at 8 or more levels"
@@ -211,7 +221,7 @@ def _usable(
 
 
 def _falls(peak: Exposure, later: Sequence[Exposure]) -> bool:
-    """Whether variance after the peak falls by more than chance lets it, 5 standard errors."""
+    """Return whether variance after the peak falls by more than chance allows, 5 standard errors."""
     least = min(later, key=lambda exposure: exposure.variance_dn2)
     error = np.hypot(_standard_error(peak), _standard_error(least))
     return peak.variance_dn2 - least.variance_dn2 > 5 * error
@@ -222,7 +232,7 @@ def _standard_error(exposure: Exposure) -> float:
 
 
 def _levels(exposures: Sequence[Exposure], floor: float) -> int:
-    """How many levels, a twentieth of their range apart or more, exposures in rising order lie at."""
+    """Count the levels, a twentieth of their range apart or more, of exposures in rising order."""
     levels: list[float] = []
     for exposure in exposures:
         if not levels or exposure.mean_dn > levels[-1] + (exposures[-1].mean_dn - floor) / 20:
@@ -231,9 +241,10 @@ def _levels(exposures: Sequence[Exposure], floor: float) -> int:
 
 
 def _fit_line(exposures: Sequence[Exposure]) -> tuple[float, float, NDArray[np.float64], float]:
-    """Variance against mean by weighted least squares: constant, slope, their covariance, worst residual.
+    """Fit variance against mean by weighted least squares: constant, slope, their covariance, worst residual.
 
-    Weights come from the fitted variances: the measured ones would favour exposures whose variance chance made small.
+    Weights come from the fitted variances: the measured ones would favour exposures whose variance chance
+    made small.
     """
     mean = np.array([exposure.mean_dn for exposure in exposures])
     variance = np.array([exposure.variance_dn2 for exposure in exposures])

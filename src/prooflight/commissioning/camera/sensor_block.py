@@ -1,4 +1,4 @@
-"""A sensor block of a press file from a camera's own exposures."""
+"""Sensor block of a press file, from a camera's own exposures."""
 
 from __future__ import annotations
 
@@ -41,27 +41,27 @@ FIELDS = (
     "black_level_dn",
     "quantum_efficiency",
 )
-"""Of ``[[sensor]]``, in the order in which a block is written."""
+"""Fields of ``[[sensor]]``, in the order in which a block is written."""
 NOT_IN_EXPOSURES = ("pixel_pitch_um", "fill_factor", "tdi_stages", "line_rate_hz", "quantum_efficiency")
-"""What no exposure to unknown light can tell; it comes from the press file that the new one is to be like."""
+"""Fields that exposures to unknown light do not determine; they come from a similar press file."""
 LARGE_RESIDUAL = 5.0
 LARGE_LINE_NOISE = 0.3
-"""Of the noise of a pixel; squared it adds a tenth to the variance."""
+"""Least line noise that is reported, as a share of a pixel's noise; squared it adds a tenth to the variance."""
 _DIGITS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
-    """What is known of a sensor besides its exposures."""
+    """Properties of a sensor that are given besides its exposures."""
 
     like: LineSensor | None = None
     like_name: str = ""
-    """The press file that ``like`` stands in."""
+    """Name of the press file of ``like``."""
     voltage_swing_v: float | None = None
     bits: int | None = None
 
-    def known(self) -> Given:
-        """The same; the other sensor's swing and bits where none are given."""
+    def with_defaults(self) -> Given:
+        """Return the same, with swing and bits of ``like`` where none are given."""
         if self.like is None:
             return self
         swing_v = self.like.voltage_swing_v if self.voltage_swing_v is None else self.voltage_swing_v
@@ -70,16 +70,16 @@ class Given:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorBlock:
-    """The fields of a ``[[sensor]]``, where each comes from, and what was measured besides."""
+    """Fields of a ``[[sensor]]``, the source of each, and further measurements."""
 
     fields: dict[str, Any]
     sources: dict[str, str]
-    """A few words on every field, and on those that are missing."""
+    """Source of every field in a few words, and of those that are missing."""
     standard_errors: dict[str, float]
     gain: Measured
     """System gain. [DN/e-]"""
     full_well_e: float | None
-    """What fills the converter's range, 2^bits / gain. [e-]"""
+    """Signal that fills the converter's range, 2^bits / gain. [e-]"""
     saturation_e: float | None
     """Signal at which temporal variance is greatest (EMVA 1288); None: not reached by these exposures. [e-]"""
     transfer: PhotonTransfer
@@ -87,11 +87,11 @@ class SensorBlock:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Fields that neither exposures nor a press file told."""
+        """Return the fields that neither exposures nor a press file give."""
         return tuple(name for name in FIELDS if name not in self.fields)
 
     def toml(self) -> str:
-        """The block as text for a press file; missing fields stand in it as comments."""
+        """Return the block as text for a press file; missing fields stand in it as comments."""
         lines = ["[[sensor]]"]
         for name in FIELDS:
             error = self.standard_errors.get(name)
@@ -108,7 +108,7 @@ def characterise_sensors(
     given: Given,
     likes: Sequence[LineSensor] = (),
 ) -> list[SensorBlock]:
-    """One block for each sensor of exposures that hold one statistic a sensor; likes: as many sensors, or none."""
+    """Characterise each sensor from exposures that hold one statistic a sensor; likes: as many sensors, or none."""
     sensors = len((*dark, *flat)[0])
     return [
         characterise_sensor(
@@ -124,14 +124,14 @@ def characterise_sensors(
 def characterise_sensor(
     dark: Sequence[Exposure], flat: Sequence[Exposure], *, given: Given, number: int
 ) -> SensorBlock:
-    """The block of one sensor, the ``number``-th of its camera, from its dark and flat exposures.
+    """Characterise one sensor, the ``number``-th of its camera, from its dark and flat exposures.
 
-    Dark exposures with a line rate of their own serve for dark current and black level only. ScanError or RequestError
-    if the exposures do not suffice.
+    Dark exposures with a line rate of their own serve for dark current and black level only. ScanError or
+    RequestError if the exposures do not suffice.
     """
     here, elsewhere = _by_line_rate(dark, given)
-    known = given.known()
-    bits = known.bits
+    completed = given.with_defaults()
+    bits = completed.bits
     transfer = photon_transfer(here, flat, top_code_dn=None if bits is None else 2**bits - 1)
     black, current, how_black, how_current = _black_and_dark_current(transfer, here, elsewhere, given)
     read = transfer.read_noise_e(black.value)
@@ -148,10 +148,10 @@ def characterise_sensor(
         ),
         "black_level_dn": (black, how_black),
     }
-    if bits is not None and known.voltage_swing_v is not None:
-        volts = gain.times(known.voltage_swing_v / 2**bits * 1e6)
+    if bits is not None and completed.voltage_swing_v is not None:
+        volts = gain.times(completed.voltage_swing_v / 2**bits * 1e6)
         measured["conversion_gain_uv_per_e"] = (volts, f"{gain.value:.5g} DN/e- at this swing and these bits")
-    fields, sources = _known(given, number, pixels=transfer.offset_dn.size)
+    fields, sources = _given_fields(given, number, pixels=transfer.offset_dn.size)
     errors = {}
     for name, (number_and_error, source) in measured.items():
         fields[name] = _rounded(number_and_error.value)
@@ -172,7 +172,7 @@ def characterise_sensor(
 
 
 def _by_line_rate(dark: Sequence[Exposure], given: Given) -> tuple[list[Exposure], list[Exposure]]:
-    """Dark exposures at the flat ones' line rate, and at others."""
+    """Separate dark exposures at the flat ones' line rate from those at others."""
     usual = given.like.line_rate_hz if given.like else None
     elsewhere = [e for e in dark if e.line_rate_hz is not None and e.line_rate_hz != usual]
     if elsewhere and given.like is None:
@@ -188,10 +188,10 @@ def _by_line_rate(dark: Sequence[Exposure], given: Given) -> tuple[list[Exposure
 def _black_and_dark_current(
     transfer: PhotonTransfer, here: Sequence[Exposure], elsewhere: Sequence[Exposure], given: Given
 ) -> tuple[Measured, Measured, str, str]:
-    """Black level [DN] and dark current [e-/s], and a few words on how each was found.
+    """Return black level [DN] and dark current [e-/s], and the source of each in a few words.
 
-    With two line rates or more: intercept and slope of the dark level against exposure. With one: the black level is
-    the press file's, or, without a press file, holds the dark signal.
+    With two line rates or more: intercept and slope of the dark level against exposure. With one: the black
+    level is the press file's, or, without a press file, holds the dark signal.
     """
     no_light, like, gain = transfer.no_light_dn, given.like, transfer.gain
     # One specimen's columns: their mean offset is off by chance, and looks like black level.
@@ -223,8 +223,8 @@ def _black_and_dark_current(
     return black, _over(rise, gain), how, how
 
 
-def _known(given: Given, number: int, *, pixels: int) -> tuple[dict[str, Any], dict[str, str]]:
-    """Fields that are not measured, and where they come from."""
+def _given_fields(given: Given, number: int, *, pixels: int) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the fields that are not measured, and their sources."""
     like = given.like
     fields: dict[str, Any] = {"name": like.name if like else f"sensor{number}", "pixels": pixels}
     sources = {"name": f"as in {given.like_name}" if like else "by its place", "pixels": "of the exposures"}
@@ -237,7 +237,7 @@ def _known(given: Given, number: int, *, pixels: int) -> tuple[dict[str, Any], d
         curve = [round(float(share), _DIGITS) for share in like.quantum_efficiency]
         fields["quantum_efficiency"] = {"wave_nm": [int(wave) for wave in WAVE_NM], "qe": curve}
     for name, option in (("voltage_swing_v", "--voltage-swing-v"), ("bits", "--bits")):
-        value = getattr(given.known(), name)
+        value = getattr(given.with_defaults(), name)
         sources[name] = f"exposures cannot tell it: fill it in, or give {option}"
         if value is not None:
             fields[name] = value
@@ -286,7 +286,7 @@ def _notes(
 
 
 def _over(signal_dn: Measured, gain: Measured) -> Measured:
-    """A signal in electrons."""
+    """Convert a signal to electrons."""
     value = signal_dn.value / gain.value
     error = np.hypot(signal_dn.standard_error, value * gain.standard_error) / gain.value
     return Measured(value=value, standard_error=float(error))

@@ -1,1 +1,1 @@
-"""A printed chart's scans: found, read, and made a press."""
+"""Calibration of a press from the scans of a printed chart: location, reading, and the artefact."""

@@ -1,11 +1,11 @@
-"""Scans of a printed chart -> press artefact, with no spectrometer and no data sheet.
+"""Press artefact from scans of a printed chart, with no spectrometer and no data sheet.
 
-Everything is learned from what the sensors saw: where the chart lies gives the geometry, its marks the footprint, the
-paper the columns' gains, its patches mean and noise of every colour. What scans cannot say is assumed and stated: costs
-and promise are the defaults of a press file.
+Everything is estimated from the scans: the chart's position gives the geometry, its marks the footprint, the
+paper the columns' gains, its patches mean and noise of every colour. Values that scans do not give are
+assumed and stated: costs and false-alarm rate are the defaults of a press file.
 
-The press is as good as its prints: ink that was 1 % stronger on the day the chart was printed is 1 % stronger in the
-tables. Several prints of the chart average that.
+The press is as good as its prints: ink that was 1 % stronger on the day the chart was printed is 1 % stronger
+in the tables. Several prints of the chart average that.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FULLEST: Final = 0.9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PatchResidual:
-    """One patch of one scan: read beside fitted."""
+    """Measured and fitted signal of one patch of one scan."""
 
     scan: str
     page: int
@@ -47,27 +47,27 @@ class PatchResidual:
     column: int
     cmyk_percent: tuple[float, ...]
     measured_dn: tuple[float, ...]
-    """Of each sensor, at column gain 1, without what print and scan did of their own. [DN]"""
+    """Signal in each sensor, at column gain 1, without effects of the single print and scan. [DN]"""
     fitted_dn: tuple[float, ...]
     residual_sigma: tuple[float, ...]
     """Measured minus fitted, over a single pixel's temporal noise. [-]"""
     used: bool
-    """False: set aside as spoilt."""
+    """Whether the patch is used; otherwise it is rejected as an outlier."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """A press and what it was read from."""
+    """Press and the readings that it was made from."""
 
     press: Press
     learned: Learned
     patches: tuple[PatchResidual, ...]
     left_out_sigma: tuple[float, ...]
-    """Of each sensor: rms over recipes, each predicted from all others, in a single pixel's sigma. [-]"""
+    """Leave-one-out error of each sensor: rms over recipes, in a single pixel's sigma. [-]"""
 
     @property
     def residual_sigma(self) -> tuple[float, ...]:
-        """Of each sensor: rms over patches used. [-]"""
+        """Return the residual of each sensor: rms over patches used. [-]"""
         left = np.array([patch.residual_sigma for patch in self.patches if patch.used])
         return tuple(np.sqrt((left**2).mean(axis=0)).tolist())
 
@@ -80,10 +80,10 @@ def calibrate(
     encoding: str = AUTO,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Calibration:
-    """A press from the recipe file of a chart and scans of its prints, any pages, each as often as one likes.
+    """Calibrate a press from a chart's recipe file and scans of its prints, any pages, any number of each.
 
-    ChartError: no such recipe file. ScanError: a scan that cannot be used; scans that do not belong together; another
-    chart; too few patches.
+    ChartError: no such recipe file. ScanError: a scan that cannot be used; scans that do not belong together;
+    another chart; too few patches.
     """
     placed = read_recipe_file(chart)
     read: list[ScanRead] = []
@@ -101,8 +101,8 @@ def calibrate_from(
     origin: Mapping[str, str],
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Calibration:
-    """The same from scans that have been read; ScanError: they do not belong together, or show too few patches."""
-    _refuse_strangers(scans)
+    """Calibrate from scans that have been read; ScanError: they do not belong together, or show too few patches."""
+    _refuse_mixed(scans)
     _refuse_few(scans, placed)
     progress("fitting inks")
     fit = fit_jointly([scan.patches for scan in scans], placed)
@@ -118,8 +118,8 @@ def calibrate_from(
     )
 
 
-def _refuse_strangers(scans: Sequence[ScanRead]) -> None:
-    """ScanError if a scan is of other sensors, width or encoding than the first."""
+def _refuse_mixed(scans: Sequence[ScanRead]) -> None:
+    """Raise ScanError if a scan is of other sensors, width or encoding than the first."""
     first = scans[0]
     for scan in scans[1:]:
         for what, here, there in (
@@ -133,7 +133,7 @@ def _refuse_strangers(scans: Sequence[ScanRead]) -> None:
 
 
 def _refuse_few(scans: Sequence[ScanRead], placed: PlacedRecipes) -> None:
-    """ScanError if all scans together show too few recipes, or never an ink."""
+    """Raise ScanError if all scans combined show too few recipes, or never an ink."""
     seen = np.unique(np.concatenate([scan.patches.recipe for scan in scans]))
     missing = sorted(set(range(1, placed.pages + 1)) - {scan.patches.page for scan in scans})
     more = f"scan page {missing[0]} as well" if missing else "make and print a larger chart"
@@ -147,8 +147,10 @@ def _refuse_few(scans: Sequence[ScanRead], placed: PlacedRecipes) -> None:
 
 
 def _halftone_dn2(fit: JointFit, placed: PlacedRecipes, scans: Sequence[ScanRead]) -> NDArray[np.float64]:
-    """(2, sensors, readings) sum_i (d signal / d ink_i)^2 a_i (1 - a_i) of every reading, and the same without
-    a (1 - a) over inks that are there. [DN^2]
+    """Return the halftone's signal variance of every reading, (2, sensors, readings). [DN^2]
+
+    First is sum_i (d signal / d ink_i)^2 a_i (1 - a_i), second the same without a (1 - a) over inks that are
+    there.
     """
     cmyk = placed.cmyk[fit.recipe]
     recipes, which = np.unique(cmyk, axis=0, return_inverse=True)
@@ -160,7 +162,7 @@ def _halftone_dn2(fit: JointFit, placed: PlacedRecipes, scans: Sequence[ScanRead
 
 
 def _noise_of(sensor: int, scans: Sequence[ScanRead], halftone: NDArray[np.float64]) -> SignalNoise:
-    """Noise of one sensor from all patches and the bare paper of each scan."""
+    """Fit the noise of one sensor to all patches and the bare paper of each scan."""
     readings = [scan.patches for scan in scans]
     dn = np.concatenate([reading.dn[sensor] for reading in readings])
     variance = np.concatenate([reading.pixel_variance_dn2[sensor] for reading in readings])
@@ -177,7 +179,7 @@ def _noise_of(sensor: int, scans: Sequence[ScanRead], halftone: NDArray[np.float
 
 
 def _origin(chart: Path, scans: Sequence[Path], read: Sequence[ScanRead]) -> dict[str, str]:
-    """What the press was made from."""
+    """Return the origin of the press."""
     return {
         "inks": "read from a printed chart",
         "chart": chart.name,
@@ -191,7 +193,7 @@ def _origin(chart: Path, scans: Sequence[Path], read: Sequence[ScanRead]) -> dic
 
 
 def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, ...]:
-    """All readings for people."""
+    """Return all readings as rows for people."""
     fit = learned.fit
     white, black = learned.white_dn, learned.black_dn
     measured, fitted = (light * white - black for light in (fit.light, fit.fitted))
@@ -203,11 +205,11 @@ def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, 
             column=column,
             cmyk_percent=tuple(recipe),
             measured_dn=tuple(own),
-            fitted_dn=tuple(said),
+            fitted_dn=tuple(predicted),
             residual_sigma=tuple(away),
             used=used,
         )
-        for scan, (page, row, column), recipe, own, said, away, used in zip(
+        for scan, (page, row, column), recipe, own, predicted, away, used in zip(
             fit.scan.tolist(),
             placed.place[fit.recipe].tolist(),
             np.round(100 * placed.cmyk[fit.recipe], 2).tolist(),
@@ -221,7 +223,7 @@ def _residuals(learned: Learned, placed: PlacedRecipes) -> tuple[PatchResidual, 
 
 
 def _left_out_sigma(learned: Learned) -> tuple[float, ...]:
-    """See ``Calibration.left_out_sigma``."""
+    """Compute ``Calibration.left_out_sigma``."""
     model = learned.fit.model
     light = model.light(model.cmyk)
     error = 2 * np.sqrt(light) * model.left_out * learned.white_dn

@@ -1,15 +1,17 @@
-"""CMYK -> light in each sensor, learned from patches as the sensors saw them; no spectra.
+"""Model from CMYK to light in each sensor, fitted to patches as the sensors saw them; no spectra.
 
     sqrt y_s(x) = sqrt y_trend,s(x) + f_s(x),   y over bare paper's,
 
-f a Gaussian process over recipes. Two trends are tried and the one that predicts left-out patches better is taken:
+f a Gaussian process over recipes. Two trends are tried and the one that predicts left-out patches better is
+taken:
 
 - *bands*: equation 1 of the paper in a few bands of each sensor's own, y = sum_b p_b exp(-sum_i D_ib amount_i(x_i)),
   with a tone curve for each ink; a broad sensor behind strong inks is no single band;
 - *neugebauer*: ``inks.neugebauer`` with the sensors as its bands; halftones on paper that blurs.
 
-f's covariance is the ANOVA kernel prod_i (1 + theta k(x_i, x_i')), k Gaussian (Stitson et al., "Support vector
-regression with ANOVA decomposition kernels", 1999): what one ink does alone is smoother than what four do together.
+f's covariance is the ANOVA kernel prod_i (1 + theta k(x_i, x_i')), k Gaussian (Stitson et al., "Support
+vector regression with ANOVA decomposition kernels", 1999): the effect of one ink is smoother than the
+interaction of four.
 """
 
 from __future__ import annotations
@@ -41,15 +43,15 @@ _CHUNK: Final = 2048
 
 
 class Trend(Protocol):
-    """Where a recipe's light is, roughly."""
+    """Approximate light of a recipe, to which the Gaussian process is added."""
 
     @property
     def name(self) -> str:
-        """One word for people."""
+        """Return the trend's name for people, one word."""
         ...
 
     def light(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(m, 4) -> (m, sensors) over bare paper's. [-]"""
+        """Return the light over bare paper's, (m, 4) -> (m, sensors). [-]"""
         ...
 
 
@@ -58,22 +60,22 @@ class BandTrend:
     """Equation 1 in several bands of each sensor."""
 
     curves: NDArray[np.float64]
-    """(4, 2) tone value increase and skew. [-]"""
+    """Tone value increase and skew (4, 2) of each ink. [-]"""
     depth: NDArray[np.float64]
-    """(4,) natural density of each ink in the band where its tints follow Murray and Davies. [-]"""
+    """Natural density (4,) of each ink in the band where its tints follow Murray and Davies. [-]"""
     weights: NDArray[np.float64]
-    """(sensors, bands) share of paper's light. [-]"""
+    """Share (sensors, bands) of paper's light. [-]"""
     densities: NDArray[np.float64]
-    """(sensors, bands, 4) natural density of each solid. [-]"""
+    """Natural density (sensors, bands, 4) of each solid. [-]"""
 
     @property
     def name(self) -> str:
-        """``bands``."""
+        """Return ``bands``."""
         return "bands"
 
     @classmethod
     def fit(cls, cmyk: NDArray[np.float64], light: NDArray[np.float64], bands: int) -> BandTrend:
-        """Least squares in the square root of light, (n, 4) and (n, sensors)."""
+        """Fit by least squares in the square root of light, (n, 4) and (n, sensors)."""
         sensors = light.shape[1]
         design = np.column_stack([np.ones(len(cmyk)), -cmyk])
         v = np.linalg.lstsq(design, np.log(np.maximum(light, 1e-4)), rcond=None)[0]
@@ -107,7 +109,7 @@ class BandTrend:
         return model(least_squares(residual, start_inside, bounds=(low, high), max_nfev=60).x)
 
     def light(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See ``Trend``; beyond a solid the solid's."""
+        """Return light as ``Trend`` does; beyond a solid the solid's."""
         within = np.minimum(cmyk, 1.0)
         area = effective_area(within, self.curves)
         clear = np.exp(-self.depth)
@@ -119,14 +121,14 @@ class BandTrend:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NeugebauerTrend:
-    """The Neugebauer model with the sensors, repeated, in the place of its bands."""
+    """Neugebauer model with the sensors, repeated, in the place of its bands."""
 
     model: Neugebauer
     sensors: int
 
     @property
     def name(self) -> str:
-        """``neugebauer``."""
+        """Return ``neugebauer``."""
         return "neugebauer"
 
     @classmethod
@@ -137,7 +139,7 @@ class NeugebauerTrend:
         return cls(model=Neugebauer.fit(cmyk, repeated), sensors=sensors)
 
     def light(self, cmyk: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See ``Trend``."""
+        """Return light as ``Trend`` does."""
         return self.model.reflectance(cmyk)[:, : self.sensors]
 
 
@@ -147,23 +149,23 @@ class SignalModel:
 
     trend: Trend
     cmyk: NDArray[np.float64]
-    """(n, 4) recipes learned from. [-]"""
+    """Recipes (n, 4) that the model was fitted to. [-]"""
     coefficients: NDArray[np.float64]
-    """(n, sensors) of the kernel."""
+    """Coefficients (n, sensors) of the kernel."""
     width: float
-    """Of the kernel, in ink fractions. [-]"""
+    """Width of the kernel, in ink fractions. [-]"""
     theta: float
     left_out: NDArray[np.float64]
-    """(n, sensors) square root of measured light minus what all other patches say it should be. [-]"""
+    """Leave-one-out residual (n, sensors) of the square root of light: measured minus predicted from all others. [-]"""
 
     @property
     def name(self) -> str:
-        """For people: what it is built of."""
+        """Return the model's components for people."""
         return f"{self.trend.name} and a Gaussian process"
 
     @classmethod
     def fit(cls, cmyk: NDArray[np.float64], light: NDArray[np.float64], noise: NDArray[np.float64]) -> Self:
-        """Learn from different recipes (n, 4), light (n, sensors) and the relative variance (n,) of its square root.
+        """Fit distinct recipes (n, 4), light (n, sensors) and the relative variance (n,) of its square root.
 
         Trend, kernel and smoothing are those with the least squared error at left-out patches (Rippa's rule).
         """
@@ -175,7 +177,7 @@ class SignalModel:
         return min(candidates, key=lambda model: float((model.left_out**2 / noise[:, None]).sum()))
 
     def refit(self, light: NDArray[np.float64], noise: NDArray[np.float64]) -> Self:
-        """The same trend and kernel on slightly different light of the same recipes."""
+        """Fit the same trend and kernel to slightly different light of the same recipes."""
         return self._about(self.trend, self.cmyk, light, noise, width=self.width, theta=self.theta)
 
     @classmethod
@@ -189,7 +191,7 @@ class SignalModel:
         width: float,
         theta: float,
     ) -> Self:
-        """A process of one kernel about one trend."""
+        """Fit a process of one kernel about one trend."""
         rest = np.sqrt(np.maximum(light, _DARKEST)) - np.sqrt(np.maximum(trend.light(cmyk), _DARKEST))
         coefficients, left_out = _smoothed(_kernel(cmyk, cmyk, width, theta), noise, rest)
         return cls(
@@ -197,7 +199,7 @@ class SignalModel:
         )
 
     def root(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Square root of light, (..., 4) -> (..., sensors)."""
+        """Return the square root of light, (..., 4) -> (..., sensors)."""
 
         def summed(recipes: NDArray[np.float64]) -> NDArray[np.float64]:
             trend = np.sqrt(np.maximum(self.trend.light(recipes), _DARKEST))
@@ -207,11 +209,11 @@ class SignalModel:
         return in_chunks(summed, cmyk, self.coefficients.shape[1], chunk=_CHUNK)
 
     def light(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(..., 4) ink fractions -> (..., sensors) [-]."""
+        """Return light, (..., 4) ink fractions -> (..., sensors) [-]."""
         return self.root(cmyk) ** 2
 
     def root_slopes(self, cmyk: NDArray[np.float64], step: float = 0.02) -> NDArray[np.float64]:
-        """Change of ``root`` with each ink, (n, 4) -> (n, sensors, 4); one-sided at no and at full ink."""
+        """Return the change of ``root`` with each ink, (n, 4) -> (n, sensors, 4); one-sided at no and at full ink."""
         slopes = np.empty((len(cmyk), self.coefficients.shape[1], INKS))
         for ink in range(INKS):
             low, high = cmyk.copy(), cmyk.copy()
@@ -233,7 +235,7 @@ def _trends(cmyk: NDArray[np.float64], light: NDArray[np.float64]) -> list[Trend
 def _kernel(
     cmyk: NDArray[np.float64], others: NDArray[np.float64], width: float, theta: float
 ) -> NDArray[np.float64]:
-    """ANOVA kernel, (m, 4) and (n, 4) -> (m, n)."""
+    """Return the ANOVA kernel, (m, 4) and (n, 4) -> (m, n)."""
     product = np.ones((len(cmyk), len(others)))
     for ink in range(INKS):
         levels, which = np.unique(others[:, ink], return_inverse=True)
@@ -245,7 +247,7 @@ def _kernel(
 def _smoothed(
     kernel: NDArray[np.float64], noise: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coefficients (n, sensors) and left-out errors at each sensor's own best smoothing."""
+    """Return coefficients (n, sensors) and leave-one-out errors at each sensor's own best smoothing."""
     precision = 1 / np.sqrt(noise)[:, None]
     weights, vectors = eigh(precision * kernel * precision.T)
     weights = np.maximum(weights, 1e-13 * weights[-1])
@@ -256,9 +258,9 @@ def _smoothed(
     for sensor in range(values.shape[1]):
         least = np.inf
         for smoothing in _SMOOTHING * scale:
-            found = vectors @ (projected[:, sensor] / (weights + smoothing))
-            error = found / (squares @ (1 / (weights + smoothing)))
+            candidate = vectors @ (projected[:, sensor] / (weights + smoothing))
+            error = candidate / (squares @ (1 / (weights + smoothing)))
             score = float((error**2 / noise).sum())
             if score < least:
-                least, coefficients[:, sensor], errors[:, sensor] = score, found, error
+                least, coefficients[:, sensor], errors[:, sensor] = score, candidate, error
     return coefficients, errors

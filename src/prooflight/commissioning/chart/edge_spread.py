@@ -1,9 +1,10 @@
-"""What one pixel sees, from the edges of a chart's marks: a step on paper, as a camera sees it, is the integral of
-its line-spread function (ISO 12233's idea, with edges at many places within a pixel instead of a slanted one).
+"""Footprint of one pixel from the edges of a chart's marks.
 
-The line spread is taken as a box of the pixel's pitch, what any pixel and a line's travel do, blurred by two Gaussians:
-a narrow one for the core and a wide one for the skirt of lens and paper. Three numbers, so that a few edges determine
-them; each edge's own place is free, for paper is never quite where it should be.
+The camera's image of a step on paper is the integral of its line-spread function (ISO 12233's idea, with
+edges at many places within a pixel instead of a slanted one). The line spread is taken as a box of the
+pixel's pitch, the effect of any pixel and of a line's travel, blurred by two Gaussians: a narrow one for the
+core and a wide one for the skirt of lens and paper. Three numbers, so that a few edges determine them; each
+edge's own place is free, for paper is never quite where it should be.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.commissioning.chart.finding import FoundChart
+    from prooflight.commissioning.chart.finding import DetectedChart
     from prooflight.inks.chart_layout import Layout
 
 
 EdgeSample = tuple["NDArray[np.float64]", "NDArray[np.float64]"]
-"""Offsets of pixels' centres from where an edge should be [pixels], and light there over paper's; one entry a pixel."""
+"""Offsets of pixels' centres from an edge's expected place [pixels], and light there over paper's.
+
+One entry a pixel.
+"""
 _REACH_PIXELS: Final = 4.0
 _STEPS_PER_PIXEL: Final = 64
 _SEEN_PIXELS: Final = 5.0  # either side of an edge
@@ -37,16 +41,19 @@ _LOW, _HIGH = (0.02, 0.5, 0.0), (1.5, 4.0, 0.5)
 
 
 def mark_samples(
-    light: NDArray[np.float32], chart: FoundChart, layout: Layout
+    light: NDArray[np.float32], chart: DetectedChart, layout: Layout
 ) -> tuple[tuple[EdgeSample, ...], tuple[EdgeSample, ...]]:
-    """The marks' edges in one sensor's image (lines, pixels), light over paper's: across columns, across lines."""
+    """Sample the marks' edges in one sensor's image (lines, pixels) of light over paper's.
+
+    Return the edges across columns, and those across lines.
+    """
     return _edges_along(light, chart, layout, 0), _edges_along(light, chart, layout, 1)
 
 
 def footprint_of(
     across: Sequence[EdgeSample], along: Sequence[EdgeSample], pitch_mm: tuple[float, float]
 ) -> Footprint:
-    """Footprint of one sensor from edges of all scans; pitch_mm of columns and of lines."""
+    """Fit the footprint of one sensor to edges of all scans; pitch_mm of columns and of lines."""
     # Both ways on one reach in millimetres, which is counted in columns.
     offsets = np.linspace(-_REACH_PIXELS, _REACH_PIXELS, round(2 * _REACH_PIXELS * _STEPS_PER_PIXEL) + 1)
     steps = [
@@ -59,15 +66,17 @@ def footprint_of(
 
 
 def _whole(cumulative: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From 0 to 1."""
+    """Scale to 0..1."""
     return (cumulative - cumulative[0]) / (cumulative[-1] - cumulative[0])
 
 
 def _edges_along(
-    light: NDArray[np.float32], chart: FoundChart, layout: Layout, axis: int
+    light: NDArray[np.float32], chart: DetectedChart, layout: Layout, axis: int
 ) -> tuple[EdgeSample, ...]:
-    """Edges that run across one axis of the scan (0: columns follow one another): offsets of pixel centres from where
-    the edge should be [pixels], and light there. Each sample is one pixel as it was read.
+    """Sample the edges that run across one axis of the scan (0: columns follow one another).
+
+    Return offsets of pixel centres from the edge's expected place [pixels], and light there. Each sample is
+    one pixel as it was read.
     """
     turned = abs(chart.to_pixel[0, 0]) < abs(chart.to_pixel[0, 1])
     edges = []
@@ -97,7 +106,7 @@ def _edges_along(
 
 
 def _fitted(edges: Sequence[EdgeSample]) -> NDArray[np.float64]:
-    """Core, skirt and share that fit all edges, each with its own place and ends."""
+    """Fit core, skirt and share to all edges, each with its own place and ends."""
     steps = []
     for offset, light in edges:
         dark, bright = np.percentile(light, (8, 92))
@@ -119,14 +128,14 @@ def _fitted(edges: Sequence[EdgeSample]) -> NDArray[np.float64]:
             left.append(level - design @ np.linalg.lstsq(design, level, rcond=None)[0])
         return np.concatenate(left)
 
-    found = least_squares(
+    solution = least_squares(
         residual, _START, bounds=(_LOW, _HIGH), loss="soft_l1", f_scale=0.02, diff_step=1e-3
     )
-    return np.asarray(found.x[:3], dtype=np.float64)
+    return np.asarray(solution.x[:3], dtype=np.float64)
 
 
 def _step(offset: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cumulative line spread at offsets [pixels]: a box of one pixel, blurred."""
+    """Return the cumulative line spread at offsets [pixels]: a box of one pixel, blurred."""
     core, skirt, share = values
 
     def blurred(sigma: float) -> NDArray[np.float64]:
@@ -136,6 +145,6 @@ def _step(offset: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[n
 
 
 def _ramp(offset: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Integral of the normal distribution function."""
+    """Return the integral of the normal distribution function."""
     u = offset / sigma
     return np.asarray(sigma * (u * ndtr(u) + np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi)))

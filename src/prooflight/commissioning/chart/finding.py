@@ -1,9 +1,9 @@
-"""Where a printed chart lies in a scan: its four marks, which way round, and which page.
+"""Detection of a printed chart in a scan: its four marks, its orientation, and its page.
 
-A mark is a black square with a white square of a third of its side in the middle; that holds at any size and turn, so
-neither resolution nor lead-in need be known. Four of them (three will do) in the right places make a chart; the bar
-beside the first and the page number say which way round it lies. Then the edges of the marks place it to a fraction of
-a pixel.
+A mark is a black square with a white square of a third of its side in the middle; that holds at any size and
+turn, so neither resolution nor lead-in need be known. Four of them (three suffice) in the right places make a
+chart; the bar next to the first and the page number give its orientation. Then the edges of the marks locate
+it to a fraction of a pixel.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from prooflight.commissioning.chart.scan import ChartScan
     from prooflight.inks.chart_layout import Box, Layout
 
-_LOOKED_AT: Final = 1800  # pixels of the longer side in which marks are looked for; a mark has 30 or more
+_SEARCH_PIXELS: Final = 1800  # pixels of the longer side in which marks are looked for; a mark has 30 or more
 _BLACK: Final = 0.45  # of the paper's light, in the brightest sensor
 _MISPLACED: Final = 0.02  # of the chart's diagonal, what a paper's stretch and unequal pitches leave at most
 _REACH_MM: Final = 0.9  # either side of a mark's edge; its white square is 2 mm wide
@@ -37,43 +37,46 @@ _REMEDY: Final = "scan the whole page that `chart make` made, all four marks, fl
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundChart:
-    """A page of a chart in a scan."""
+class DetectedChart:
+    """Page of a chart in a scan."""
 
     page: int
-    """Its number, from 1."""
+    """Number of the page, from 1."""
     to_pixel: NDArray[np.float64]
-    """(2, 3) affine map from (x, y, 1) on the chart [mm] to (column, line) [pixels], whole numbers at pixel centres."""
+    """Affine map (2, 3) from (x, y, 1) on the chart [mm] to (column, line) [pixels], whole numbers at pixel centres."""
     residual_px: float
-    """Rms distance of the marks' edges from where the map puts them."""
+    """Rms distance of the marks' edges from their place by the map."""
     marks: int
-    """How many of the four were found."""
+    """Number of the four marks that were detected."""
 
     @property
     def to_chart(self) -> NDArray[np.float64]:
-        """(2, 3), the other way round."""
+        """Return the inverse map, (2, 3)."""
         return np.asarray(cv2.invertAffineTransform(self.to_pixel), dtype=np.float64)
 
     @property
     def pitch_mm(self) -> tuple[float, float]:
-        """What lies between neighbouring columns and between neighbouring lines, on the page. [mm]"""
+        """Return the distances between neighbouring columns and between neighbouring lines, on the page. [mm]"""
         back = self.to_chart[:, :2]
         return float(np.hypot(*back[:, 0])), float(np.hypot(*back[:, 1]))
 
     @property
     def turn_deg(self) -> float:
-        """How far the chart is turned clockwise as seen in the scan, -180..180. [degree]"""
+        """Return the chart's clockwise rotation as seen in the scan, -180..180. [degree]"""
         return float(np.rad2deg(np.arctan2(self.to_pixel[1, 0], self.to_pixel[0, 0])))
 
 
 def relative_light(scan: ChartScan) -> NDArray[np.float32]:
-    """Light of the brightest sensor over that of paper, (lines, pixels): black is dark in all, no colour is."""
+    """Return the light of the brightest sensor over that of paper, (lines, pixels).
+
+    Black is dark in all sensors, no colour is.
+    """
     coarse = scan.dn[:, ::7, ::7].reshape(len(scan.dn), -1)
     paper = np.maximum(np.percentile(coarse, 97, axis=1), 1e-6)
     return (scan.dn / paper[:, None, None].astype(np.float32)).max(axis=0)
 
 
-def find_chart(scan: ChartScan, layout: Layout) -> FoundChart:
+def find_chart(scan: ChartScan, layout: Layout) -> DetectedChart:
     """Find a page of a chart of ``layout``; ScanError if there is none, or one of another layout."""
     light = relative_light(scan)
     stretch = (1.0, 1.0) if scan.dpi is None else (1.0, scan.dpi[0] / scan.dpi[1])
@@ -90,7 +93,7 @@ def find_chart(scan: ChartScan, layout: Layout) -> FoundChart:
         page = _page(light, to_pixel, layout) if marks == most else None
         if page is not None:
             refined, residual = _refined(light, to_pixel, layout)
-            return FoundChart(page=page, to_pixel=refined, residual_px=residual, marks=marks)
+            return DetectedChart(page=page, to_pixel=refined, residual_px=residual, marks=marks)
     what = "marks of a chart, but no bar and page number beside them"
     raise ScanError(scan.path, what, remedy="give the recipe file of the chart that was scanned")
 
@@ -98,8 +101,8 @@ def find_chart(scan: ChartScan, layout: Layout) -> FoundChart:
 def _squares(
     light: NDArray[np.float32], stretch: tuple[float, float]
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """Centre (column, line) and side [columns] of everything that looks like a mark."""
-    factor = max(max(light.shape) / _LOOKED_AT, 1.0)
+    """Return centre (column, line) and side [columns] of everything that looks like a mark."""
+    factor = max(max(light.shape) / _SEARCH_PIXELS, 1.0)
     size = tuple(
         max(round(extent * way / factor), 8) for extent, way in zip(light.shape[::-1], stretch, strict=True)
     )
@@ -108,7 +111,7 @@ def _squares(
     contours, tree = cv2.findContours(
         (small < _BLACK).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
-    found = []
+    marks = []
     for at, contour in enumerate(contours):
         if tree[0, at, 3] >= 0 or tree[0, at, 2] < 0 or len(contour) < 24:
             continue  # a hole itself, or without one, or tiny
@@ -126,14 +129,14 @@ def _squares(
         third = 0.2 < np.mean(hollow) / np.mean(side) < 0.45
         middle = np.hypot(*np.subtract(centre, white)) < 0.12 * np.mean(side)
         if square and third and middle and filled > 0.8 * side[0] * side[1]:
-            found.append(((np.array(centre) + 0.5) * scale - 0.5, float(np.mean(side) * scale[0])))
-    return found
+            marks.append(((np.array(centre) + 0.5) * scale - 0.5, float(np.mean(side) * scale[0])))
+    return marks
 
 
 def _placements(
     candidates: list[tuple[NDArray[np.float64], float]], layout: Layout, stretch: tuple[float, float]
 ) -> Iterator[tuple[NDArray[np.float64], int, float]]:
-    """Every map that lays three or four marks on candidates: the map, how many, and how far they are off."""
+    """Yield every map that matches three or four marks to candidates: the map, their number, and the distance."""
     boxes = layout.mark_boxes()
     marks = np.array([[x + w / 2, y + h / 2] for x, y, w, h in boxes])
     seen = np.array([centre * stretch for centre, _ in candidates])
@@ -161,7 +164,7 @@ def _placements(
 
 
 def _page(light: NDArray[np.float32], to_pixel: NDArray[np.float64], layout: Layout) -> int | None:
-    """The page number, if bar, start and stop squares are where this map puts them; else None."""
+    """Return the page number, if bar, start and stop squares are where this map puts them; else None."""
     numbered = layout.code_boxes(2**_BITS - 1)  # all squares but the white one before the last
     bar = layout.black_and_white(1)[2 * len(layout.mark_boxes())][0]
     x, y, side, _ = numbered[-1]
@@ -176,7 +179,7 @@ def _page(light: NDArray[np.float32], to_pixel: NDArray[np.float64], layout: Lay
 
 
 def _mean_in(light: NDArray[np.float32], to_pixel: NDArray[np.float64], box: Box) -> float:
-    """Median light in the middle half of a box; NaN off the scan."""
+    """Return the median light in the middle half of a box; NaN off the scan."""
     x, y, width, height = box
     at = np.linspace(0.25, 0.75, 9)
     grid = np.stack(np.meshgrid(x + width * at, y + height * at), axis=-1)
@@ -186,7 +189,7 @@ def _mean_in(light: NDArray[np.float32], to_pixel: NDArray[np.float64], box: Box
 def _sampled(
     image: NDArray[np.float32], to_pixel: NDArray[np.float64], points_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Bilinear values at chart points (..., 2) -> (...); NaN off the scan."""
+    """Return bilinear values at chart points (..., 2) -> (...); NaN off the scan."""
     column, line = np.moveaxis(points_mm @ to_pixel[:, :2].T + to_pixel[:, 2], -1, 0)
     return np.asarray(
         ndimage.map_coordinates(image, [line, column], order=1, mode="constant", cval=np.nan),
@@ -195,8 +198,10 @@ def _sampled(
 
 
 def mark_edges(layout: Layout) -> Iterator[tuple[int, float, tuple[float, float]]]:
-    """Straight edges of the marks: axis of their normal (0: x, 1: y), their place on it, and from where to where on the
-    other axis, corners left out. [mm]
+    """Yield the straight edges of the marks. [mm]
+
+    Each is the axis of its normal (0: x, 1: y), its place on that axis, and its extent on the other axis,
+    corners left out.
     """
     third = layout.mark_mm / 3
     for x, y, side, _ in layout.mark_boxes():
@@ -215,7 +220,7 @@ def edge_profile(
     edge: tuple[int, float, tuple[float, float]],
     offsets_mm: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Median along an edge of the image at offsets (n,) across it."""
+    """Return the median along an edge of the image at offsets (n,) across it."""
     axis, place, (low, high) = edge
     along = np.linspace(low, high, 25)
     points = np.empty((along.size, offsets_mm.size, 2))
@@ -225,7 +230,7 @@ def edge_profile(
 
 
 def half_way(offsets_mm: NDArray[np.float64], profile: NDArray[np.float64]) -> float:
-    """Where a profile across an edge passes the middle between its two ends; NaN if it is no edge. [mm]"""
+    """Return the offset [mm] at which an edge's profile passes the middle between its ends; NaN if it is no edge."""
     ends = profile[: profile.size // 5].mean(), profile[-(profile.size // 5) :].mean()
     if not np.isfinite(profile).all() or abs(ends[1] - ends[0]) < 0.3:
         return float("nan")
@@ -241,7 +246,7 @@ def half_way(offsets_mm: NDArray[np.float64], profile: NDArray[np.float64]) -> f
 def _refined(
     light: NDArray[np.float32], to_pixel: NDArray[np.float64], layout: Layout
 ) -> tuple[NDArray[np.float64], float]:
-    """The map that puts the edges of the marks where they are seen, by least squares, and what it leaves. [pixels]"""
+    """Refine the map by least squares to the marks' measured edges; return it with its residual. [pixels]"""
     offsets = np.arange(-_REACH_MM, _REACH_MM + _STEP_MM / 2, _STEP_MM)
     edges = list(mark_edges(layout))
     residual = np.inf
@@ -256,9 +261,9 @@ def _refined(
             points[:, 1 - axis] = [np.mean(edges[at][2]) for at in rows]
             if len(rows) < 6:
                 return to_pixel, float("nan")
-            fit, kept = _trimmed_fit(points, moved[rows])
+            fit, inliers = _trimmed_fit(points, moved[rows])
             correction[axis] += fit
-            left.append((moved[rows] - points @ fit)[kept])
+            left.append((moved[rows] - points @ fit)[inliers])
         # An edge seen at x + moved(x): the true map takes x where the present one takes x + moved(x).
         to_pixel = to_pixel @ correction
         pixels_a_mm = np.sqrt(abs(np.linalg.det(to_pixel[:, :2])))
@@ -269,10 +274,10 @@ def _refined(
 def _trimmed_fit(
     points: NDArray[np.float64], moved: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Least squares with what lies beyond four robust sigmas left out: a speck on an edge."""
-    kept = np.ones(len(moved), dtype=bool)
+    """Fit by least squares without points beyond four robust sigmas, such as a speck on an edge."""
+    inliers = np.ones(len(moved), dtype=bool)
     for _ in range(3):
-        fit = np.asarray(np.linalg.lstsq(points[kept], moved[kept], rcond=None)[0], dtype=np.float64)
+        fit = np.asarray(np.linalg.lstsq(points[inliers], moved[inliers], rcond=None)[0], dtype=np.float64)
         away = np.abs(moved - points @ fit)
-        kept = np.asarray(away <= max(4 * 1.48 * float(np.median(away[kept])), 1e-3))
-    return fit, kept
+        inliers = np.asarray(away <= max(4 * 1.48 * float(np.median(away[inliers])), 1e-3))
+    return fit, inliers

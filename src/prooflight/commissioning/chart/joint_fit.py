@@ -1,10 +1,10 @@
-"""One model of the inks from all scans of a chart, with what each print and scan did of its own taken out.
+"""Joint fit of one ink model to all scans of a chart, with effects of each print and scan removed.
 
-A print's inks are a little stronger at one side than at the other and stronger than another print's, and a sensor's
-black level, which dims nothing, makes dark patches lighter where the lamp is weak. Each is a small known shape times an
-unknown amount with a known usual size; patches lie shuffled over the sheet, so that none looks like a property of a
-recipe. Amounts are found from what the model leaves at left-out patches, by least squares held towards nought, and the
-model again from the patches without them, in turn.
+A print's inks are a little stronger at one side than at the other and stronger than another print's, and a
+sensor's black level, which dims nothing, makes dark patches lighter where the lamp is weak. Each effect is a
+small known shape times an unknown amount with a known usual size; patches are shuffled over the sheet, so
+that none looks like a property of a recipe. Amounts are fitted to the model's residuals at left-out patches,
+by least squares regularised towards zero, and the model again to the patches without them, in turn.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ _LEVEL: Final = 0.02  # assumed: the same of an ink, and of its tone value at 50
 _BLACK: Final = 0.02  # assumed: usual black level over paper's light
 _ROUNDS: Final = 3
 _OUTLIER: Final = 6.0  # robust standard deviations
-_SPOILT: Final = 0.02  # assumed: root of light that no honest model is off by
+_MISFIT: Final = 0.02  # assumed: root of light that no honest model is off by
 _TRUSTED: Final = 2.0  # sigmas
 _DARK: Final = 0.01  # below, a root's own error is as large as what black level does to it
-_KNOWN: Final = 1e-2  # relative variance of bare paper, whose light is 1 by definition
+_PAPER_VARIANCE: Final = 1e-2  # relative variance of bare paper, whose light is 1 by definition
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointFit:
-    """The inks, and every reading beside what they say; arrays over all readings of all scans (n,)."""
+    """Ink model, and every reading with its prediction; arrays over all readings of all scans (n,)."""
 
     model: SignalModel
     black: NDArray[np.float64]
-    """(sensors,) black level over paper's light where the column gain is 1. [-]"""
+    """Black level (sensors,) over paper's light where the column gain is 1. [-]"""
     scan: NDArray[np.int64]
-    """(n,) which scan."""
+    """Index (n,) of the scan."""
     recipe: NDArray[np.int64]
-    """(n,) which of the chart's recipes."""
+    """Index (n,) of the chart's recipe."""
     light: NDArray[np.float64]
-    """(n, sensors) read, without what print and scan did. [-]"""
+    """Measured light (n, sensors), without effects of print and scan. [-]"""
     fitted: NDArray[np.float64]
-    """(n, sensors) what the model says. [-]"""
+    """Predicted light (n, sensors). [-]"""
     used: NDArray[np.bool_]
-    """(n,) not set aside as spoilt."""
+    """Whether each reading (n,) is used, not rejected as an outlier."""
 
 
 def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> JointFit:
-    """The inks of a chart from the readings of all its scans."""
+    """Fit the inks of a chart to the readings of all its scans."""
     recipe = np.concatenate([reading.recipe for reading in readings])
     scan = np.repeat(np.arange(len(readings)), [reading.recipe.size for reading in readings])
     light = np.concatenate([reading.light.T for reading in readings])
@@ -64,28 +64,28 @@ def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> Joi
     gain = np.concatenate([reading.gain.T for reading in readings])
     centre = np.concatenate([reading.centre_mm for reading in readings])
     place = centre / (placed.layout.width_mm / 2, placed.layout.height_mm / 2) - 1
-    known, which = np.unique(placed.cmyk[recipe], axis=0, return_inverse=True)
+    recipes, which = np.unique(placed.cmyk[recipe], axis=0, return_inverse=True)
     root = np.sqrt(np.maximum(light, 1e-5))
     noise = (variance / (4 * np.maximum(light, 1e-3))).mean(axis=1)
     noise = 0.5 * (noise / max(float(np.median(noise)), 1e-30) + 1)
     used = np.ones(recipe.size, dtype=bool)
     own = np.zeros_like(root)
     theta = np.zeros(0)
-    rows, mean, relative = _averaged(which, root, noise, used, known)
-    model = SignalModel.fit(known[rows], mean**2, relative)
+    rows, mean, relative = _averaged(which, root, noise, used, recipes)
+    model = SignalModel.fit(recipes[rows], mean**2, relative)
     for _ in range(_ROUNDS):
-        predicted = np.full((len(known), root.shape[1]), np.nan)
+        predicted = np.full((len(recipes), root.shape[1]), np.nan)
         predicted[rows] = mean - model.left_out
-        left = root - np.where(np.isfinite(predicted[which]), predicted[which], model.root(known)[which])
-        shapes, usual = _shapes(model, known[which], root, place, gain, scan)
-        used = _unspoilt(left - own, used)
+        left = root - np.where(np.isfinite(predicted[which]), predicted[which], model.root(recipes)[which])
+        shapes, usual = _shapes(model, recipes[which], root, place, gain, scan)
+        used = _inliers(left - own, used)
         theta = _amounts(left, shapes, usual, noise, used)
         own = np.einsum("nsk,k->ns", shapes, theta)
-        rows, mean, relative = _averaged(which, root - own, noise, used, known)
+        rows, mean, relative = _averaged(which, root - own, noise, used, recipes)
         if len(rows) == len(model.cmyk):
             model = model.refit(mean**2, relative)
         else:
-            model = SignalModel.fit(known[rows], mean**2, relative)
+            model = SignalModel.fit(recipes[rows], mean**2, relative)
     sensors = root.shape[1]
     return JointFit(
         model=model,
@@ -93,7 +93,7 @@ def fit_jointly(readings: Sequence[PatchReadings], placed: PlacedRecipes) -> Joi
         scan=scan,
         recipe=recipe,
         light=np.maximum(root - own, 0) ** 2,
-        fitted=model.light(known)[which],
+        fitted=model.light(recipes)[which],
         used=used,
     )
 
@@ -103,18 +103,18 @@ def _averaged(
     root: NDArray[np.float64],
     noise: NDArray[np.float64],
     used: NDArray[np.bool_],
-    known: NDArray[np.float64],
+    recipes: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Recipes that were read, their mean root (m, sensors) and its relative variance (m,)."""
+    """Average readings by recipe: recipes that were read, their mean root (m, sensors), its relative variance (m,)."""
     weight = np.where(used, 1 / noise, 0.0)
-    total = np.bincount(which, weight, len(known))
+    total = np.bincount(which, weight, len(recipes))
     rows = np.flatnonzero(total > 0)
-    summed = np.stack([np.bincount(which, weight * column, len(known)) for column in root.T], axis=1)
+    summed = np.stack([np.bincount(which, weight * column, len(recipes)) for column in root.T], axis=1)
     mean = np.asarray(summed[rows] / total[rows, None], dtype=np.float64)
     relative = 1 / total[rows]
-    paper = (known[rows] == 0).all(axis=1)
+    paper = (recipes[rows] == 0).all(axis=1)
     mean[paper] = 1.0
-    relative[paper] = _KNOWN * relative.min()
+    relative[paper] = _PAPER_VARIANCE * relative.min()
     return rows, mean, relative
 
 
@@ -126,7 +126,7 @@ def _shapes(
     gain: NDArray[np.float64],
     scan: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How each amount changes the root of each reading, (n, sensors, amounts), and the amounts' usual sizes."""
+    """Return the change of each reading's root with each amount, (n, sensors, amounts), and their usual sizes."""
     distinct, which = np.unique(cmyk, axis=0, return_inverse=True)
     slopes = model.root_slopes(distinct)[which]
     strength = slopes * cmyk[:, None, :]
@@ -139,25 +139,27 @@ def _shapes(
             columns.append(strength * here * place[:, axis, None, None])
             usual += [_TILT] * INKS
         if scans > 1:  # only what differs between prints: what they share is the inks'
-            apart = here - here.mean()
-            columns += [strength * apart, tone * apart]
+            deviation = here - here.mean()
+            columns += [strength * deviation, tone * deviation]
             usual += [_LEVEL] * (2 * INKS)
     sensors = root.shape[1]
     black = np.zeros((*root.shape, sensors))
     # About the mean of 1 / gain, so that it cannot pass for a property of dark recipes; the black level's own part in
     # hundred is left out thereby.
-    apart = 1 / gain - (1 / gain).mean(axis=0)
+    deviation = 1 / gain - (1 / gain).mean(axis=0)
     for sensor in range(sensors):
         light = root[:, sensor] ** 2
-        black[:, sensor, sensor] = apart[:, sensor] * (1 - light) / (2 * np.sqrt(np.maximum(light, _DARK)))
+        black[:, sensor, sensor] = (
+            deviation[:, sensor] * (1 - light) / (2 * np.sqrt(np.maximum(light, _DARK)))
+        )
     return np.concatenate([*columns, black], axis=2), np.array([*usual, *[_BLACK] * sensors])
 
 
-def _unspoilt(left: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Readings that lie within six robust sigmas of the model in every sensor."""
+def _inliers(left: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Select readings that lie within six robust sigmas of the model in every sensor."""
     away = np.abs(left - np.median(left[used], axis=0))
     sigma = 1.48 * np.median(away[used], axis=0)
-    return np.asarray((away <= np.maximum(_OUTLIER * sigma, _SPOILT)).all(axis=1))
+    return np.asarray((away <= np.maximum(_OUTLIER * sigma, _MISFIT)).all(axis=1))
 
 
 def _amounts(
@@ -167,7 +169,7 @@ def _amounts(
     noise: NDArray[np.float64],
     used: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Least squares of what is left by the shapes, each amount held towards nought by its usual size."""
+    """Fit the residuals by the shapes in least squares, each amount regularised towards zero by its usual size."""
     sigma = 1.48 * np.median(np.abs(left[used] / np.sqrt(noise[used])[:, None]), axis=0)
     error = np.maximum(sigma, 1e-6) * np.sqrt(noise)[:, None]
     flat = shapes.reshape(-1, shapes.shape[2])

@@ -1,7 +1,7 @@
-"""Noise as a function of signal from flat patches: variance = constant + gain x signal + what halftone adds.
+"""Noise as a function of signal from flat patches: variance = constant + gain x signal + halftone's variance.
 
-Shot noise rises with the signal alone; the grain of a halftone also depends on how the signal came about. Paper has
-none and solids little, so patches of the same signal tell the two apart in a single scan.
+Shot noise rises with the signal alone; the grain of a halftone also depends on the inks that give the signal.
+Paper has none and solids little, so patches of the same signal separate the two in a single scan.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 _ROUNDS = 8
 _OUTLIER = 4.0
-_AREA_KNOWN = 0.03  # assumed: how far a solid's ink may be from closed; a few per cent of gaps are grain too
-_GRAIN_KNOWN = 0.2  # assumed: relative error of the law of a halftone's grain, which hides the noise under it
+_AREA_ERROR = 0.03  # assumed: how far a solid's ink may be from closed; a few per cent of gaps are grain too
+_GRAIN_ERROR = 0.2  # assumed: relative error of the law of a halftone's grain, which hides the noise under it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalNoise:
-    """One sensor's temporal noise."""
+    """Temporal noise of one sensor."""
 
     constant_dn2: float
     """Variance at 0 DN, rounding included. [DN^2]"""
     gain_dn: float
-    """Variance a digital number of signal adds. [DN]"""
+    """Increase of variance for each digital number of signal. [DN]"""
     grain: float
-    """What halftone adds, over sum_i (d signal / d ink_i)^2 a_i (1 - a_i). [-]"""
+    """Variance of halftone, over sum_i (d signal / d ink_i)^2 a_i (1 - a_i). [-]"""
 
     def variance_dn2(self, dn: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Temporal variance at digital numbers (...). [DN^2]"""
+        """Return the temporal variance at digital numbers (...). [DN^2]"""
         return np.asarray(self.constant_dn2 + self.gain_dn * np.maximum(dn, 0.0), dtype=np.float64)
 
 
@@ -46,29 +46,30 @@ def fit_noise(
     inked_dn2: NDArray[np.float64],
     pixels: NDArray[np.float64],
 ) -> SignalNoise:
-    """Weighted least squares with no term below 0; all arrays (patches,).
+    """Fit the noise by weighted least squares with no term below 0; all arrays (patches,).
 
-    halftone_dn2: sum over inks of (d signal / d ink)^2 a (1 - a); inked_dn2: the same sum without a (1 - a), over inks
-    that are there.
+    halftone_dn2: sum over inks of (d signal / d ink)^2 a (1 - a); inked_dn2: the same sum without a (1 - a),
+    over inks that are there.
 
-    Weights come from the fitted variances (a sample variance of n pixels errs by sqrt(2 / n) of itself) and from how
-    well the law of grain is known; outliers are left out in turn. The constant is at least that of rounding.
+    Weights come from the fitted variances (a sample variance of n pixels errs by sqrt(2 / n) of itself) and
+    from how well the law of grain is known; outliers are left out in turn. The constant is at least that of
+    rounding.
     """
     design = np.column_stack([np.ones_like(dn), np.maximum(dn, 0.0), halftone_dn2])
-    kept = np.ones(dn.size, dtype=bool)
+    used = np.ones(dn.size, dtype=bool)
     fitted = np.maximum(variance_dn2, ROUNDING_DN2)
     coarse = halftone_dn2 >= max(float(np.median(halftone_dn2)), 1e-12)
     grain = float(np.median(variance_dn2[coarse] / halftone_dn2[coarse])) if coarse.any() else 0.0
     terms = np.array([0.0, 0.0, grain])
     size = np.maximum(np.abs(design).max(axis=0), 1e-12)
     for _ in range(_ROUNDS):
-        doubt = terms[2] * (_GRAIN_KNOWN * halftone_dn2 + _AREA_KNOWN * inked_dn2)
+        doubt = terms[2] * (_GRAIN_ERROR * halftone_dn2 + _AREA_ERROR * inked_dn2)
         error = np.hypot(fitted * np.sqrt(2 / np.maximum(pixels, 2)), doubt)
-        weight = kept / error
+        weight = used / error
         terms = nnls(design / size * weight[:, None], variance_dn2 * weight)[0] / size
         fitted = np.maximum(design @ terms, ROUNDING_DN2)
         away = np.abs(variance_dn2 - fitted) / error
-        kept = away <= _OUTLIER * max(1.48 * float(np.median(away)), 1.0)
+        used = away <= _OUTLIER * max(1.48 * float(np.median(away)), 1.0)
     return SignalNoise(
         constant_dn2=max(float(terms[0]), ROUNDING_DN2), gain_dn=float(terms[1]), grain=float(terms[2])
     )

@@ -1,9 +1,9 @@
-"""Patches of a found chart, read against the paper around them.
+"""Readings of a detected chart's patches against the paper around them.
 
-The paper between the patches is the scan's own white reference. It gives each column's gain (lamp, lens, pixel), each
-line's (a lamp that flickers) and the slow rest (clouds in the paper); patches are read in units of it. What light
-strays a millimetre and more, by diffraction or glare, makes paper beside dark patches darker and dark patches brighter;
-its strength is fitted to the paper and taken out of both.
+The paper between the patches is the scan's own white reference. It gives each column's gain (lamp, lens,
+pixel), each line's (a lamp that flickers) and the slow remainder (clouds in the paper); patches are read in
+units of it. Light that strays a millimetre and more, by diffraction or glare, makes paper near dark patches
+darker and dark patches brighter; its strength is fitted to the paper and removed from both.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from prooflight.inks.chart_print import painted
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from prooflight.commissioning.chart.finding import FoundChart
+    from prooflight.commissioning.chart.finding import DetectedChart
     from prooflight.commissioning.chart.scan import ChartScan
     from prooflight.inks.chart_layout import PlacedRecipes
 
@@ -40,63 +40,63 @@ _ROUNDS: Final = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PatchReadings:
-    """The patches of one scan; arrays over patches (n,) or sensors and patches (s, n)."""
+    """Patches of one scan; arrays over patches (n,) or sensors and patches (s, n)."""
 
     recipe: NDArray[np.int64]
-    """(n,) row in the chart's recipes."""
+    """Row (n,) in the chart's recipes."""
     page: int
     light: NDArray[np.float64]
-    """(s, n) over the paper's around them. [-]"""
+    """Light (s, n) over the paper's around them. [-]"""
     light_variance: NDArray[np.float64]
-    """(s, n) of ``light``, from the spread between pixels. [-]"""
+    """Variance (s, n) of ``light``, from the spread between pixels. [-]"""
     dn: NDArray[np.float64]
-    """(s, n) as they stand in the scan. [DN]"""
+    """Digital numbers (s, n) as they stand in the scan. [DN]"""
     pixel_variance_dn2: NDArray[np.float64]
-    """(s, n) between neighbouring lines of a column: temporal noise and halftone, no fixed pattern. [DN^2]"""
+    """Variance (s, n) between neighbouring lines of a column: temporal noise and halftone, no fixed pattern. [DN^2]"""
     pixels: NDArray[np.float64]
-    """(n,) pixels read."""
+    """Number (n,) of pixels read."""
     centre_mm: NDArray[np.float64]
-    """(n, 2) on the chart. [mm]"""
+    """Centre (n, 2) on the chart. [mm]"""
     white_dn: NDArray[np.float64]
-    """(s,) of the paper in the middle of the field. [DN]"""
+    """Digital number (s,) of the paper in the middle of the field. [DN]"""
     column_gain: NDArray[np.float64]
-    """(s, pixels) of the paper's, over the middle's; NaN where no paper was seen. [-]"""
+    """Paper's light (s, pixels) in each column, over the middle's; NaN where no paper was seen. [-]"""
     gain: NDArray[np.float64]
-    """(s, n) of the columns that saw the patch. [-]"""
+    """Gain (s, n) of the columns that saw the patch. [-]"""
     paper_variance_dn2: NDArray[np.float64]
-    """(s,) between neighbouring lines, of bare paper. [DN^2]"""
+    """Variance (s,) of bare paper between neighbouring lines. [DN^2]"""
     stray_mm: NDArray[np.float64]
-    """(s,) strength k of stray light, k / r^3 of what lies at a distance r. [mm]"""
+    """Strength k (s,) of stray light, k / r^3 of the light at a distance r. [mm]"""
     backing_dn: NDArray[np.float64]
-    """(s,) beyond the page; NaN where none is seen. [DN]"""
+    """Digital number (s,) beyond the page; NaN where none is seen. [DN]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Maps:
-    """What each pixel of a scan sees."""
+    """Label of each pixel of a scan."""
 
     patch: NDArray[np.int32]
-    """(lines, pixels) 1 + index of the patch whose inside it lies in, else 0."""
+    """Index of the patch (lines, pixels) whose inside a pixel lies in, plus 1, else 0."""
     paper: NDArray[np.bool_]
     beyond: NDArray[np.bool_]
 
 
-def read_patches(scan: ChartScan, found: FoundChart, placed: PlacedRecipes) -> PatchReadings:
-    """Read every patch of the page that was found; ScanError: paper is clipped, or patches lie off the scan."""
-    here = np.flatnonzero(placed.place[:, 0] == found.page)
-    maps = _maps(scan, found, placed, here)
+def read_patches(scan: ChartScan, chart: DetectedChart, placed: PlacedRecipes) -> PatchReadings:
+    """Read every patch of the detected page; ScanError: paper is clipped, or patches lie off the scan."""
+    here = np.flatnonzero(placed.place[:, 0] == chart.page)
+    maps = _maps(scan, chart, placed, here)
     pixels = np.bincount(maps.patch.ravel(), minlength=len(here) + 1)[1:]
     off = int((pixels < _LEAST_PIXELS).sum())
     if off:
-        what = f"{off} of {len(here)} patches of page {found.page} lie off the scan or are too small in it"
+        what = f"{off} of {len(here)} patches of page {chart.page} lie off the scan or are too small in it"
         raise ScanError(scan.path, what, remedy="scan the whole page, at 100 dpi or more")
     _refuse_clipping(scan, maps)
     boxes = np.array([placed.layout.patch_box(row, column) for _, row, column in placed.place[here].tolist()])
     centre = boxes[:, :2] + boxes[:, 2:] / 2
-    per_sensor = [_read_sensor(dn, found, placed, here, maps) for dn in scan.dn]
+    per_sensor = [_read_sensor(dn, chart, placed, here, maps) for dn in scan.dn]
     return PatchReadings(
         recipe=here,
-        page=found.page,
+        page=chart.page,
         pixels=pixels.astype(np.float64),
         centre_mm=centre,
         **{
@@ -106,16 +106,16 @@ def read_patches(scan: ChartScan, found: FoundChart, placed: PlacedRecipes) -> P
     )
 
 
-def _maps(scan: ChartScan, found: FoundChart, placed: PlacedRecipes, here: NDArray[np.int64]) -> _Maps:
+def _maps(scan: ChartScan, chart: DetectedChart, placed: PlacedRecipes, here: NDArray[np.int64]) -> _Maps:
     layout, steps = placed.layout, STEPS_PER_MM
-    pitch = max(found.pitch_mm)
+    pitch = max(chart.pitch_mm)
     guard = max(_GUARD_MM, _GUARD_PIXELS * pitch)
     inside = max(_INSIDE_MM, _INSIDE_PIXELS * pitch)
     size = (round(layout.height_mm * steps), round(layout.width_mm * steps))
     border = round(_BORDER_MM * steps)
     paper = np.zeros(size, np.uint8)
     paper[border:-border, border:-border] = 1
-    for (x, y, width, height), _ in painted(placed, found.page):
+    for (x, y, width, height), _ in painted(placed, chart.page):
         left, top, right, bottom = (
             round(edge * steps) for edge in (x - guard, y - guard, x + width + guard, y + height + guard)
         )
@@ -129,17 +129,17 @@ def _maps(scan: ChartScan, found: FoundChart, placed: PlacedRecipes, here: NDArr
         left, top = round((x + inside) * steps), round((y + inside) * steps)
         bottom, right = round((y + height - inside) * steps), round((x + width - inside) * steps)
         labels[top:bottom, left:right] = number
-    off = 1 - _seen(np.ones(size, np.uint8), scan, found)
+    off = 1 - _seen(np.ones(size, np.uint8), scan, chart)
     return _Maps(
-        patch=_seen(labels, scan, found).astype(np.int32),
-        paper=_seen(paper, scan, found).astype(bool),
+        patch=_seen(labels, scan, chart).astype(np.int32),
+        paper=_seen(paper, scan, chart).astype(bool),
         beyond=cv2.erode(off, np.ones((3, 3)), iterations=round(_BORDER_MM / pitch)) > 0,
     )
 
 
-def _seen(raster: NDArray[np.generic], scan: ChartScan, found: FoundChart) -> NDArray[np.generic]:
-    """A raster of the chart, ``STEPS_PER_MM``, at the scan's pixels; 0 off the chart."""
-    to_raster = found.to_chart * STEPS_PER_MM
+def _seen(raster: NDArray[np.generic], scan: ChartScan, chart: DetectedChart) -> NDArray[np.generic]:
+    """Sample a raster of the chart, ``STEPS_PER_MM``, at the scan's pixels; 0 off the chart."""
+    to_raster = chart.to_chart * STEPS_PER_MM
     to_raster[:, 2] -= 0.5
     lines, pixels = scan.dn.shape[1:]
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
@@ -147,7 +147,7 @@ def _seen(raster: NDArray[np.generic], scan: ChartScan, found: FoundChart) -> ND
 
 
 def _refuse_clipping(scan: ChartScan, maps: _Maps) -> None:
-    """ScanError if the paper, or a patch beside the blackest, sits at an end of a sensor's range."""
+    """Raise ScanError if the paper, or a patch next to the blackest, is at an end of a sensor's range."""
     for name, dn in zip(scan.names, scan.dn, strict=True):
         greatest = float(dn.max())
         share = float((dn[maps.paper] >= greatest).mean())
@@ -164,12 +164,12 @@ def _refuse_clipping(scan: ChartScan, maps: _Maps) -> None:
 
 def _read_sensor(
     dn: NDArray[np.float32],
-    found: FoundChart,
+    chart: DetectedChart,
     placed: PlacedRecipes,
     here: NDArray[np.int64],
     maps: _Maps,
 ) -> dict[str, ArrayLike]:
-    """One sensor's part of ``PatchReadings``."""
+    """Read one sensor's part of ``PatchReadings``."""
     columns, lines = _gains(dn, maps.paper)
     order, starts = _by_patch(maps.patch, len(here))
     stray = np.zeros_like(dn)
@@ -177,19 +177,19 @@ def _read_sensor(
         flat = dn / (columns * lines[:, None]) + stray
         light, _ = _trimmed(flat.ravel()[order], starts)
         paper = _clean(flat, maps.paper)
-        spread = strayed(placed, found, here, light, dn.shape)
+        spread = strayed(placed, chart, here, light, dn.shape)
         strength = strength_of(dn / (columns * lines[:, None]), paper, spread)
         stray = np.float32(strength) * spread
         columns, lines = _gains(dn / (1 - stray), maps.paper)
     flat = dn / (columns * lines[:, None])
-    corrected = (flat + stray) / _cloud(flat + stray, paper, found)
-    light, kept = _trimmed(corrected.ravel()[order], starts)
-    values, member = corrected.ravel()[order][kept], np.repeat(np.arange(len(here)), np.diff(starts))[kept]
+    corrected = (flat + stray) / _cloud(flat + stray, paper, chart)
+    light, used = _trimmed(corrected.ravel()[order], starts)
+    values, member = corrected.ravel()[order][used], np.repeat(np.arange(len(here)), np.diff(starts))[used]
     count = np.bincount(member, minlength=len(here))
     variance = np.bincount(member, (values - light[member]) ** 2, minlength=len(here)) / count
     middle = np.nanmedian(columns[len(columns) // 3 : -(len(columns) // 3)])
-    gain = np.bincount(member, np.broadcast_to(columns, dn.shape).ravel()[order][kept]) / count / middle
-    seen = np.bincount(member, dn.ravel()[order][kept]) / count
+    gain = np.bincount(member, np.broadcast_to(columns, dn.shape).ravel()[order][used]) / count / middle
+    seen = np.bincount(member, dn.ravel()[order][used]) / count
     steady = dn / lines[:, None]
     return {
         "light": light,
@@ -208,40 +208,40 @@ def _read_sensor(
 def _gains(
     dn: NDArray[np.float32], paper: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Paper's light in each column (pixels,) [DN] and each line's over the mean (lines,) [-], outliers left out.
+    """Return paper's light in each column (pixels,) [DN] and each line's over the mean (lines,) [-].
 
-    Columns that see no paper take their neighbours'; lines likewise.
+    Outliers are left out. Columns that see no paper take their neighbours'; lines likewise.
     """
-    kept = paper.copy()
-    white = np.where(kept, dn, 0)
+    used = paper.copy()
+    white = np.where(used, dn, 0)
     columns = lines = np.ones(1, np.float32)
     for turn in range(_ROUNDS):
         scaled = white / lines[:, None] if turn else white
-        columns = _means(scaled, kept, axis=0)
-        lines = _means(white / columns, kept, axis=1)
+        columns = _means(scaled, used, axis=0)
+        lines = _means(white / columns, used, axis=1)
         lines /= lines.mean()
         away = np.abs(dn / (columns * lines[:, None]) - 1)
-        kept = paper & (away < _OUTLIER * 1.48 * np.median(away[kept]))
-        white = np.where(kept, dn, 0)
+        used = paper & (away < _OUTLIER * 1.48 * np.median(away[used]))
+        white = np.where(used, dn, 0)
     return columns, lines
 
 
-def _means(values: NDArray[np.floating], kept: NDArray[np.bool_], *, axis: int) -> NDArray[np.float32]:
-    """Means along an axis of what is kept; where that is too little, between neighbours."""
-    count = kept.sum(axis=axis)
+def _means(values: NDArray[np.floating], used: NDArray[np.bool_], *, axis: int) -> NDArray[np.float32]:
+    """Return the means of used values along an axis; where those are too few, between neighbours."""
+    count = used.sum(axis=axis)
     means = values.sum(axis=axis, dtype=np.float64) / np.maximum(count, 1)
     enough = np.flatnonzero(count >= _LEAST_PIXELS)
     return np.interp(np.arange(count.size), enough, means[enough]).astype(np.float32)
 
 
 def _clean(flat: NDArray[np.float32], paper: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Paper without its specks."""
+    """Return paper without its specks."""
     away = np.abs(flat - 1)
     return paper & (away < _OUTLIER * 1.48 * np.median(away[paper]))
 
 
 def _by_patch(patch: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Flat indices of patches' pixels, patch by patch, and where each begins (count + 1,)."""
+    """Return the flat indices of patches' pixels, patch by patch, and where each begins (count + 1,)."""
     flat = patch.ravel()
     inside = np.flatnonzero(flat)
     order = inside[np.argsort(flat[inside], kind="stable")]
@@ -251,21 +251,21 @@ def _by_patch(patch: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], 
 def _trimmed(
     values: NDArray[np.float32], starts: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Mean of each patch and which of its pixels count: those within four robust sigmas of its median."""
+    """Return the mean of each patch and its used pixels: those within four robust sigmas of its median."""
     means = np.empty(len(starts) - 1)
-    kept = np.zeros(values.size, dtype=bool)
+    used = np.zeros(values.size, dtype=bool)
     for at, (first, last) in enumerate(pairwise(starts.tolist())):
         part = values[first:last]
         away = np.abs(part - np.median(part))
         # A sigma of nothing: digital numbers that do not vary at all.
-        kept[first:last] = away <= max(_OUTLIER * 1.48 * float(np.median(away)), 1e-3)
-        means[at] = part[kept[first:last]].mean(dtype=np.float64)
-    return means, kept
+        used[first:last] = away <= max(_OUTLIER * 1.48 * float(np.median(away)), 1e-3)
+        means[at] = part[used[first:last]].mean(dtype=np.float64)
+    return means, used
 
 
-def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], found: FoundChart) -> NDArray[np.float32]:
-    """The paper's slow rest, (lines, pixels), about 1: its mean in a Gaussian window."""
-    sigma = [_CLOUD_MM / pitch for pitch in found.pitch_mm]
+def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], chart: DetectedChart) -> NDArray[np.float32]:
+    """Return the paper's slow variation, (lines, pixels), about 1: its mean in a Gaussian window."""
+    sigma = [_CLOUD_MM / pitch for pitch in chart.pitch_mm]
     step = max(round(min(sigma) / 6), 1)
     small = tuple(extent // step for extent in flat.shape)
 
@@ -278,14 +278,14 @@ def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], found: FoundChar
 
 
 def _line_variance(dn: NDArray[np.float32], label: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Half the mean square of differences between neighbouring lines inside a label, outliers left out. (count,)"""
+    """Return half the mean square difference of neighbouring lines inside a label, outliers left out. (count,)"""
     both = (label[1:] == label[:-1]) & (label[1:] > 0)
     member = label[1:][both] - 1
     square = ((dn[1:][both] - dn[:-1][both]) ** 2).astype(np.float64) / 2
-    kept = np.ones(square.size, dtype=bool)
+    used = np.ones(square.size, dtype=bool)
     mean = np.zeros(count)
     for _ in range(2):
-        pairs = np.bincount(member[kept], minlength=count)
-        mean = np.bincount(member[kept], square[kept], count) / np.maximum(pairs, 1)
-        kept = square <= 16 * np.maximum(mean[member], 1e-9)
+        pairs = np.bincount(member[used], minlength=count)
+        mean = np.bincount(member[used], square[used], count) / np.maximum(pairs, 1)
+        used = square <= 16 * np.maximum(mean[member], 1e-9)
     return mean

@@ -1,4 +1,4 @@
-"""What scans of a chart taught, put together as a press artefact."""
+"""Assembly of a press artefact from the estimates of a chart's scans."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ SUPERSAMPLING: Final = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Learned:
-    """All that the scans of a chart taught."""
+    """Estimates from the scans of a chart."""
 
     scans: tuple[ScanRead, ...]
     fit: JointFit
     noise: tuple[SignalNoise, ...]
-    """Of each sensor."""
+    """Noise of each sensor."""
 
     @property
     def white_dn(self) -> NDArray[np.float64]:
-        """Paper in the middle of the field, mean of all scans (sensors,), black level included. [DN]"""
+        """Return paper's signal in the middle of the field, mean of all scans (sensors,), with black level. [DN]"""
         return np.mean([scan.patches.white_dn for scan in self.scans], axis=0)
 
     @property
     def black_dn(self) -> NDArray[np.float64]:
-        """Black level (sensors,). [DN]"""
+        """Return the black level (sensors,). [DN]"""
         return self.fit.black * self.white_dn
 
     def sigma_dn(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Temporal noise of one pixel at light over paper's, both (n, sensors). [DN]"""
+        """Return the temporal noise of one pixel at light over paper's, both (n, sensors). [DN]"""
         dn = light * self.white_dn
         return np.sqrt(
             np.stack([noise.variance_dn2(seen) for noise, seen in zip(self.noise, dn.T, strict=True)], axis=1)
@@ -61,7 +61,7 @@ class Learned:
 
 
 def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mapping[str, str]) -> Press:
-    """A whole press; what no scan says are the defaults of a press file."""
+    """Assemble a press; values that no scan gives are the defaults of a press file."""
     light = _light_at_nodes(learned.fit.model)
     sensors = tuple(_sensor_model(index, light[..., index], learned) for index in range(light.shape[-1]))
     return Press(
@@ -80,16 +80,16 @@ def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mappi
 
 
 def _light_at_nodes(model: SignalModel) -> NDArray[np.float64]:
-    """Light of every node of the tables, (33, 33, 33, 33, sensors); of the solid itself at the last one."""
+    """Return the light of every node of the tables, (33, 33, 33, 33, sensors); of the solid itself at the last one."""
     axis = np.minimum(node_fractions(), 1.0)
     return np.stack([model.light(recipe_grid([cyan], axis, axis, axis)[0]) for cyan in axis])
 
 
 def _nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Node values whose interpolation errs evenly (``unbiased_nodes``) and meets the solids.
+    """Return node values whose interpolation errs evenly (``unbiased_nodes``) and meets the solids.
 
-    exact (33, 33, 33, 33): the last of each axis is that of byte 255; the node there, 256, lies on the line through it,
-    for solids are measured, and nothing is known beyond them.
+    exact (33, 33, 33, 33): the last of each axis is that of byte 255; the node there, 256, lies on the line
+    through it, for solids are measured, and nothing is known beyond them.
     """
     moved = unbiased_nodes(exact).astype(np.float64)
     for axis in range(exact.ndim):
@@ -101,7 +101,7 @@ def _nodes(exact: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _sensor_model(index: int, light: NDArray[np.float64], learned: Learned) -> SensorModel:
-    """One sensor as prediction sees it; light (33, 33, 33, 33) over paper's."""
+    """Build one sensor's model for prediction; light (33, 33, 33, 33) over paper's."""
     white, black = float(learned.white_dn[index]), float(learned.black_dn[index])
     noise = learned.noise[index]
     columns = _column_light(index, learned)
@@ -124,22 +124,22 @@ def _sensor_model(index: int, light: NDArray[np.float64], learned: Learned) -> S
 
 
 def _column_light(index: int, learned: Learned) -> NDArray[np.float64]:
-    """Paper's light in each column over the middle's, mean of all scans; beyond the paper as at its edge."""
+    """Return paper's light in each column over the middle's, mean of all scans; beyond the paper as at its edge."""
     gains = np.array([scan.patches.column_gain[index] for scan in learned.scans])
     seen = np.isfinite(gains)
     mean = np.where(seen, gains, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    known = np.flatnonzero(seen.any(axis=0))
-    return np.interp(np.arange(mean.size), known, mean[known])
+    seen_columns = np.flatnonzero(seen.any(axis=0))
+    return np.interp(np.arange(mean.size), seen_columns, mean[seen_columns])
 
 
 def _pitch_mm(learned: Learned) -> tuple[float, float]:
-    """Of columns and of lines, means of all scans. [mm]"""
+    """Return the pitches of columns and of lines, means of all scans. [mm]"""
     across, along = np.mean([scan.chart.pitch_mm for scan in learned.scans], axis=0).tolist()
     return across, along
 
 
 def _geometry(learned: Learned, layout: Layout) -> ScanGeometry:
-    """How the camera samples a page: pitches from the marks, lead-in and lead-out the means of all scans."""
+    """Return how the camera samples a page: pitches from the marks, lead-in and lead-out the means of all scans."""
     across, along = _pitch_mm(learned)
     corners = np.array([[x, y, 1.0] for x in (0, layout.width_mm) for y in (0, layout.height_mm)])
     ends = []
@@ -157,7 +157,7 @@ def _geometry(learned: Learned, layout: Layout) -> ScanGeometry:
 
 
 def _appearance(learned: Learned) -> NDArray[np.uint8]:
-    """What recipes look like, for pictures: red, green and blue as they were seen, else the built-in inks."""
+    """Return the appearance of recipes, for pictures: red, green and blue as measured, else the built-in inks."""
     if learned.scans[0].sensors != COLOUR:
         return appearance_srgb(built_in_inks())
     axis = np.linspace(0, 1, STEPS)
@@ -165,7 +165,7 @@ def _appearance(learned: Learned) -> NDArray[np.uint8]:
 
 
 def _clipped(sensor: SensorModel) -> ClippedShare:
-    """Shares of nodes within four sigma of the ends of the range."""
+    """Return the shares of nodes within four sigma of the ends of the range."""
     mean = sensor.mean_dn + float(sensor.column_offset_dn.mean())
     reach = CLEAR_SIGMA * np.sqrt(sensor.variance_dn2)
     assert mean.size == NODES**4

@@ -1,8 +1,9 @@
-"""Scans of a printed chart as they come: line cameras' raw digital numbers, flatbeds' RGB pictures.
+"""Scans of a printed chart: line cameras' raw digital numbers, flatbeds' RGB pictures.
 
-A press predicts light: a pixel on an edge is the mean of two amounts of light. Pictures whose numbers are encoded for
-screens are therefore made linear on reading, by the curves of their ICC profile, or by sRGB's (IEC 61966-2-1) where an
-8-bit picture has no profile. Raw numbers and 16-bit pictures without a profile are taken as they are.
+A press predicts light: a pixel on an edge is the mean of two amounts of light. Pictures whose numbers are
+encoded for screens are therefore made linear on reading, by the curves of their ICC profile, or by sRGB's
+(IEC 61966-2-1) where an 8-bit picture has no profile. Raw numbers and 16-bit pictures without a profile are
+taken as they are.
 """
 
 from __future__ import annotations
@@ -40,25 +41,25 @@ _REMEDY: Final = (
     "give TIFF, PNG or JPEG: raw numbers (sensors, lines, pixels), or grey or RGB of 8 or 16 bits"
 )
 _BYTES_PER_SAMPLE: Final = 8.0
-"""While a picture is read: 4 of its light, 2 of its numbers, and as many of the decoder's."""
+"""Memory while a picture is read: 4 bytes for its light, 2 for its numbers, and as many for the decoder's."""
 _ICC_PROFILE: Final = 34675
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChartScan:
-    """One scan of one page of a chart, linear in light."""
+    """Scan of one page of a chart, linear in light."""
 
     path: Path
     dn: NDArray[np.float32]
-    """(sensors, lines, pixels) [DN]; encoded pictures on a scale of 16 bits."""
+    """Digital numbers (sensors, lines, pixels); encoded pictures on a scale of 16 bits. [DN]"""
     names: tuple[str, ...]
-    """Of the sensors."""
+    """Names of the sensors."""
     top_code_dn: int
     """Greatest digital number. [DN]"""
     dpi: tuple[float, float] | None
-    """Pixels and lines an inch, if the file says so."""
+    """Number of pixels and lines an inch, if the file states it."""
     encoding: str
-    """``linear``, ``srgb`` or ``icc``: what the file's numbers were."""
+    """Encoding of the file's numbers: ``linear``, ``srgb`` or ``icc``."""
 
 
 def read_chart_scan(path: Path, *, encoding: str = AUTO) -> ChartScan:
@@ -97,7 +98,7 @@ def read_chart_scan(path: Path, *, encoding: str = AUTO) -> ChartScan:
 
 
 def _raw_lines(path: Path) -> ChartScan | None:
-    """A line camera's scan, one uint16 image for each sensor; None if the file is something else."""
+    """Read a line camera's scan, one uint16 image for each sensor; None if the file is something else."""
     if path.suffix.lower() not in TIFF:
         return None
     with opened_tiff(path, ScanError, remedy=_REMEDY) as images:
@@ -123,12 +124,15 @@ def _raw_lines(path: Path) -> ChartScan | None:
 
 
 def _top_code(greatest: int) -> int:
-    """Greatest code of the least usual number of bits that holds ``greatest``; assumed: files do not say it."""
+    """Return the greatest code of the least usual number of bits that holds ``greatest``.
+
+    Assumed: files do not state it.
+    """
     return next(2**bits - 1 for bits in _USUAL_BITS if greatest < 2**bits)
 
 
 def _picture(path: Path) -> tuple[NDArray[np.generic], tuple[float, float] | None, bytes | None]:
-    """Samples (lines, pixels, channels), resolution and ICC profile of a picture."""
+    """Read samples (lines, pixels, channels), resolution and ICC profile of a picture."""
     if path.suffix.lower() in TIFF:
         with opened_tiff(path, ScanError, remedy=_REMEDY) as images:
             if not len(images):
@@ -150,7 +154,7 @@ def _picture(path: Path) -> tuple[NDArray[np.generic], tuple[float, float] | Non
 
 
 def _decoded(images: TiffImages, path: Path) -> NDArray[np.generic]:
-    """The first image of a TIFF, (lines, pixels, channels)."""
+    """Decode the first image of a TIFF, (lines, pixels, channels)."""
     page = images[0]
     shape = page.imagelength, page.imagewidth, page.samplesperpixel
     if page.dtype is None:
@@ -162,7 +166,7 @@ def _decoded(images: TiffImages, path: Path) -> NDArray[np.generic]:
 
 
 def _tiff_dpi(page: Any) -> tuple[float, float] | None:
-    """Resolution in a TIFF's tags (TIFF 6.0)."""
+    """Return the resolution in a TIFF's tags (TIFF 6.0)."""
     unit = {2: 1.0, 3: 2.54}.get(int(page.tags.valueof(296) or 0))
     pair = [page.tags.valueof(code) for code in (282, 283)]
     if unit is None or None in pair:
@@ -171,7 +175,7 @@ def _tiff_dpi(page: Any) -> tuple[float, float] | None:
 
 
 def _sane(dpi: object) -> tuple[float, float] | None:
-    """A resolution that a scanner may have; files often say 72 or 0 where nobody knew."""
+    """Return a resolution if a scanner may have it; files often state 72 or 0 where it is unknown."""
     if not isinstance(dpi, tuple) or len(dpi) != 2 or not all(75 < float(value) < 20_000 for value in dpi):
         return None
     return float(dpi[0]), float(dpi[1])
@@ -180,23 +184,23 @@ def _sane(dpi: object) -> tuple[float, float] | None:
 def _curves(
     path: Path, profile: bytes | None, samples: NDArray[np.generic], encoding: str
 ) -> tuple[list[Curve] | None, str]:
-    """The curve from code to light of each channel (None: they are light), and what they are called."""
+    """Return the curve from code to light of each channel (None: they are light), and the curves' name."""
     channels = samples.shape[2]
     if encoding == LINEAR:
         return None, LINEAR
     if encoding == SRGB:
         return [srgb_light] * channels, SRGB
     if profile is not None:
-        found = profile_curves(profile, channels)
-        if found is None:
+        curves = profile_curves(profile, channels)
+        if curves is None:
             what = "its ICC profile holds no curves of red, green and blue"
             raise ScanError(path, what, remedy="scan without a profile, or say --encoding")
-        return found, "icc"
+        return curves, "icc"
     return ([srgb_light] * channels, SRGB) if samples.dtype == np.uint8 else (None, LINEAR)
 
 
 def profile_curves(profile: bytes, channels: int) -> list[Curve] | None:
-    """Tone curves of a matrix or grey ICC profile (ICC.1:2022, 10.6 and 10.18); None if it has none."""
+    """Return the tone curves of a matrix or grey ICC profile (ICC.1:2022, 10.6 and 10.18); None if it has none."""
     try:
         ImageCms.getOpenProfile(io.BytesIO(profile))
         count = struct.unpack_from(">I", profile, 128)[0]
@@ -209,7 +213,7 @@ def profile_curves(profile: bytes, channels: int) -> list[Curve] | None:
 
 
 def _tone_curve(tag: bytes) -> Curve:
-    """One ``curv`` or ``para`` tag; ValueError if it is neither."""
+    """Parse one ``curv`` or ``para`` tag; ValueError if it is neither."""
     if tag[:4] == b"curv":
         count = struct.unpack_from(">I", tag, 8)[0]
         values = np.array(struct.unpack_from(f">{count}H", tag, 12), dtype=np.float64)

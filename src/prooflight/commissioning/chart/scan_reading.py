@@ -1,4 +1,4 @@
-"""One scan of a chart, read: where the chart lies, its patches, its edges; the picture itself is let go."""
+"""Reading of one scan of a chart: position, patches and edges; the picture itself is released."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.commissioning.chart.edge_spread import EdgeSample
-    from prooflight.commissioning.chart.finding import FoundChart
+    from prooflight.commissioning.chart.finding import DetectedChart
     from prooflight.commissioning.chart.patch_reading import PatchReadings
     from prooflight.inks.chart_layout import PlacedRecipes
 
 _AGREES: Final = 0.6
 """assumed: rank correlation of patches with usual inks is above 0.9 for a chart's own recipes, about 0 for others'."""
-_TELLING: Final = 12  # fewer patches than that say nothing of whose they are
+_FEWEST_PATCHES: Final = 12  # fewer patches than that say nothing of whose they are
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScanRead:
-    """What one scan of a chart says."""
+    """Measurements of one scan of a chart."""
 
     name: str
-    """The file's."""
+    """Name of the file."""
     sensors: tuple[str, ...]
     lines: int
     pixels: int
     top_code_dn: int
     encoding: str
-    chart: FoundChart
+    chart: DetectedChart
     patches: PatchReadings
     edges: tuple[tuple[tuple[EdgeSample, ...], tuple[EdgeSample, ...]], ...]
-    """Of each sensor: the marks' edges across the columns and across the lines."""
+    """Edges of the marks in each sensor, across the columns and across the lines."""
 
 
 def read_scan(path: Path, placed: PlacedRecipes, *, encoding: str = AUTO) -> ScanRead:
@@ -74,9 +74,9 @@ def read_scan(path: Path, placed: PlacedRecipes, *, encoding: str = AUTO) -> Sca
 
 
 def _refuse_other_chart(path: Path, patches: PatchReadings, placed: PlacedRecipes) -> None:
-    """ScanError if patches are not as dark as their recipes would be in any usual inks."""
+    """Raise ScanError if patches are not as dark as their recipes would be in any usual inks."""
     usual = built_in_inks().reflectance(placed.cmyk[patches.recipe]).mean(axis=1)
-    if usual.size < _TELLING or np.ptp(usual) == 0:
+    if usual.size < _FEWEST_PATCHES or np.ptp(usual) == 0:
         return
     agreement = float(spearmanr(usual, patches.light.mean(axis=0)).statistic)
     if not agreement >= _AGREES:

@@ -1,7 +1,7 @@
-"""Light that strays a millimetre and more, by diffraction or glare, on the page of a chart.
+"""Stray light, by diffraction or glare, over a millimetre and more on the page of a chart.
 
-What a point sends to a place at a distance r falls as k / r^3, as the tail of diffraction does (Airy's rings on
-average); k, a length, is found from the paper between the patches, which is darker beside dark ones.
+The light of a point at a distance r falls as k / r^3, as the tail of diffraction does (Airy's rings on
+average); k, a length, is estimated from the paper between the patches, which is darker near dark ones.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy import fft
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.commissioning.chart.finding import FoundChart
+    from prooflight.commissioning.chart.finding import DetectedChart
     from prooflight.inks.chart_layout import PlacedRecipes
 
 _FROM_MM: Final = 0.3  # nearer light belongs to the pixel's footprint
@@ -26,12 +26,12 @@ _MOST_MM: Final = 5e-3
 
 def strayed(
     placed: PlacedRecipes,
-    found: FoundChart,
+    chart: DetectedChart,
     here: NDArray[np.int64],
     light: NDArray[np.float64],
     shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
-    """Light that stray light takes from each pixel, net, for a strength of 1 mm: own minus the others' over r^3."""
+    """Return the net loss of each pixel by stray light of a strength of 1 mm: own minus the others' over r^3."""
     layout, step = placed.layout, _STEP_MM
     margin = 20.0
     size = [round((extent + 2 * margin) / step) for extent in (layout.height_mm, layout.width_mm)]
@@ -40,7 +40,7 @@ def strayed(
     levels = dict(zip(map(tuple, placed.place[here, 1:].tolist()), light.tolist(), strict=True))
     boxes = [(layout.patch_box(row, column), level) for (row, column), level in levels.items()]
     darkest = float(light.min())
-    marks = [(box, darkest if black else 1.0) for box, black in layout.black_and_white(found.page)]
+    marks = [(box, darkest if black else 1.0) for box, black in layout.black_and_white(chart.page)]
     for (x, y, width, height), level in (*marks, *boxes):
         left, top, right, bottom = (
             round((edge + margin) / step * fine) for edge in (x, y, x + width, y + height)
@@ -55,7 +55,7 @@ def strayed(
     product = fft.rfft2(1 - coarse, total) * fft.rfft2(kernel, total)
     others = fft.irfft2(product, total)[reach : reach + size[0], reach : reach + size[1]]
     net = (others - kernel.sum() * (1 - coarse)).astype(np.float32)
-    to_grid = found.to_chart / step
+    to_grid = chart.to_chart / step
     to_grid[:, 2] += margin / step - 0.5
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(
@@ -64,17 +64,19 @@ def strayed(
 
 
 def strength_of(flat: NDArray[np.float32], paper: NDArray[np.bool_], spread: NDArray[np.float32]) -> float:
-    """Strength of stray light that the paper shows: least squares of its light against ``spread``, both without what
-    columns and lines have of their own, which is already in their gains.
+    """Estimate the strength of stray light from the paper.
+
+    It is the least-squares fit of the paper's light against ``spread``, both without the part of columns and
+    lines, which is already in their gains.
     """
     seen, strayed = (_without_gains(values, paper) for values in (flat, spread))
     moment = float(np.sum(strayed**2, dtype=np.float64))
-    found = -np.sum(strayed * seen, dtype=np.float64) / moment if moment > 0 else 0.0
-    return float(np.clip(found, 0.0, _MOST_MM))
+    strength = -np.sum(strayed * seen, dtype=np.float64) / moment if moment > 0 else 0.0
+    return float(np.clip(strength, 0.0, _MOST_MM))
 
 
 def _without_gains(values: NDArray[np.float32], paper: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """What is left of an image over the paper when columns' and lines' means are taken off; 0 elsewhere."""
+    """Return an image over the paper without the means of columns and lines; 0 elsewhere."""
     left = np.where(paper, values - values[paper].mean(), 0).astype(np.float32)
     for axis in (0, 1, 0, 1):
         mean = left.sum(axis=axis, keepdims=True) / np.maximum(paper.sum(axis=axis, keepdims=True), 1)

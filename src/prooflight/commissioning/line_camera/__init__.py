@@ -1,1 +1,1 @@
-"""A line camera that is plugged in: what it shows now, and how it is set up step by step."""
+"""Connected line camera: its live measurements, and its step-by-step set-up."""

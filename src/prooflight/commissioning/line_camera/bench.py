@@ -1,4 +1,4 @@
-"""What the steps of a set-up share: the camera's lines, the press file, what was found, and what a step found."""
+"""Shared state of the steps of a set-up: the camera's lines, the press file and measurements; and a step's result."""
 
 from __future__ import annotations
 
@@ -22,54 +22,57 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepResult:
-    """What a step found."""
+    """Result of a step."""
 
     good: bool
     says: tuple[str, ...]
-    """For a person, a line each."""
+    """Text for a person, one line each."""
     edits: tuple[Edit, ...] = ()
     values: dict[str, Measured] = field(default_factory=dict)
-    """By name, with the unit in it."""
+    """Measured values by name, with the unit in it."""
     unmeasured: tuple[str, ...] = ()
-    """What could not be measured, and why."""
+    """Values that could not be measured, and why."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Bench:
-    """What the steps share."""
+    """State that the steps share."""
 
     tap: CameraTap
     press: PressFile
-    """As it stands now."""
+    """Press file as it stands now."""
     begun: bool
     """Whether the press file was begun for this camera, and states nothing about it yet."""
     described: bool
-    """Whether it by now says what a data sheet does."""
+    """Whether it holds the values of a data sheet by now."""
     ask: Callable[[str, str, str], str]
-    """A question by its key, its words, and what Enter says."""
+    """Function that asks a question, by its key, its text, and the answer that Enter gives."""
     dark: dict[float, tuple[Exposure, ...]] = field(default_factory=dict)
-    """By exposure time [us], 0 where the camera has none: one statistic a sensor."""
+    """Dark exposures by exposure time [us], 0 where the camera has none: one statistic a sensor."""
     readings: tuple[SensorReading, ...] = ()
-    """Of the last ruler page."""
+    """Readings of the last ruler page."""
     columns: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=list)
-    """Of each sensor: offset without light [DN], and signal over the mean of all columns [-]; both (pixels,)."""
+    """Columns of each sensor: offset without light [DN], and signal over the mean of all columns [-].
+
+    Both (pixels,).
+    """
     passes: list[float] = field(default_factory=list)
     """Line pitch of each ruler page so far. [mm]"""
 
     @property
     def where(self) -> str:
-        """The camera, in errors."""
+        """Return the camera's name, for errors."""
         return self.tap.name
 
     @property
     def top_code_dn(self) -> int:
-        """Of the converter, where 16 bits hold fewer. [DN]"""
+        """Return the top code of the converter, where 16 bits hold fewer. [DN]"""
         return 2 ** self.camera().sensors[0].bits - 1 if self.tap.form.bits == 16 else self.tap.top_code_dn
 
     def camera(self) -> Camera:
-        """The press file's."""
+        """Return the press file's camera."""
         return self.press.camera()
 
     def sensor_name(self, at: int) -> str:
-        """Of the at-th sensor, before what is said of it; empty: there is but one."""
+        """Return the prefix of lines about the sensor at index ``at``; empty: there is but one."""
         return "" if self.tap.sensors == 1 else f"sensor {at + 1}: "

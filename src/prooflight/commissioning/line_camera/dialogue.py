@@ -1,7 +1,7 @@
-"""The set-up of a line camera as a dialogue: asks, measures, says, writes; may be stopped and taken up again.
+"""Interactive set-up of a line camera: prompts, measurements, messages and edits; it may be stopped and resumed.
 
-What was found is written into the press file after each step, whole or not at all. Beside it a protocol (JSON) says
-which steps are done, every question with its answer, and how long each took.
+The results are written into the press file after each step, whole or not at all. Next to it a protocol (JSON)
+records which steps are done, every question with its answer, and how long each took.
 """
 
 from __future__ import annotations
@@ -37,64 +37,67 @@ PROTOCOLS: Final = GivenFiles(
 )
 _VERSION: Final = 1
 LEAST_GAIN: Final = 0.02
-"""Of a column over the mean of all: what sees less is dead or covered."""
+"""Least gain of a column over the mean of all: one that sees less is dead or covered."""
 State = Literal["good", "poor", "skipped", "not needed", "failed"]
 
 
 class Stopped(Exception):
-    """A person stopped; what is done is kept."""
+    """Raised when a person stops; completed steps are stored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Talk:
-    """How the dialogue speaks."""
+    """Input and output of the prompts."""
 
     say: Callable[[str, Literal["title", "plain", "good", "poor", "faint"]], None]
     answer: Callable[[str, str, str], str]
-    """By key, words and what Enter says: what a person says. ``Stopped``: nobody is there any more."""
+    """Function that returns a person's answer, by key, text and the answer of Enter.
+
+    ``Stopped``: nobody answers any more.
+    """
     attended: bool
-    """Whether somebody can mend what is wrong: without, the first error ends it."""
+    """Whether somebody can correct a fault: without, the first error ends the set-up."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Protocol:
-    """What was done so far."""
+    """Record of the completed steps."""
 
     camera: str
     begun: bool
     """Whether the press file was begun for this camera."""
     steps: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """By step: state, says, values, edits, unmeasured, seconds."""
+    """Results by step: state, says, values, edits, unmeasured, seconds."""
     questions: list[dict[str, Any]] = field(default_factory=list)
-    """Key, words, answer, and seconds until it was given."""
+    """Questions: key, words, answer, and seconds until it was given."""
     asking: str = ""
-    """The key of the question that was asked last."""
+    """Key of the last question."""
     finished: bool = False
     dark: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     columns: list[dict[str, list[float]]] = field(default_factory=list)
-    """Of each sensor: offset without light [DN], and signal over the mean of all columns."""
+    """Columns of each sensor: offset without light [DN], and signal over the mean of all columns."""
 
     @classmethod
     def of(cls, path: Path, *, camera: str) -> Protocol | None:
-        """What was left unfinished; None: nothing was. RequestError: it is of another camera, or damaged."""
+        """Read an unfinished protocol; None: there is none. RequestError: it is of another camera, or damaged."""
         if not path.exists():
             return None
         try:
-            told = json.loads(PROTOCOLS.read_text(path))
-            if told.pop("version") != _VERSION:
+            document = json.loads(PROTOCOLS.read_text(path))
+            if document.pop("version") != _VERSION:
                 return None
-            found = cls(**told)
-            found.dark_exposures()
+            protocol = cls(**document)
+            protocol.dark_exposures()
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise RequestError(
                 path, "is no protocol of a set-up", remedy="delete it to begin anew"
             ) from error
-        if found.finished:
+        if protocol.finished:
             return None
-        if found.camera != camera:
-            what = f"is of camera {found.camera}, and unfinished"
+        if protocol.camera != camera:
+            what = f"is of camera {protocol.camera}, and unfinished"
             raise RequestError(path, what, remedy="say --again to begin anew with this one")
-        return found
+        return protocol
 
     def keep(self, path: Path) -> None:
         """Write it, whole or not at all."""
@@ -104,7 +107,7 @@ class Protocol:
             )
 
     def dark_exposures(self) -> dict[float, tuple[Exposure, ...]]:
-        """As the steps need them."""
+        """Return the dark exposures as the steps need them."""
         return {
             float(at): tuple(
                 Exposure(**{**one, "column_mean_dn": np.array(one["column_mean_dn"], np.float64)})
@@ -115,14 +118,14 @@ class Protocol:
 
 
 def measured_columns(path: Path, camera: Camera) -> list[ColumnCalibration]:
-    """Columns of a real camera, by the protocol of its set-up; RequestError: it holds none.
+    """Read the columns of a real camera from the protocol of its set-up; RequestError: it holds none.
 
-    A press counts its light on the lens's axis: all columns together see as much of it as cos^4 leaves.
+    A press counts its light on the lens's axis: all columns combined see as much of it as cos^4 leaves.
     """
     try:
-        told = json.loads(PROTOCOLS.read_text(path))["columns"]
+        records = json.loads(PROTOCOLS.read_text(path))["columns"]
         columns = [
-            (np.array(one["offset_dn"], np.float32), np.array(one["gain"], np.float64)) for one in told
+            (np.array(one["offset_dn"], np.float32), np.array(one["gain"], np.float64)) for one in records
         ]
         fit = bool(columns) and all(
             offset.ndim == gain.ndim == 1
@@ -144,13 +147,13 @@ def measured_columns(path: Path, camera: Camera) -> list[ColumnCalibration]:
 
 
 def protocol_path(press_file: Path) -> Path:
-    """Beside the press file."""
+    """Return the path of the protocol, next to the press file."""
     return press_file.with_name(f"{press_file.stem}.set-up.json")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetUp:
-    """A set-up of one camera for one press file."""
+    """Set-up of one camera for one press file."""
 
     tap: CameraTap
     path: Path
@@ -160,7 +163,10 @@ class SetUp:
     clock: Callable[[], float] = time.monotonic
 
     def run(self) -> Protocol:
-        """All steps that are not done; ``Stopped`` keeps what is done. Errors of a step where nobody can mend them."""
+        """Run all steps that are not done; ``Stopped`` keeps the completed ones.
+
+        Raises errors of a step where nobody can correct them.
+        """
         bench = Bench(
             tap=self.tap,
             press=PressFile.read(self.path),
@@ -182,7 +188,7 @@ class SetUp:
             self.talk.say(head, "title")
             self._step(step, bench)
         self.protocol.asking, self.protocol.finished = "", True
-        self._keep()
+        self._save()
         return self.protocol
 
     def _step(self, step: Step, bench: Bench) -> None:
@@ -192,7 +198,7 @@ class SetUp:
                 return
             begun_s = self.clock()
             try:
-                found = step.measure(bench)
+                result = step.measure(bench)
             except (ProoflightError, np.linalg.LinAlgError) as error:
                 self.talk.say(str(error), "poor")
                 if not self.talk.attended:
@@ -203,18 +209,20 @@ class SetUp:
                     return
                 continue
             seconds = self.clock() - begun_s
-            self._said(found)
-            words = (
-                "Enter: keep, r: again, s: skip" if found.good else "Not good. r: again, Enter: keep, s: skip"
+            self._report(result)
+            question = (
+                "Enter: keep, r: again, s: skip"
+                if result.good
+                else "Not good. r: again, Enter: keep, s: skip"
             )
-            answer = self._ask(f"{step.key}.keep", words, "") if step.do else ""
+            answer = self._ask(f"{step.key}.keep", question, "") if step.do else ""
             if answer == "r":
                 continue
             if answer == "s":
-                self._record(step, "skipped", says=list(found.says), seconds=seconds)
+                self._record(step, "skipped", says=list(result.says), seconds=seconds)
                 return
-            if found.edits:
-                bench.press = write_edits(self.path, found.edits)
+            if result.edits:
+                bench.press = write_edits(self.path, result.edits)
             self.protocol.dark = {
                 str(at): [asdict(one) | {"column_mean_dn": one.column_mean_dn.tolist()} for one in some]
                 for at, some in bench.dark.items()
@@ -224,27 +232,27 @@ class SetUp:
                     {"offset_dn": offset.round(4).tolist(), "gain": gain.round(6).tolist()}
                     for offset, gain in bench.columns
                 ]
-            self._record(step, "good" if found.good else "poor", found=found, seconds=seconds)
+            self._record(step, "good" if result.good else "poor", result=result, seconds=seconds)
             return
 
-    def _said(self, found: StepResult) -> None:
-        for line in found.says:
-            self.talk.say(line, "good" if found.good else "poor")
-        for line in found.unmeasured:
+    def _report(self, result: StepResult) -> None:
+        for line in result.says:
+            self.talk.say(line, "good" if result.good else "poor")
+        for line in result.unmeasured:
             self.talk.say(f"not measured: {line}", "faint")
-        for edit in found.edits:
+        for edit in result.edits:
             self.talk.say(f"{edit.name} = {edit.value}", "plain")
 
-    def _ask(self, key: str, words: str, usual: str) -> str:
+    def _ask(self, key: str, question: str, usual: str) -> str:
         self.protocol.asking = key
-        self._keep()
+        self._save()
         begun_s = self.clock()
-        answer = self.talk.answer(key, words, usual).strip() or usual
+        answer = self.talk.answer(key, question, usual).strip() or usual
         self.protocol.questions.append(
-            {"key": key, "question": words, "answer": answer, "seconds": round(self.clock() - begun_s, 3)}
+            {"key": key, "question": question, "answer": answer, "seconds": round(self.clock() - begun_s, 3)}
         )
         if answer == "q":
-            self._keep()
+            self._save()
             raise Stopped
         return answer
 
@@ -254,34 +262,34 @@ class SetUp:
         state: State,
         *,
         says: Sequence[str] = (),
-        found: StepResult | None = None,
+        result: StepResult | None = None,
         seconds: float = 0.0,
     ) -> None:
         self.protocol.steps[step.key] = {
             "title": step.title,
             "state": state,
-            "says": list(says if found is None else found.says),
-            "values": {} if found is None else {name: asdict(one) for name, one in found.values.items()},
-            "written": {} if found is None else {edit.name: edit.value for edit in found.edits},
-            "unmeasured": [] if found is None else list(found.unmeasured),
+            "says": list(says if result is None else result.says),
+            "values": {} if result is None else {name: asdict(one) for name, one in result.values.items()},
+            "written": {} if result is None else {edit.name: edit.value for edit in result.edits},
+            "unmeasured": [] if result is None else list(result.unmeasured),
             "seconds": round(seconds, 3),
         }
-        self._keep()
+        self._save()
 
-    def _keep(self) -> None:
+    def _save(self) -> None:
         self.protocol.keep(protocol_path(self.path))
 
 
-def answers_of(given: Mapping[str, Any], known: Sequence[str], *, where: object) -> Callable[[str], str]:
-    """Answers from a file: by key one text, or a list of them for a question that comes again; else Enter.
+def answers_of(given: Mapping[str, Any], keys: Sequence[str], *, where: object) -> Callable[[str], str]:
+    """Return the answers of a file: by key one text, or a list of them for a question that comes again; else Enter.
 
-    RequestError: a key is no question's, or what it holds no text.
+    RequestError: a key is no question's, or its value is no text.
     """
     left: dict[str, list[str]] = {}
     for key, value in given.items():
         several = value if isinstance(value, list) else [value]
-        if key not in known:
-            raise RequestError(where, f"{key!r} is no question", remedy=f"answer {', '.join(known)}")
+        if key not in keys:
+            raise RequestError(where, f"{key!r} is no question", remedy=f"answer {', '.join(keys)}")
         if not all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in several):
             raise RequestError(where, f"{key} holds no answer", remedy='write e.g. focus = "s"')
         left[key] = [str(one) for one in several]

@@ -1,4 +1,4 @@
-"""Dark and even light: exposures by which photon transfer makes the sensor's block of a press file."""
+"""Steps with dark and uniform light: exposures from which photon transfer gives the sensor's block of a press file."""
 
 from __future__ import annotations
 
@@ -23,21 +23,24 @@ if TYPE_CHECKING:
     from prooflight.commissioning.line_camera.bench import Bench
 
 LINES: Final = 256
-"""Of an exposure: temporal noise of 2,000 columns is then known to 0.2 %."""
+"""Number of lines of an exposure: temporal noise of 2,000 columns is then known to 0.2 %."""
 LEVELS: Final = 10
-"""Of light, for photon transfer (EMVA 1288 asks for 8 or more)."""
+"""Number of levels of light, for photon transfer (EMVA 1288 asks for 8 or more)."""
 BRIGHTEST: Final = 0.9
-"""Of the top code, the brightest level; photon transfer fits up to 0.7."""
+"""Brightest level as a share of the top code; photon transfer fits up to 0.7."""
 AT_WORK: Final = 0.8
-"""Of the top code, where the brightest column stands at work. assumed: leaves room for brighter paper and lamp."""
+"""Level of the brightest column in operation, as a share of the top code.
+
+assumed: leaves room for brighter paper and lamp.
+"""
 DARK_MOST: Final = 0.2
-"""Of the top code: what is brighter is not dark."""
+"""Greatest level of a dark exposure, as a share of the top code."""
 EVEN_LEAST: Final = 0.7
 """Least light over the greatest along the line. assumed: prediction follows columns, noise does not."""
 
 
 def dark(bench: Bench) -> StepResult:
-    """Black level and noise with the lens covered, at two exposure times where the camera lets them be set."""
+    """Measure black level and noise with the lens covered, at two exposure times where they can be set."""
     tap, top = bench.tap, bench.top_code_dn
     times = _dark_times(bench)
     bench.dark = {}
@@ -66,7 +69,7 @@ def dark(bench: Bench) -> StepResult:
 
 
 def _dark_times(bench: Bench) -> list[float]:
-    """The exposure time as it stands, and another far from it; [0]: the camera has none that can be set."""
+    """Return the present exposure time, and another far from it; [0]: the camera has none that can be set."""
     one = bench.tap.feature("exposure_us")
     if one is None or not one.writable or not one.value:
         return [0.0]
@@ -86,7 +89,10 @@ def _refuse_light(bench: Bench, lines: NDArray[np.uint16], top: int) -> None:
 
 
 def flat(bench: Bench) -> StepResult:
-    """Even light at many levels: gain, noise, fixed pattern; how flat the light is; the exposure for work."""
+    """Measure gain, noise, fixed pattern and flatness in uniform light at many levels.
+
+    The exposure is then set for operation.
+    """
     if not bench.dark:
         raise ScanError(bench.where, "has no dark exposure yet", remedy="repeat the step dark first")
     tap = bench.tap
@@ -103,7 +109,7 @@ def flat(bench: Bench) -> StepResult:
         bench.columns.append((block.transfer.offset_dn, block.transfer.column_gain))
         name = bench.sensor_name(at)
         fields, errors = block.fields, block.standard_errors
-        told = (
+        quantities = (
             ("conversion_gain_uv_per_e", "conversion gain", "uV/e-"),
             ("read_noise_e", "read noise", "e-"),
             ("dark_current_e_per_s", "dark current", "e-/s"),
@@ -112,10 +118,10 @@ def flat(bench: Bench) -> StepResult:
             ("black_level_dn", "black level", "DN"),
         )
         parts = []
-        for key, words, unit in told:
+        for key, label, unit in quantities:
             error = errors.get(key, 0.0)
             values[f"{key}.{at + 1}"] = Measured(value=fields[key], standard_error=error)
-            parts.append(f"{words} {fields[key]:.4g} +- {error:.2g} {unit}")
+            parts.append(f"{label} {fields[key]:.4g} +- {error:.2g} {unit}")
             if error:
                 edits.append(
                     Edit(
@@ -161,7 +167,7 @@ def flat(bench: Bench) -> StepResult:
 def _characterised(
     bench: Bench, sensor: LineSensor, at: int, flats: list[Exposure], at_work: float
 ) -> SensorBlock:
-    """The sensor's block; where exposure times are known, dark current over them."""
+    """Return the sensor's block; where exposure times are known, dark current over them."""
     times = list(bench.dark)
     here, *others = (replace(bench.dark[time][at], line_rate_hz=None) for time in times)
     like = sensor
@@ -183,20 +189,20 @@ def _characterised(
 
 
 def _timed_flats(bench: Bench) -> tuple[list[tuple[Exposure, ...]], float]:
-    """Exposures at ``LEVELS`` times up to nearly full, and the time for work. [us]"""
+    """Take exposures at ``LEVELS`` times up to nearly full; return them and the time for operation. [us]"""
     tap, top = bench.tap, bench.top_code_dn
     black = min(one.mean_dn for one in next(iter(bench.dark.values())))
     time_us = next(iter(bench.dark))
     for _ in range(12):
-        asked = time_us
-        time_us = tap.set("exposure_us", asked)
+        requested_us = time_us
+        time_us = tap.set("exposure_us", requested_us)
         lines = tap.lines(32)
         bright = max(float(np.percentile(image.mean(axis=0), 99.5)) for image in lines)
         if bright > 0.985 * top:
             wanted = time_us / 4
         else:
             wanted = time_us * float(np.clip((BRIGHTEST * top - black) / max(bright - black, 1e-3), 0.25, 16))
-        if abs(wanted / time_us - 1) < 0.05 or time_us < 0.7 * asked or time_us > 1.4 * asked:
+        if abs(wanted / time_us - 1) < 0.05 or time_us < 0.7 * requested_us or time_us > 1.4 * requested_us:
             break
         time_us = wanted
     if bright - black < max(0.01 * top, 5.0):
@@ -210,13 +216,13 @@ def _timed_flats(bench: Bench) -> tuple[list[tuple[Exposure, ...]], float]:
         raise ScanError(bench.where, what, remedy="open the lens, or bring the lamp closer")
     flats = []
     for share in np.linspace(1 / LEVELS, 1, LEVELS):
-        told = tap.set("exposure_us", share * time_us)
-        flats.append(_exposures(bench, tap.lines(LINES), f"flat at {told:.4g} us"))
+        set_us = tap.set("exposure_us", share * time_us)
+        flats.append(_exposures(bench, tap.lines(LINES), f"flat at {set_us:.4g} us"))
     return flats, time_us * (AT_WORK * top - black) / (bright - black)
 
 
 def _lit_flats(bench: Bench) -> list[tuple[Exposure, ...]]:
-    """Exposures at as many levels of light as a person makes: the camera has no exposure time to set."""
+    """Take exposures at as many levels of light as a person makes: the camera has no exposure time to set."""
     flats, top = [], bench.top_code_dn
     for level in range(1, LEVELS + 1):
         lines = bench.tap.lines(LINES)
@@ -229,8 +235,8 @@ def _lit_flats(bench: Bench) -> list[tuple[Exposure, ...]]:
         flats.append(_exposures(bench, lines, f"flat {level}"))
         if level == LEVELS:
             break
-        words = f"Level {level}: {flats[-1][0].mean_dn:.0f} DN. Change the light to another level"
-        if bench.ask("flat.level", f"{words}; d: that was the last", "") == "d":
+        question = f"Level {level}: {flats[-1][0].mean_dn:.0f} DN. Change the light to another level"
+        if bench.ask("flat.level", f"{question}; d: that was the last", "") == "d":
             break
     black = next(iter(bench.dark.values()))[0]
     if max(one[0].mean_dn for one in flats) - black.mean_dn < 5.0:

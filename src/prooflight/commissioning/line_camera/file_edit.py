@@ -1,4 +1,4 @@
-"""A press file with some values written anew: comments and layout stay as they are, byte for byte, elsewhere."""
+"""Edits of single values of a press file: comments and layout stay as they are, byte for byte, elsewhere."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-_OUR_WORDS: Final = re.compile(r"\s*#\s*(assumed|paper|measured|stated|as built)\b", re.IGNORECASE)
-"""Comments that say where a number is from, and would be untrue of another number."""
+_SOURCE_COMMENT: Final = re.compile(r"\s*#\s*(assumed|paper|measured|stated|as built)\b", re.IGNORECASE)
+"""Pattern of comments that state the source of a number, and would be untrue of another number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """One value of a press file."""
+    """New value of one field of a press file."""
 
     block: str
-    """Of ``[block]`` or ``[[block]]``."""
+    """Name of ``[block]`` or ``[[block]]``."""
     field: str
     value: Any
     why: str
-    """In few words, for a comment."""
+    """Reason in a few words, for a comment."""
     number: int = 0
-    """Which of ``[[block]]``, from 0."""
+    """Index of the ``[[block]]``, from 0."""
 
     @property
     def name(self) -> str:
-        """As errors and people call it."""
+        """Return the field's name in messages."""
         number = f".{self.number + 1}" if self.number or self.block == "sensor" else ""
         return f"{self.block}{number}.{self.field}"
 
 
 def edited(text: str, edits: Iterable[Edit]) -> str:
-    """The text with these values; a block that is not there is added at its end.
+    """Return the text with these values; a block that is not there is added at its end.
 
-    A comment behind a value stays, unless it says where the old number came from. ValueError: the text is not TOML, or
-    holds a block in another way than under a heading of its own.
+    A comment after a value stays, unless it states the source of the old number. ValueError: the text is not
+    TOML, or holds a block in another way than under a heading of its own.
     """
     for edit in edits:
         text = _one(text, edit)
@@ -54,7 +54,7 @@ def edited(text: str, edits: Iterable[Edit]) -> str:
 
 
 def write_edits(path: Path, edits: Iterable[Edit]) -> PressFile:
-    """Write them into a press file, whole or not at all; PressFileError: the file would be none afterwards."""
+    """Write them into a press file, whole or not at all; PressFileError: the file would be invalid afterwards."""
     before = PressFile.read(path)
     try:
         text = edited(before.text, edits)
@@ -89,30 +89,30 @@ def _one(text: str, edit: Edit) -> str:
         block[edit.field] = edit.value
         if not isinstance(block, tomlkit.items.InlineTable):  # it is one line, and holds no comments
             now = block[edit.field]
-            if not now.trivia.comment or _OUR_WORDS.match(now.trivia.comment):
+            if not now.trivia.comment or _SOURCE_COMMENT.match(now.trivia.comment):
                 now.comment(edit.why)
             # Comments that stand below each other stay so.
             now.trivia.comment_ws = " " * max(len(gap) + long - len(now.as_string()), 2)
-        found = tomlkit.dumps(document)
+        result = tomlkit.dumps(document)
     else:
         line = f"{edit.field} = {toml_value(edit.value)}  # {edit.why}"
-        found = _inserted(text, edit, line, missing=block is None)
-    if tomllib.loads(found) != wanted:
+        result = _inserted(text, edit, line, missing=block is None)
+    if tomllib.loads(result) != wanted:
         message = f"{edit.name} cannot be written where {edit.block} is not under a heading of its own"
         raise ValueError(message)
-    return found
+    return result
 
 
 def _inserted(text: str, edit: Edit, line: str, *, missing: bool) -> str:
-    """A new line below its block's heading: tomlkit would put it below the comments of the next block."""
+    """Insert a new line below its block's heading: tomlkit would put it below the comments of the next block."""
     if missing:
         gap = "" if not text or text.endswith("\n") else "\n"
         return f"{text}{gap}\n[{edit.block}]\n{line}\n"
     heading = re.compile(
         rf"^[ \t]*\[{{1,2}}[ \t]*{re.escape(edit.block)}[ \t]*\]{{1,2}}[^\n]*(\r?\n|\Z)", re.MULTILINE
     )
-    found = list(heading.finditer(text))
-    if edit.number >= len(found):
+    headings = list(heading.finditer(text))
+    if edit.number >= len(headings):
         return text
-    at, end = found[edit.number].end(), found[edit.number][1]
+    at, end = headings[edit.number].end(), headings[edit.number][1]
     return f"{text[:at]}{'' if end else chr(10)}{line}{end or chr(10)}{text[at:]}"

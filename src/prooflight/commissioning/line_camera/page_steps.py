@@ -1,4 +1,4 @@
-"""Steps by a ruler page: focus, width, encoder, light on paper, colour lines."""
+"""Steps with a ruler page: focus, width, encoder, light on paper, colour lines."""
 
 from __future__ import annotations
 
@@ -23,57 +23,57 @@ if TYPE_CHECKING:
     from prooflight.commissioning.ruler.reading import SensorReading
 
 SHARP_LEAST: Final = 0.75
-"""Of the MTF50 that the press file's lens would have. assumed: lenses fall short of diffraction by a fifth."""
+"""Least MTF50 over that of the press file's lens. assumed: lenses fall short of diffraction by a fifth."""
 TILT_MOST: Final = 0.2
-"""By which MTF50 may differ between places along the line, of its mean."""
+"""Greatest difference of MTF50 between places along the line, as a share of its mean."""
 UNCHECKED: Final = 0.003
-"""Of its length, by which a page that nobody measured may be off. assumed: usual of presses and of fed paper."""
+"""Relative error of the length of a page that was not measured. assumed: usual of presses and of fed paper."""
 RULE_MM: Final = 0.25
 """Standard error of a length read off a steel rule. assumed: half its finest division."""
 PITCH_OFF: Final = 0.05
-"""By which lines may lie further apart than the press file says."""
+"""Relative difference of the line pitch from the press file's that is tolerated."""
 SMEAR_MOST: Final = 0.5
-"""Pixels by which TDI may smear."""
+"""Greatest TDI smear. [pixel]"""
 PAGES_LINES: Final = 24_000
-"""In which a ruler page must have passed: two pages of 420 mm at 0.042 mm a line, and what lies between."""
+"""Number of lines in which a ruler page must have passed: two pages of 420 mm at 0.042 mm a line, and the gap."""
 FOCUS_LINES: Final = 4096
-"""In which sharpness is looked for: a group of a ruler page, 92 mm, at 0.022 mm a line."""
+"""Number of lines in which sharpness is measured: a group of a ruler page, 92 mm, at 0.022 mm a line."""
 TRIED_LINES: Final = 512
-"""After which it is looked for again."""
+"""Number of lines after which the measurement is repeated."""
 TRIED_MORE: Final = 1.25
-"""Times the lines of the last try: a look at many lines takes longer."""
-LIES_WRONG: Final = ("upside down", "sideways", "mirrored")
-"""Of what is said of a page: waiting will not mend it."""
+"""Growth of the number of lines from one try to the next: an analysis of many lines takes longer."""
+WRONG_ORIENTATION: Final = ("upside down", "sideways", "mirrored")
+"""Parts of messages on a page that lies wrong: waiting does not correct it."""
 
 
 def focus(bench: Bench) -> StepResult:
-    """MTF50 from a ruler page that passes or lies still."""
-    found, tried = None, 0
+    """Measure MTF50 from a ruler page that passes or lies still."""
+    result, tried = None, 0
     for last in bench.tap.endless(FOCUS_LINES):
         if last.came - tried < TRIED_LINES:
             continue
         tried = last.came
-        found = focus_of(last.lines(), where=bench.where)[0]
-        passes = found is not None and found.along is not None
+        result = focus_of(last.lines(), where=bench.where)[0]
+        passes = result is not None and result.along is not None
         # A page that passes tells more than edges that lie still: it is waited for.
-        if passes or (found is not None and tried >= FOCUS_LINES // 2) or tried >= PAGES_LINES // 2:
+        if passes or (result is not None and tried >= FOCUS_LINES // 2) or tried >= PAGES_LINES // 2:
             break
-    if found is None:
+    if result is None:
         what = "sees no edges to tell sharpness from"
         raise ScanError(bench.where, what, remedy="lay a page of `prooflight chart make --ruler` under it")
     camera = bench.camera()
     wanted = lens_mtf50(camera, camera.sensors[0])
-    good = found.across.value >= SHARP_LEAST * wanted
+    good = result.across.value >= SHARP_LEAST * wanted
     says = [
-        f"MTF50 across {found.across.value:.3f} +- {found.across.standard_error:.3f} cycles/pixel by {found.by};"
+        f"MTF50 across {result.across.value:.3f} +- {result.across.standard_error:.3f} cycles/pixel by {result.by};"
         f" the press file's lens would give {wanted:.3f}"
     ]
-    values = {"mtf50_across_per_pixel": found.across}
-    if found.along is not None:
-        says.append(f"MTF50 along {found.along.value:.3f} +- {found.along.standard_error:.3f} cycles/line")
-        values["mtf50_along_per_line"] = found.along
-    if len(found.places) > 1:
-        at, sharp = zip(*found.places, strict=True)
+    values = {"mtf50_across_per_pixel": result.across}
+    if result.along is not None:
+        says.append(f"MTF50 along {result.along.value:.3f} +- {result.along.standard_error:.3f} cycles/line")
+        values["mtf50_along_per_line"] = result.along
+    if len(result.places) > 1:
+        at, sharp = zip(*result.places, strict=True)
         spread = (max(sharp) - min(sharp)) / np.mean(sharp)
         says.append(
             f"along the line {min(sharp):.3f} to {max(sharp):.3f}, least at {100 * at[int(np.argmin(sharp))]:.0f} %"
@@ -83,20 +83,20 @@ def focus(bench: Bench) -> StepResult:
             says.append(
                 "sharpness differs along the line: the camera stands at a slant, or the lens is not its own"
             )
-    if found.across.value < SHARP_LEAST * wanted:
+    if result.across.value < SHARP_LEAST * wanted:
         says.append("turn the lens while `prooflight camera view` shows its MTF50, then repeat this step")
     return StepResult(good=good, says=tuple(says), values=values)
 
 
 def lens_mtf50(camera: Camera, sensor: LineSensor) -> float:
-    """MTF50 across of the press file's lens and pixel. [cycles/pixel]"""
+    """Return MTF50 across of the press file's lens and pixel. [cycles/pixel]"""
     per_pixel = np.linspace(0, 1, 401)
     mtf = camera.white_mtf(sensor, per_pixel / (sensor.pixel_pitch_um * 1e-3)) * np.sinc(per_pixel)
     return float(per_pixel[int(np.argmax(mtf < 0.5))])
 
 
 def _read_page(bench: Bench) -> tuple[SensorReading, ...]:
-    """The next ruler page that passes whole."""
+    """Read the next ruler page that passes whole."""
     top, where = bench.top_code_dn, bench.where
     tried = 0
     for last in bench.tap.endless(PAGES_LINES):
@@ -104,18 +104,18 @@ def _read_page(bench: Bench) -> tuple[SensorReading, ...]:
             continue
         tried, lines = last.came, last.lines()
         try:
-            found = find_ruler(relative_light(lines), where=where)
+            ruler = find_ruler(relative_light(lines), where=where)
         except ScanError as error:
-            if tried >= PAGES_LINES or any(word in error.what for word in LIES_WRONG):
+            if tried >= PAGES_LINES or any(part in error.what for part in WRONG_ORIENTATION):
                 raise
             continue
-        if found.whole(lines.shape[1]) or tried >= PAGES_LINES:
+        if ruler.whole(lines.shape[1]) or tried >= PAGES_LINES:
             return read_ruler(lines, top_code_dn=top, where=where)
     raise AssertionError  # lines come without end
 
 
 def width(bench: Bench) -> StepResult:
-    """Millimetres a pixel, which in a press file is the lens's object distance; and where planes lie."""
+    """Measure millimetres a pixel, which a press file states as object distance, and the register of planes."""
     reading = bench.readings = _read_page(bench)
     scale = reading[0].scale
     bench.passes.append(scale.line_mm.value)
@@ -147,36 +147,36 @@ def width(bench: Bench) -> StepResult:
 
 
 def _plane_lines(bench: Bench, reading: tuple[SensorReading, ...]) -> list[str]:
-    """Where planes lie, by the sensor that sees each best: of the press, and said for whoever sets its register."""
-    said = []
+    """Describe the register of planes, by the sensor that sees each best, for a person who adjusts the press."""
+    lines = []
     for letter in "CMY":
         seen = [plane for one in reading for plane in one.planes if plane.ink == letter]
         if not seen:
-            said.append(f"plane {letter} is not seen well enough to be placed")
+            lines.append(f"plane {letter} is not seen well enough to be placed")
             continue
         plane = min(seen, key=lambda one: one.across_mm.standard_error)
-        said.append(
+        lines.append(
             f"plane {letter} lies {1000 * plane.across_mm.value:+.0f} +- {1000 * plane.across_mm.standard_error:.0f} um"
             f" across and {1000 * plane.along_mm.value:+.0f} +- {1000 * plane.along_mm.standard_error:.0f} um along"
             " from black"
         )
-    return said
+    return lines
 
 
 def _on_paper(bench: Bench, key: str, way: str, by_page: Measured) -> tuple[Measured, str]:
-    """A pitch by true millimetres: as a person measured the page, or as it is printed."""
-    words = f"Measure the page between its fine lines, {way}: write MEASURED/PRINTED, e.g. 190.4/190"
-    said = bench.ask(key, words, "")
-    if not said:
+    """Return a pitch in true millimetres: by a person's measurement of the page, or by its nominal size."""
+    question = f"Measure the page between its fine lines, {way}: write MEASURED/PRINTED, e.g. 190.4/190"
+    answer = bench.ask(key, question, "")
+    if not answer:
         error = by_page.value * UNCHECKED
         whole = Measured(value=by_page.value, standard_error=float(np.hypot(by_page.standard_error, error)))
         return whole, f"nobody measured the page, which may be off by {100 * UNCHECKED:g} %"
     try:
-        measured, printed = (float(part) for part in said.split("/"))
+        measured, printed = (float(part) for part in answer.split("/"))
     except ValueError:
         measured = printed = -1.0
     if not (printed > 0 and 0.95 < measured / printed < 1.05):
-        what = f"{shortly(said)!r} is not a measured and a printed length"
+        what = f"{shortly(answer)!r} is not a measured and a printed length"
         raise RequestError(key, what, remedy="give e.g. 190.4/190, or nothing")
     pitch = by_page.times(measured / printed)
     error = pitch.value * RULE_MM / measured
@@ -185,7 +185,7 @@ def _on_paper(bench: Bench, key: str, way: str, by_page: Measured) -> tuple[Meas
 
 
 def pitch(bench: Bench) -> StepResult:
-    """Millimetres a line and lines a second, which in a press file are the paper's speed and the line rate."""
+    """Measure millimetres a line and lines a second, which in a press file are the paper's speed and the line rate."""
     reading = bench.readings = _read_page(bench)
     scale, camera = reading[0].scale, bench.camera()
     bench.passes.append(scale.line_mm.value)
@@ -241,18 +241,27 @@ def pitch(bench: Bench) -> StepResult:
 
 
 def _line_rate(bench: Bench) -> tuple[float, str]:
-    """Lines a second, and by whose word: the camera's own clock is better than when lines arrive."""
+    """Return the lines a second, and their source: the camera's own clock is better than the lines' arrival."""
     counted = bench.tap.rate_hz()
     free = bench.press.camera_settings().trigger != "encoder"
-    told = bench.tap.feature("line_rate_hz")
-    if free and told is not None and told.value and abs(float(told.value) / max(counted, 1e-9) - 1) < 0.2:
-        return float(told.value), f"by the camera's word, {counted:.0f} counted"
-    told_hz = f", the camera says {float(told.value):.0f}" if free and told is not None and told.value else ""
-    return counted, f"counted as they came{told_hz}"
+    reported = bench.tap.feature("line_rate_hz")
+    if (
+        free
+        and reported is not None
+        and reported.value
+        and abs(float(reported.value) / max(counted, 1e-9) - 1) < 0.2
+    ):
+        return float(reported.value), f"by the camera's word, {counted:.0f} counted"
+    reported_hz = (
+        f", the camera says {float(reported.value):.0f}"
+        if free and reported is not None and reported.value
+        else ""
+    )
+    return counted, f"counted as they came{reported_hz}"
 
 
 def paper(bench: Bench) -> StepResult:
-    """The light of the press file such that bare paper of the ruler page reads as it does."""
+    """Set the press file's light so that bare paper of the ruler page has its measured signal."""
     if not bench.readings:
         bench.readings = _read_page(bench)
     camera, top = bench.camera(), bench.top_code_dn
@@ -294,7 +303,7 @@ def paper(bench: Bench) -> StepResult:
 
 
 def colour(bench: Bench) -> StepResult:
-    """How sensors of one camera lie to each other."""
+    """Measure the offsets between the sensors of one camera."""
     if not bench.readings:
         bench.readings = _read_page(bench)
     places = [one.place for one in bench.readings]
@@ -305,7 +314,7 @@ def colour(bench: Bench) -> StepResult:
         if at
     ]
     good = all(abs(one.turn_deg) < 0.1 and abs(one.size - 1) < 1e-3 for one in places)
-    known = {"offset_lines", "offset_pixels"} <= set(CameraBlock.model_fields)
+    has_offsets = {"offset_lines", "offset_pixels"} <= set(CameraBlock.model_fields)
     edits = [
         Edit(
             block="camera",
@@ -314,10 +323,10 @@ def colour(bench: Bench) -> StepResult:
             why="measured",
         )
         for name, way in (("offset_lines", "lines"), ("offset_pixels", "pixels"))
-        if known
+        if has_offsets
     ]
     values = {f"lines.{at + 1}": one.lines for at, one in enumerate(places) if at}
     unmeasured = (
-        () if known else ("offsets have no place in this version's press file: set them in the camera",)
+        () if has_offsets else ("offsets have no place in this version's press file: set them in the camera",)
     )
     return StepResult(good=good, says=tuple(says), edits=tuple(edits), values=values, unmeasured=unmeasured)

@@ -1,4 +1,4 @@
-"""What a line camera shows now, in numbers: profile across the line, saturation, black level, light, noise, focus."""
+"""Live measurements of a line camera: profile across the line, saturation, black level, light, noise, focus."""
 
 from __future__ import annotations
 
@@ -17,63 +17,66 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.commissioning.camera.fixed_pattern import Measured
-    from prooflight.commissioning.ruler.finding import FoundRuler
+    from prooflight.commissioning.ruler.finding import DetectedRuler
 
 BRIGHT_PERCENT: Final = 90.0
-"""Of a column's numbers, what stands for paper where print passes: most of most pages is bare."""
+"""Percentile of a column's numbers that is taken for paper where print passes: most of most pages is bare."""
 SMOOTH_SHARE: Final = 1 / 32
-"""Of the line, over which the light is taken together: lamps and lenses vary slowly."""
+"""Share of the line over which the light is smoothed: lamps and lenses vary slowly."""
 HALF_MEAN: Final = 0.4592
 """Mean of the lesser half of |difference| of two Gaussians of deviation 1: 4 sqrt(2) (phi(0) - phi(0.6745))."""
 STILL: Final = 2.0
-"""Lines are alike if a column varies over them by no more than so many times its noise from line to line."""
+"""Greatest variation of a column over alike lines, in units of its noise from line to line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorView:
-    """One sensor's lines."""
+    """Measurements of one sensor's lines."""
 
     mean_dn: NDArray[np.float64]
-    """(pixels,) [DN]"""
+    """Mean (pixels,). [DN]"""
     paper_dn: NDArray[np.float64]
-    """(pixels,) the ``BRIGHT_PERCENT``-th percentile of each column. [DN]"""
+    """``BRIGHT_PERCENT``-th percentile (pixels,) of each column. [DN]"""
     saturated: float
     """Share of numbers at the top code. [-]"""
     black_dn: float
-    """The darkest hundredth of all numbers: of a covered lens or black print. [DN]"""
+    """Darkest hundredth of all numbers: of a covered lens or black print. [DN]"""
     at_zero: float
-    """Share of numbers at code 0: there black is cut off. [-]"""
+    """Share of numbers at code 0, where black is clipped. [-]"""
     noise_dn: float
-    """From line to line, where nothing changes; median over columns. [DN]"""
+    """Noise from line to line, where nothing changes; median over columns. [DN]"""
     flatness: float
-    """Least light over the greatest along the line, smoothed, by what stands for paper, less black. [-]"""
+    """Least light over the greatest along the line, smoothed, from the paper's percentile, less black. [-]"""
     darkest_share: float
-    """Where along the line it is least, 0 to 1."""
+    """Position along the line where it is least, 0 to 1."""
     focus: Focus | None
-    """None: nothing in these lines tells it."""
+    """Sharpness; None: these lines do not show it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Focus:
-    """How sharp the image is."""
+    """Sharpness of the image."""
 
     by: str
-    """What told it: a ruler page, or still edges."""
+    """Source of the measurement: a ruler page, or still edges."""
     across: Measured
-    """MTF50 [cycles/pixel]"""
+    """MTF50 across. [cycles/pixel]"""
     along: Measured | None
-    """MTF50 [cycles/line]; None: still edges do not tell."""
+    """MTF50 along; None: still edges do not give it. [cycles/line]"""
     places: tuple[tuple[float, float], ...] = ()
-    """Share of the line, 0 to 1, and MTF50 across there."""
+    """Position along the line, 0 to 1, and MTF50 across there."""
     pixel_mm: float | None = None
-    """A pixel on the page; None: no ruler tells."""
+    """Width of a pixel on the page; None: no ruler gives it."""
     mtf_across: NDArray[np.float64] | None = None
-    """At ``slanted_edge.FREQUENCIES``."""
+    """MTF at ``slanted_edge.FREQUENCIES``."""
     mtf_along: NDArray[np.float64] | None = None
 
 
 def sensor_views(lines: NDArray[np.uint16], *, top_code_dn: int, where: str) -> tuple[SensorView, ...]:
-    """One view a sensor of lines (sensors, lines, pixels) [DN]; where: the camera, in errors nobody sees."""
+    """Return one view a sensor of lines (sensors, lines, pixels) [DN].
+
+    Where: the camera, in errors that are not shown.
+    """
     focus = focus_of(lines, where=where)
     return tuple(
         _view(image, top_code_dn=top_code_dn, focus=one) for image, one in zip(lines, focus, strict=True)
@@ -100,14 +103,17 @@ def _view(image: NDArray[np.uint16], *, top_code_dn: int, focus: Focus | None) -
 
 
 def smoothed(profile: NDArray[np.floating]) -> NDArray[np.float64]:
-    """A running median over ``SMOOTH_SHARE`` of the line: dust and pixels go, lamp and lens stay. (pixels,)"""
+    """Return a running median over ``SMOOTH_SHARE`` of the line, (pixels,), without dust and single pixels."""
     half = max(round(profile.size * SMOOTH_SHARE / 2), 1)
     padded = np.pad(profile.astype(np.float64), half, mode="reflect")
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1))
 
 
 def line_noise(image: NDArray[np.uint16]) -> float:
-    """Standard deviation from line to line where nothing changes: median of neighbours' differences, over columns."""
+    """Return the standard deviation from line to line where nothing changes.
+
+    It is the median of neighbours' differences, over columns.
+    """
     if len(image) < 2:
         return 0.0
     step = np.abs(image[1::4].astype(np.int32) - image[:-1:4])
@@ -116,17 +122,17 @@ def line_noise(image: NDArray[np.uint16]) -> float:
 
 
 def focus_of(lines: NDArray[np.uint16], *, where: str) -> tuple[Focus | None, ...]:
-    """By a ruler page where one is seen, by edges where all lines are alike; one a sensor."""
+    """Measure focus by a ruler page where one is seen, by edges where all lines are alike; one result a sensor."""
     try:
-        found = find_ruler(relative_light(lines), where=where)
+        ruler = find_ruler(relative_light(lines), where=where)
     except ScanError:
         return tuple(_still(image) for image in lines)
-    return tuple(_by_ruler(image.astype(np.float32), found, where=where) for image in lines)
+    return tuple(_by_ruler(image.astype(np.float32), ruler, where=where) for image in lines)
 
 
-def _by_ruler(image: NDArray[np.float32], found: FoundRuler, *, where: str) -> Focus | None:
+def _by_ruler(image: NDArray[np.float32], ruler: DetectedRuler, *, where: str) -> Focus | None:
     try:
-        scale = ruler_scale(image, found, where=where)
+        scale = ruler_scale(image, ruler, where=where)
     except ScanError:
         return None
     across, along = ruler_sharpness(image, scale)
@@ -135,8 +141,8 @@ def _by_ruler(image: NDArray[np.float32], found: FoundRuler, *, where: str) -> F
     y = scale.middle_mm[1]
     return Focus(
         by="ruler page",
-        across=_together([one.mtf50 for one in across]),
-        along=_together([one.mtf50 for one in along]),
+        across=_mean([one.mtf50 for one in across]),
+        along=_mean([one.mtf50 for one in along]),
         places=tuple((scale.at(one.x_mm, y)[0] / image.shape[1], one.mtf50.value) for one in across),
         pixel_mm=scale.pixel_mm.value,
         mtf_across=np.mean([one.mtf for one in across], axis=0),
@@ -144,8 +150,8 @@ def _by_ruler(image: NDArray[np.float32], found: FoundRuler, *, where: str) -> F
     )
 
 
-def _together(places: list[Measured]) -> Measured:
-    """Mean of places, each counted alike: focus may differ between them."""
+def _mean(places: list[Measured]) -> Measured:
+    """Return the mean of places, each counted alike: focus may differ between them."""
     error = float(np.sqrt(np.sum([one.standard_error**2 for one in places])) / len(places))
     return type(places[0])(value=float(np.mean([one.value for one in places])), standard_error=error)
 

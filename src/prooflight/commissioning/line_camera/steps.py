@@ -1,4 +1,4 @@
-"""The steps by which a line camera is set up, in their order: what each asks of a person, and what it measures."""
+"""Steps of a line camera's set-up, in their order: a person's task and the measurement."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step."""
+    """Step of a set-up."""
 
     key: str
     title: str
     do: str
-    """What a person does before it measures; empty: nothing."""
+    """Task of a person before the measurement; empty: none."""
     measure: Callable[[Bench], StepResult]
     again: bool = False
-    """Whether it is done anew where a set-up that was stopped goes on."""
+    """Whether it is repeated when a stopped set-up is resumed."""
     spared: Callable[[Bench], str] = lambda _bench: ""
-    """Why this camera does not need it; empty: it does."""
+    """Reason why this camera does not need it; empty: it does."""
 
 
 def _fits(bench: Bench) -> StepResult:
-    """The camera against the press file: width and depth of its lines."""
+    """Compare width and depth of the camera's lines with the press file."""
     tap, sensors = bench.tap, bench.camera().sensors
     form = f"{tap.sensors} x {tap.pixels} pixels, {tap.form.name}"
     edits: list[Edit] = []
@@ -45,8 +45,8 @@ def _fits(bench: Bench) -> StepResult:
     else:
         _refuse_other(bench, sensors)
     rate = bench.tap.feature("line_rate_hz")
-    told = f", {float(rate.value):g} lines/s by its own word" if rate is not None and rate.value else ""
-    return StepResult(good=True, says=(f"{bench.where}: {form}{told}",), edits=tuple(edits))
+    rate_text = f", {float(rate.value):g} lines/s by its own word" if rate is not None and rate.value else ""
+    return StepResult(good=True, says=(f"{bench.where}: {form}{rate_text}",), edits=tuple(edits))
 
 
 def _refuse_other(bench: Bench, sensors: Sequence[LineSensor]) -> None:
@@ -73,11 +73,11 @@ DATA_SHEET: Final = (
     ("sensor", "pixel_pitch_um", "Pixel pitch on the sensor [um]"),
     ("sensor", "tdi_stages", "TDI stages (1: no TDI)"),
 )
-"""What no exposure tells, and a data sheet does: block, field, question."""
+"""Fields that exposures do not give, and a data sheet does: block, field, question."""
 
 
 def _of_data_sheet(bench: Bench) -> list[Edit]:
-    """A press file that was begun anew: what the camera says of itself, and what only its data sheet does."""
+    """Return a new press file's edits: fields that the camera reports, and those of its data sheet."""
     tap, camera = bench.tap, bench.camera()
     every = range(tap.sensors)
     edits = [
@@ -91,31 +91,31 @@ def _of_data_sheet(bench: Bench) -> list[Edit]:
         Edit(block="sensor", field="bits", value=bits, why=f"as {tap.form.name} sends", number=at)
         for at in every
     ]
-    for block, name, words in DATA_SHEET:
+    for block, name, question in DATA_SHEET:
         source = camera.lens if block == "lens" else camera.sensors[0]
         before = getattr(source, name)
-        value = _number(bench, name, words, before, whole=isinstance(before, int))
+        value = _number(bench, name, question, before, whole=isinstance(before, int))
         why = "stated: data sheet" if value != before else "assumed: nobody said otherwise when it was set up"
         numbers = every if block == "sensor" else (0,)
         edits += [Edit(block=block, field=name, value=value, why=why, number=at) for at in numbers]
-    kept = {"pixel_format": tap.form.name}
+    present = {"pixel_format": tap.form.name}
     lines = tap.feature("block_lines")
     edits += [
-        Edit(block="camera", field=name, value=value, why="as it stood") for name, value in kept.items()
+        Edit(block="camera", field=name, value=value, why="as it stood") for name, value in present.items()
     ]
     if lines is not None and lines.value:
         edits.append(Edit(block="camera", field="block_lines", value=int(lines.value), why="as it stood"))
     return edits
 
 
-def _number(bench: Bench, key: str, words: str, usual: float, *, whole: bool) -> float:
-    said = bench.ask(key, words, f"{usual:g}")
+def _number(bench: Bench, key: str, question: str, usual: float, *, whole: bool) -> float:
+    answer = bench.ask(key, question, f"{usual:g}")
     try:
-        value = int(said) if whole else float(said)
+        value = int(answer) if whole else float(answer)
     except ValueError:
         value = -1
     if not 0 < value < 1e6:
-        raise RequestError(key, f"{shortly(said)!r} is no number for it", remedy=f"give e.g. {usual:g}")
+        raise RequestError(key, f"{shortly(answer)!r} is no number for it", remedy=f"give e.g. {usual:g}")
     return value
 
 

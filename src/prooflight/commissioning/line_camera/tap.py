@@ -1,4 +1,4 @@
-"""Lines of a camera on demand: those that come after something was changed, without a hole."""
+"""Reader of a camera's lines on demand: without a gap, and exposed after a change of settings."""
 
 from __future__ import annotations
 
@@ -23,32 +23,35 @@ if TYPE_CHECKING:
 
 GRAB_S: Final = 0.1
 PATIENCE_S: Final = 10.0
-"""Without a line, after which a camera is taken for silent."""
+"""Time without a line after which a camera counts as silent."""
 STALE_BLOCKS: Final = 2
-"""That are dropped after a change: one was being exposed, one was on its way. assumed: cameras keep no more."""
+"""Number of blocks that are dropped after a change.
+
+One was being exposed, one was on its way. assumed: cameras hold no more.
+"""
 SILENT: Final = 'let the paper run; look at encoder and TriggerSource, or set trigger = "free" under [camera]'
 RATE_BLOCKS: Final = 64
-"""Over which the line rate is counted."""
+"""Number of blocks over which the line rate is counted."""
 WAITED_S: Final = 1e-3
-"""A block for which one had to wait so long has just come."""
+"""Least time waited for a block that has just arrived."""
 MOST_WAITING: Final = 4096
-"""Blocks that a backend may hold."""
+"""Greatest number of blocks that a backend may hold."""
 
 
 @dataclass(slots=True, kw_only=True)
 class LastLines:
-    """Lines on end, the latest of an endless stream."""
+    """Latest contiguous lines of an endless stream."""
 
     window: int
-    """Lines that are kept at most, to a block."""
+    """Greatest number of lines that are stored, to a block."""
     came: int = 0
-    """In all, kept or not."""
+    """Number of all lines, stored or not."""
     count: int = 0
-    """That are kept."""
+    """Number of stored lines."""
     _blocks: deque[NDArray[np.uint16]] = field(default_factory=deque)
 
     def add(self, block: NDArray[np.uint16], *, torn: bool) -> None:
-        """(sensors, n, pixels); torn: lines are missing before it, so that those before are let go."""
+        """Add a block (sensors, n, pixels); torn: lines are missing before it, so that earlier ones are dropped."""
         if torn:
             self._blocks.clear()
             self.count = 0
@@ -59,12 +62,12 @@ class LastLines:
             self.count -= self._blocks.popleft().shape[1]
 
     def lines(self) -> NDArray[np.uint16]:
-        """(sensors, count, pixels) [DN]"""
+        """Return the stored lines, (sensors, count, pixels). [DN]"""
         return np.concatenate(list(self._blocks), axis=1)
 
 
 class CameraTap:
-    """An open camera whose lines are asked for when they are needed, and let go of meanwhile."""
+    """Open camera whose lines are requested when they are needed, and dropped meanwhile."""
 
     def __init__(
         self,
@@ -74,8 +77,9 @@ class CameraTap:
         clock: Callable[[], float] = time.monotonic,
         patience_s: float = PATIENCE_S,
     ) -> None:
-        """names: what words of ``setting_up.NAMES`` are called in this model. The camera is started at the first lines
-        that are asked for; ScanError: its pixels cannot be read.
+        """Take over an open camera, which is started at the first request for lines.
+
+        names: this model's names for features of ``setting_up.NAMES``. ScanError: its pixels cannot be read.
         """
         self.camera, self._names, self._clock, self._patience_s = camera, names or {}, clock, patience_s
         self.name = camera.found.id
@@ -88,50 +92,53 @@ class CameraTap:
 
     @property
     def top_code_dn(self) -> int:
-        """The greatest number its format can say. [DN]"""
+        """Return the greatest number of its pixel format. [DN]"""
         return self.form.top_code_dn
 
-    def feature(self, word: str) -> Feature | None:
-        """The camera's feature for one of our words, as it stands; None: it has none."""
-        own = self._names.get(word)
-        names = NAMES[word] if own is None else (own,)
+    def feature(self, feature: str) -> Feature | None:
+        """Return the camera's feature of a standard name, as it stands; None: it has none."""
+        own = self._names.get(feature)
+        names = NAMES[feature] if own is None else (own,)
         return next((one for name in names if (one := self.camera.feature(name)) is not None), None)
 
-    def set(self, word: str, value: float) -> float:
-        """Set one, within what the camera takes; what it then says that it is. ScanError: it cannot be set."""
-        one = self.feature(word)
+    def set(self, feature: str, value: float) -> float:
+        """Set a feature, within the camera's limits, and return the value that it then reports.
+
+        ScanError: it cannot be set.
+        """
+        one = self.feature(feature)
         if one is None or not one.writable:
-            raise ScanError(self.name, f"does not let {NAMES[word][0]} be set", remedy=LOOK)
+            raise ScanError(self.name, f"does not let {NAMES[feature][0]} be set", remedy=LOOK)
         low = value if one.least is None else max(value, one.least)
-        asked = low if one.greatest is None else min(low, one.greatest)
-        self.camera.set(one.name, f"{asked:.12g}" if one.kind == "float" else str(round(asked)))
-        told = self.camera.feature(one.name)
-        return asked if told is None or not told.value else float(told.value)
+        clamped = low if one.greatest is None else min(low, one.greatest)
+        self.camera.set(one.name, f"{clamped:.12g}" if one.kind == "float" else str(round(clamped)))
+        reported = self.camera.feature(one.name)
+        return clamped if reported is None or not reported.value else float(reported.value)
 
     def lines(self, count: int, *, fresh: bool = True) -> NDArray[np.uint16]:
-        """So many lines on end, (sensors, count, pixels) [DN]; fresh: that were exposed after this call.
+        """Return contiguous lines, (sensors, count, pixels) [DN]; fresh: that were exposed after this call.
 
-        ScanError: none come, or the camera is gone.
+        ScanError: none come, or the camera is disconnected.
         """
         last = next(last for last in self.endless(count, fresh=fresh) if last.count >= count)
         return last.lines()[:, :count]
 
     def endless(self, window: int, *, fresh: bool = True) -> Iterator[LastLines]:
-        """The last lines on end, again with each block that comes: the same object, which goes on."""
+        """Yield the latest contiguous lines with each block that comes: the same object, which is updated."""
         last = LastLines(window=window)
         for block, torn in self._blocks(fresh=fresh):
             last.add(block, torn=torn)
             yield last
 
     def rate_hz(self) -> float:
-        """Lines a second over the last blocks; 0: not known yet."""
+        """Return the lines a second over the last blocks; 0: not known yet."""
         if len(self._times) < 2:
             return 0.0
         (begun_s, first), (end_s, last) = self._times[0], self._times[-1]
         return (last - first) / (end_s - begun_s) if end_s > begun_s else 0.0
 
     def health(self) -> Health:
-        """Lines, losses, and what the camera itself says."""
+        """Return lines, losses, and the camera's own report."""
         counter = self._counter
         return replace(
             self.camera.health(),
@@ -143,18 +150,18 @@ class CameraTap:
         )
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Close the camera."""
         self.camera.close()
 
     def _blocks(self, *, fresh: bool) -> Iterator[tuple[NDArray[np.uint16], bool]]:
-        """Blocks as they come, and whether each is no continuation of the one before."""
+        """Yield blocks as they come, and whether each does not continue the one before."""
         if not self._started:
             self.camera.start()
             self._started = True
         stale = self._drained() if fresh else 0
         heard_s, next_line, silent = self._clock(), -1, False
         while True:
-            asked_s = self._clock()
+            begun_s = self._clock()
             grab = self.camera.grab(GRAB_S)
             now_s = self._clock()
             if grab is None:
@@ -163,7 +170,7 @@ class CameraTap:
                     raise ScanError(self.name, f"has sent no line for {now_s - heard_s:.0f} s", remedy=SILENT)
                 continue
             # A block that had waited to be read does not say when it came.
-            waited, silent, heard_s = silent or now_s - asked_s > WAITED_S, False, now_s
+            waited, silent, heard_s = silent or now_s - begun_s > WAITED_S, False, now_s
             blocks = list(self._counter.take(grab))
             if waited:
                 self._times.append((now_s, self._counter.next_line))
@@ -173,7 +180,7 @@ class CameraTap:
             stale -= 1
 
     def _drained(self) -> int:
-        """Let go of blocks that came while nobody read; how many more are to be dropped."""
+        """Drop blocks that came while they were not read, and return the number of further ones to drop."""
         self._times.clear()
         for _ in range(MOST_WAITING):
             grab = self.camera.grab(0.0)

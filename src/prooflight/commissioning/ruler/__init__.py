@@ -1,1 +1,1 @@
-"""A ruler page in a scan: where it lies, pitches, sharpness, light and planes. Pure functions on arrays."""
+"""Measurements on a ruler page in a scan: position, pitches, sharpness, light and planes. Pure functions on arrays."""

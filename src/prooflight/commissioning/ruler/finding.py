@@ -1,4 +1,4 @@
-"""Where a ruler page lies in a scan, roughly: its coded markers say which place of the page is seen where."""
+"""Detection of a ruler page in a scan: its coded markers give the approximate map from page to scan."""
 
 from __future__ import annotations
 
@@ -24,36 +24,37 @@ from prooflight.inks.ruler_layout import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LOOKED_AT: Final = 2600
-"""Pixels of the longer side in which markers are looked for; a marker of the widest page then has 30."""
+SEARCH_PIXELS: Final = 2600
+"""Longer side, in pixels, of the image in which markers are detected; a marker of the widest page then has 30."""
 STRETCHES: Final = (1.0, 2.0, 0.5, 4.0, 0.25)
-"""By which lines are taken further apart or closer, in turn, where no marker is found: an encoder may be that wrong."""
+"""Factors on the line pitch that are tried in turn where no marker is detected: an encoder may be that wrong."""
 FEWEST: Final = 2
-"""Markers that make a place; each has four corners."""
+"""Least number of markers that locate a page; each has four corners."""
 _OFF: Final = 0.35
-"""Of a marker's side: corners further from the common map are of something else."""
+"""Greatest distance of corners from the common map, as a share of a marker's side; others are of something else."""
 PRINT_IT: Final = "let a whole page of `prooflight chart make --ruler` pass, print side to the camera"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundRuler:
-    """A ruler page in a scan."""
+class DetectedRuler:
+    """Ruler page in a scan."""
 
     to_pixel: NDArray[np.float64]
-    """(2, 3) affine map from (x, y, 1) on the page [mm] to (column, line) [pixels], whole numbers at pixel centres."""
+    """Affine map (2, 3) from (x, y, 1) on the page [mm] to (column, line) [pixels], whole numbers at pixel centres."""
     box_mm: tuple[float, float, float, float]
-    """Left, top, right and bottom of the markers that were found: there the map is good, beyond it the less. [mm]"""
+    """Left, top, right and bottom of the detected markers: the map is accurate there, and less so beyond. [mm]"""
     groups: tuple[int, int]
-    """First and last group of which a marker was found."""
+    """First and last group with a detected marker."""
     cells: tuple[int, int]
-    """First and last cell."""
+    """First and last cell with a detected marker."""
     markers: int
-    """How many were found."""
+    """Number of detected markers."""
 
     @property
     def end_mm(self) -> tuple[float, float]:
-        """Right and bottom of what may be read: the combs behind the last markers. What follows is of another page, or
-        would have markers of its own.
+        """Return right and bottom of the area that may be read: the combs after the last markers.
+
+        The area after it is of another page, or would have markers of its own.
         """
         return (
             MARGIN_MM + (self.cells[1] + 1) * CELL_MM + TOOTH_MM,
@@ -61,31 +62,31 @@ class FoundRuler:
         )
 
     def whole(self, lines: int) -> bool:
-        """Whether so many lines hold the page from its first group to where another group's markers would be."""
+        """Return whether ``lines`` lines hold the page from its first group to the place of another group's markers."""
         _, bottom = self.end_mm
         last = max(self.to_pixel[1] @ (x, bottom + 2 * MARKER_MM, 1.0) for x in self.box_mm[::2])
         return self.groups[0] == 0 and bool(last < lines)
 
     @property
     def to_page(self) -> NDArray[np.float64]:
-        """(2, 3), the other way round."""
+        """Return the inverse map, (2, 3)."""
         return np.asarray(cv2.invertAffineTransform(self.to_pixel), np.float64)
 
     @property
     def pitch_mm(self) -> tuple[float, float]:
-        """What lies between neighbouring columns and between neighbouring lines. [mm]"""
+        """Return the distances between neighbouring columns and between neighbouring lines. [mm]"""
         back = self.to_page[:, :2]
         return float(np.hypot(*back[:, 0])), float(np.hypot(*back[:, 1]))
 
     @property
     def skew_deg(self) -> float:
-        """How far the page is turned clockwise as seen. [degree]"""
+        """Return the page's clockwise rotation as seen. [degree]"""
         across, along = self.pitch_mm
         return float(np.rad2deg(np.arctan2(self.to_pixel[1, 0] * along, self.to_pixel[0, 0] * across)))
 
 
 def relative_light(lines: NDArray[np.number]) -> NDArray[np.float32]:
-    """Raw lines (sensors, lines, pixels) [DN] -> light of the brightest sensor over that of paper, (lines, pixels).
+    """Convert raw lines (sensors, lines, pixels) [DN] to the brightest sensor's light over paper's, (lines, pixels).
 
     Only black is dark in all sensors. Black is 0 and paper about 1; both as the scan itself shows them.
     """
@@ -95,8 +96,8 @@ def relative_light(lines: NDArray[np.number]) -> NDArray[np.float32]:
     return np.asarray(((lines.astype(np.float32) - dark[:, None, None]) / span).max(axis=0))
 
 
-def find_ruler(light: NDArray[np.float32], *, where: str) -> FoundRuler:
-    """Find a ruler page in ``relative_light`` (lines, pixels); where: the camera, in errors.
+def find_ruler(light: NDArray[np.float32], *, where: str) -> DetectedRuler:
+    """Detect a ruler page in ``relative_light`` (lines, pixels); where: the camera, in errors.
 
     ScanError: there is none, or it lies upside down, sideways or is seen mirrored.
     """
@@ -109,18 +110,18 @@ def find_ruler(light: NDArray[np.float32], *, where: str) -> FoundRuler:
             f": {len(numbers)} of its markers" if numbers else ""
         )
         raise ScanError(where, what, remedy=PRINT_IT)
-    known = {marker.number: marker.corners_mm for marker in RulerLayout.largest().markers()}
-    found = _common_map(
+    layout_corners = {marker.number: marker.corners_mm for marker in RulerLayout.largest().markers()}
+    ruler = _common_map(
         [
-            (number, known[number], seen)
+            (number, layout_corners[number], seen)
             for number, seen in zip(numbers, corners, strict=True)
-            if number in known
+            if number in layout_corners
         ]
     )
-    if found is None:
+    if ruler is None:
         what = f"sees {len(numbers)} markers that are of no ruler page"
         raise ScanError(where, what, remedy=PRINT_IT)
-    turn = found.skew_deg
+    turn = ruler.skew_deg
     if abs(turn) > 135:
         what = "sees the ruler page upside down"
         raise ScanError(
@@ -129,21 +130,21 @@ def find_ruler(light: NDArray[np.float32], *, where: str) -> FoundRuler:
     if abs(turn) > 45:
         what = "sees the ruler page sideways"
         raise ScanError(where, what, remedy="let the edge pass first that says so")
-    return found
+    return ruler
 
 
 def _markers(
     light: NDArray[np.float32], stretches: tuple[float, ...] = STRETCHES
 ) -> tuple[list[int], list[NDArray[np.float64]]]:
-    """Numbers and corners (4, 2) [pixels] of markers, at the first stretch of the lines that shows some."""
-    asked = cv2.aruco.DetectorParameters()
+    """Return numbers and corners (4, 2) [pixels] of markers, at the first stretch of the lines that shows some."""
+    parameters = cv2.aruco.DetectorParameters()
     # A contour runs half a pixel inside what is black.
-    asked.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(DICTIONARY), asked)
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(DICTIONARY), parameters)
     grey = np.clip(light * 200, 0, 255).astype(np.uint8)
     for stretch in stretches:
         extent = np.array([grey.shape[1], grey.shape[0] * stretch])
-        size = np.maximum(np.round(extent / max(extent.max() / LOOKED_AT, 1.0)), 8).astype(int)
+        size = np.maximum(np.round(extent / max(extent.max() / SEARCH_PIXELS, 1.0)), 8).astype(int)
         small = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
         seen, numbers, _ = detector.detectMarkers(small)
         if numbers is not None and len(numbers) >= FEWEST:
@@ -155,9 +156,10 @@ def _markers(
 
 def _common_map(
     seen: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]],
-) -> FoundRuler | None:
-    """The affine map on which most markers agree; None: fewer than ``FEWEST`` do. seen: number, corners on the page and
-    in the scan.
+) -> DetectedRuler | None:
+    """Return the affine map on which most markers agree; None: fewer than ``FEWEST`` do.
+
+    seen: number, corners on the page and in the scan.
     """
     best: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
     for _, page, place in seen:
@@ -178,7 +180,7 @@ def _common_map(
     page, place = np.concatenate(pages), np.concatenate(places)
     (left, top), (right, bottom) = page.min(axis=0), page.max(axis=0)
     rows, columns = np.divmod(np.array(numbers), MOST_CELLS * SLOTS)
-    return FoundRuler(
+    return DetectedRuler(
         to_pixel=_fitted(page, place),
         box_mm=(float(left), float(top), float(right), float(bottom)),
         groups=(int(rows.min()), int(rows.max())),

@@ -1,8 +1,9 @@
-"""The exact place of a ruler page in a scan: pitches, skew, and how straight it is, from the middles of bars.
+"""Exact position of a ruler page in a scan: pitches, skew and distortion, from the middles of bars.
 
-The edge of a bar lies where a step between the levels on its two sides would have the area that the pixels show. That
-is exact however blurred the edge is, since the light of a pixel is a mean over it: neighbouring pixels add up to the
-whole. The middle between a bar's two edges then depends neither on blur nor on how fat it is printed.
+The edge of a bar lies where a step between the levels on its two sides would have the area that the pixels
+show. That is exact however blurred the edge is, since the light of a pixel is a mean over it: neighbouring
+pixels add up to the whole. The middle between a bar's two edges then depends neither on blur nor on how fat
+it is printed.
 """
 
 from __future__ import annotations
@@ -19,22 +20,22 @@ from prooflight.inks.ruler_layout import BAR_MM, GROUP_MM, MARGIN_MM, PERIOD_MM,
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.commissioning.ruler.finding import FoundRuler
+    from prooflight.commissioning.ruler.finding import DetectedRuler
     from prooflight.inks.ruler_layout import Bar
 
 LEAST_CONTRAST: Final = 0.05
-"""Of paper's light: a bar that is fainter is not seen by this sensor."""
+"""Least contrast of a bar, as a share of paper's light; this sensor does not see a fainter one."""
 FEWEST_BARS: Final = 6
-"""Each way."""
+"""Least number of bars each way."""
 FEWEST_PIXELS: Final = 4.0
-"""Of a bar: its middle must show its own level."""
+"""Least width of a bar in pixels: its middle must show its own level."""
 _INNER: Final = 0.8
-"""Of a bar's length that is read."""
+"""Share of a bar's length that is read."""
 _OUTLIER: Final = 5.0
-_APART_MM: Final = 30.0
-"""By which bars must differ beside their normal to tell the page's turn."""
+_LEAST_SPREAD_MM: Final = 30.0
+"""Least spread of bars perpendicular to their normal that gives the page's rotation."""
 _FIRST_MM: Final = 16.0
-"""Beyond the markers, where bars are read first; what they say finds those that lie twice as far."""
+"""Distance beyond the markers within which bars are read first; the result locates those that lie twice as far."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,59 +43,59 @@ class BarPlaces:
     """Middles of bars of one kind, each along its own normal."""
 
     x_mm: NDArray[np.float64]
-    """(bars,) on the page."""
+    """Place (bars,) on the page."""
     y_mm: NDArray[np.float64]
     at: NDArray[np.float64]
-    """(bars,) column of upright bars, line of others. [pixels]"""
+    """Column (bars,) of upright bars, line of others. [pixels]"""
     width: NDArray[np.float64]
-    """(bars,) from edge to edge. [pixels]"""
+    """Width (bars,) from edge to edge. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RulerScale:
-    """What a ruler page says of one sensor's pixels."""
+    """Geometry of one sensor's pixels, measured on a ruler page."""
 
     to_pixel: NDArray[np.float64]
-    """(2, 3) affine map from (x, y, 1) on the page [mm] to (column, line) [pixels], whole numbers at pixel centres."""
+    """Affine map (2, 3) from (x, y, 1) on the page [mm] to (column, line) [pixels], whole numbers at pixel centres."""
     pixel_mm: Measured
-    """What lies between neighbouring columns, by the page's own millimetres; standard error of the marks alone."""
+    """Distance between neighbouring columns, in the page's own millimetres; standard error of the marks alone."""
     line_mm: Measured
     skew_deg: Measured
-    """How far the page is turned clockwise as seen. [degree]"""
+    """Clockwise rotation of the page as seen. [degree]"""
     shear_deg: float
-    """By which columns and lines are not at right angles: the camera stands askew to the travel. [degree]"""
+    """Deviation of columns and lines from a right angle: the camera stands askew to the travel. [degree]"""
     bent_across_mm: float
-    """Greatest distance of a mark's place from the straight ruler, once chance is averaged out: the lens distorts."""
+    """Greatest smoothed distance of a mark's place from the straight ruler: the lens distorts."""
     bent_along_mm: float
-    """The same along the travel: the encoder or the paper's speed wanders."""
+    """Greatest smoothed distance along the travel: the encoder or the paper's speed wanders."""
     residual_px: tuple[float, float]
-    """Rms of single bars about the map. [columns, lines]"""
+    """Rms distance of single bars from the map. [columns, lines]"""
     bars: tuple[int, int]
-    """That were read, upright and others."""
+    """Number of bars that were read, upright and others."""
     middle_mm: tuple[float, float]
     """Mean place of the bars on the page: upright ones' across, others' along."""
     end_mm: tuple[float, float]
-    """Right and bottom of what may be read: see ``FoundRuler``."""
+    """Right and bottom of the area that may be read: see ``DetectedRuler``."""
 
     def at(self, x_mm: float, y_mm: float) -> tuple[float, float]:
-        """Column and line of a place of the page."""
+        """Return column and line of a place of the page."""
         column, line = self.to_pixel @ (x_mm, y_mm, 1.0)
         return float(column), float(line)
 
 
-def ruler_scale(image: NDArray[np.floating], found: FoundRuler, *, where: str) -> RulerScale:
-    """The exact place by all combs in one sensor's image (lines, pixels) [DN]; where: the camera, in errors.
+def ruler_scale(image: NDArray[np.floating], ruler: DetectedRuler, *, where: str) -> RulerScale:
+    """Measure the exact position by all combs in one sensor's image (lines, pixels) [DN]; where: the camera, in errors.
 
     ScanError: too few of their bars are seen, or pixels are too coarse for them.
     """
-    if max(found.pitch_mm) > BAR_MM / FEWEST_PIXELS:
-        what = f"sees {max(found.pitch_mm):.2g} mm a pixel or line"
+    if max(ruler.pitch_mm) > BAR_MM / FEWEST_PIXELS:
+        what = f"sees {max(ruler.pitch_mm):.2g} mm a pixel or line"
         raise ScanError(where, what, remedy=f"a ruler page is for up to {BAR_MM / FEWEST_PIXELS:g} mm")
-    bars = [bar for bar in RulerLayout.largest().bars() if _on_page(bar, found)]
-    to_pixel, beyond_mm = found.to_pixel, _FIRST_MM
-    extent_mm = float(np.hypot(image.shape[1] * found.pitch_mm[0], image.shape[0] * found.pitch_mm[1]))
+    bars = [bar for bar in RulerLayout.largest().bars() if _on_page(bar, ruler)]
+    to_pixel, beyond_mm = ruler.to_pixel, _FIRST_MM
+    extent_mm = float(np.hypot(image.shape[1] * ruler.pitch_mm[0], image.shape[0] * ruler.pitch_mm[1]))
     while True:
-        near = [bar for bar in bars if _beyond(bar, found) <= beyond_mm]
+        near = [bar for bar in bars if _beyond(bar, ruler) <= beyond_mm]
         upright = bar_places(image, to_pixel, [bar for bar in near if bar.upright])
         lying = bar_places(image, to_pixel, [bar for bar in near if not bar.upright])
         for name, some in (("upright", upright), ("lying", lying)):
@@ -127,28 +128,29 @@ def ruler_scale(image: NDArray[np.floating], found: FoundRuler, *, where: str) -
         residual_px=(across.rms, along.rms),
         bars=(upright.at.size, lying.at.size),
         middle_mm=(float(upright.x_mm.mean()), float(lying.y_mm.mean())),
-        end_mm=found.end_mm,
+        end_mm=ruler.end_mm,
     )
 
 
-def _on_page(bar: Bar, found: FoundRuler) -> bool:
-    """Whether a bar is of the page whose markers were found, and not of the next one."""
+def _on_page(bar: Bar, ruler: DetectedRuler) -> bool:
+    """Return whether a bar is of the page whose markers were detected, and not of the next one."""
     x, y, width, height = bar.box
-    right, bottom = found.end_mm
-    top = found.groups[0] * GROUP_MM + MARGIN_MM
+    right, bottom = ruler.end_mm
+    top = ruler.groups[0] * GROUP_MM + MARGIN_MM
     return x + width <= right + 1e-6 and top - 1e-6 <= y and y + height <= bottom + 1e-6
 
 
-def _beyond(bar: Bar, found: FoundRuler) -> float:
-    """How far a bar lies outside the markers that were found. [mm]"""
+def _beyond(bar: Bar, ruler: DetectedRuler) -> float:
+    """Return the distance of a bar outside the detected markers. [mm]"""
     x, y, width, height = bar.box
-    left, top, right, bottom = found.box_mm
+    left, top, right, bottom = ruler.box_mm
     return max(left - (x + width / 2), x + width / 2 - right, top - (y + height / 2), y + height / 2 - bottom)
 
 
 def bar_places(image: NDArray[np.floating], to_pixel: NDArray[np.float64], bars: list[Bar]) -> BarPlaces:
-    """Middles of those bars that image (lines, pixels) shows whole and with contrast; to_pixel: where they are, to half
-    a bar.
+    """Measure the middles of the bars that image (lines, pixels) shows whole and with contrast.
+
+    to_pixel: map that gives their places to half a bar.
     """
     read = [(bar, place) for bar in bars if (place := _middle(image, to_pixel, bar)) is not None]
     middles = [(bar.box[0] + bar.box[2] / 2, bar.box[1] + bar.box[3] / 2) for bar, _ in read]
@@ -160,15 +162,15 @@ def bar_places(image: NDArray[np.floating], to_pixel: NDArray[np.float64], bars:
 def _middle(
     image: NDArray[np.floating], to_pixel: NDArray[np.float64], bar: Bar
 ) -> tuple[float, float] | None:
-    """Place of a bar's middle along its normal, and its width [pixels]; None: it is not seen."""
+    """Return the place of a bar's middle along its normal, and its width [pixels]; None: it is not seen."""
     x, y, width, height = bar.box
     column, line = to_pixel @ (x + width / 2, y + height / 2, 1.0)
     scale = np.abs(np.diag(to_pixel[:, :2]))  # pixels a millimetre, columns and lines
     seen = image if bar.upright else image.T
-    centre, beside = (column, line) if bar.upright else (line, column)
-    per_mm, per_mm_beside = scale if bar.upright else scale[::-1]
-    half = _INNER * max(width, height) / 2 * per_mm_beside
-    rows = slice(round(beside - half), round(beside + half) + 1)
+    centre, transverse = (column, line) if bar.upright else (line, column)
+    per_mm, per_mm_transverse = scale if bar.upright else scale[::-1]
+    half = _INNER * max(width, height) / 2 * per_mm_transverse
+    rows = slice(round(transverse - half), round(transverse + half) + 1)
     reach = 1.25 * BAR_MM * per_mm
     first, end = round(centre - reach), round(centre + reach) + 1
     if rows.start < 0 or first < 0 or rows.stop > len(seen) or end > seen.shape[1]:
@@ -195,23 +197,23 @@ def _middle(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Plane:
-    """Place = slopes . (x, y, 1)."""
+    """Fitted plane: place = slopes . (x, y, 1)."""
 
     slopes: NDArray[np.float64]
     errors: NDArray[np.float64]
-    """(3,) standard errors; 0 of what was not free."""
+    """Standard errors (3,); 0 for slopes that were not free."""
     residual: NDArray[np.float64]
-    """(bars,) [pixels]"""
-    kept: NDArray[np.bool_]
-    """Bars that do not lie far off, under a speck or a fold."""
+    """Residuals (bars,). [pixels]"""
+    inliers: NDArray[np.bool_]
+    """Bars that are no outliers, such as under a speck or a fold."""
     rms: float
 
 
 def _planes(upright: BarPlaces, lying: BarPlaces, before: NDArray[np.float64]) -> tuple[_Plane, _Plane]:
-    """Columns by upright bars, lines by the others.
+    """Fit columns by upright bars, lines by the others.
 
-    Bars that lie in one row or column do not tell the page's turn: it then is the other kind's, at right angles, or as
-    it was known before.
+    Bars in one row or column do not give the page's rotation: it is then the other kind's, at right angles,
+    or the one before.
     """
     across = _plane(upright, upright.y_mm, 1, before[0, 1])
     along = _plane(lying, lying.x_mm, 0, before[1, 0])
@@ -223,31 +225,36 @@ def _planes(upright: BarPlaces, lying: BarPlaces, before: NDArray[np.float64]) -
     return across, along
 
 
-def _plane(bars: BarPlaces, beside_mm: NDArray[np.float64], fixed: int, slope: float) -> _Plane:
-    """Least squares; beside_mm: where bars lie beside their normal; where that hardly varies, the slope of axis
+def _plane(bars: BarPlaces, transverse_mm: NDArray[np.float64], fixed: int, slope: float) -> _Plane:
+    """Fit a plane by least squares.
+
+    beside_mm: places of bars perpendicular to their normal; where those hardly vary, the slope of axis
     ``fixed`` is as given.
     """
     design = np.column_stack([bars.x_mm, bars.y_mm, np.ones(bars.at.size)])
     free = np.ones(3, bool)
-    free[fixed] = np.ptp(beside_mm) >= _APART_MM
+    free[fixed] = np.ptp(transverse_mm) >= _LEAST_SPREAD_MM
     wanted = bars.at - (0.0 if free[fixed] else slope * design[:, fixed])
-    kept = np.ones(bars.at.size, bool)
+    inliers = np.ones(bars.at.size, bool)
     slopes, errors = np.zeros(3), np.zeros(3)
     slopes[fixed] = slope
     for _ in range(3):
-        slopes[free] = np.linalg.lstsq(design[kept][:, free], wanted[kept], rcond=None)[0]
+        slopes[free] = np.linalg.lstsq(design[inliers][:, free], wanted[inliers], rcond=None)[0]
         residual = bars.at - design @ slopes
-        spread = 1.4826 * float(np.median(np.abs(residual[kept] - np.median(residual[kept])))) + 1e-3
-        kept = np.abs(residual) < _OUTLIER * spread
-    part = design[kept][:, free]
-    rms = float(np.sqrt(np.square(residual[kept]).sum() / max(len(part) - part.shape[1], 1)))
+        spread = 1.4826 * float(np.median(np.abs(residual[inliers] - np.median(residual[inliers])))) + 1e-3
+        inliers = np.abs(residual) < _OUTLIER * spread
+    part = design[inliers][:, free]
+    rms = float(np.sqrt(np.square(residual[inliers]).sum() / max(len(part) - part.shape[1], 1)))
     errors[free] = rms * np.sqrt(np.diag(np.linalg.pinv(part.T @ part)))
-    return _Plane(slopes=slopes, errors=errors, residual=residual, kept=kept, rms=rms)
+    return _Plane(slopes=slopes, errors=errors, residual=residual, inliers=inliers, rms=rms)
 
 
 def _bend(place_mm: NDArray[np.float64], plane: _Plane) -> float:
-    """Greatest departure of a smooth curve through residuals [pixels]; 0 where it is within two of its errors."""
-    place_mm, residual = place_mm[plane.kept], plane.residual[plane.kept]
+    """Return the greatest departure of a smooth curve through residuals [pixels].
+
+    0 where it is within two of its errors.
+    """
+    place_mm, residual = place_mm[plane.inliers], plane.residual[plane.inliers]
     extent = np.ptp(place_mm)
     if extent < 4 * PERIOD_MM or place_mm.size < 12:
         return 0.0

@@ -1,4 +1,4 @@
-"""Where ink planes lie on a ruler page, and how sensors that see the same page lie to each other."""
+"""Register of ink planes on a ruler page, and offsets between sensors that see the same page."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanePlace:
-    """How far an ink's plane lies from black's, on the page."""
+    """Register of an ink's plane relative to black's, on the page."""
 
     ink: str
     across_mm: Measured
-    """Further right."""
+    """Displacement to the right."""
     along_mm: Measured
-    """Further down."""
+    """Displacement downwards."""
     crosses: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorPlace:
-    """How a sensor lies to the first one, in the middle of the page."""
+    """Position of a sensor relative to the first one, in the middle of the page."""
 
     lines: Measured
-    """So many lines later it sees a place of the page: of a trilinear camera, how far its lines lie apart."""
+    """Number of lines by which it sees a place of the page later: of a trilinear camera, the distance of its lines."""
     pixels: Measured
-    """So many pixels further right it sees a place of the page."""
+    """Number of pixels by which it sees a place of the page further right."""
     turn_deg: float
-    """Clockwise from the first."""
+    """Rotation clockwise from the first."""
     size: float
-    """Its pixels on the page over the first's. [-]"""
+    """Size of its pixels on the page over the first's. [-]"""
 
 
 def plane_places(image: NDArray[np.floating], scale: RulerScale) -> tuple[PlanePlace, ...]:
-    """Planes of cyan, magenta and yellow in one sensor's image (lines, pixels); those it does not see are left out.
+    """Measure the planes of cyan, magenta and yellow in one sensor's image (lines, pixels); unseen ones are left out.
 
-    From the middles of crosses' arms, against where combs say that they should be, and less what black's crosses are
-    off themselves.
+    They are measured by the middles of crosses' arms, relative to the places that combs give, less the offset
+    of black's crosses.
     """
     right, bottom = scale.end_mm
     crosses = [
@@ -68,12 +68,12 @@ def plane_places(image: NDArray[np.floating], scale: RulerScale) -> tuple[PlaneP
             (along * scale.line_mm.value).tolist(),
         )
     black = [mean_of(values) if len(values) > 1 else None for values in off["K"]]
-    found = []
+    planes = []
     for letter in INK_LETTERS.replace("K", ""):
         across_mm, along_mm = off[letter]
         if min(len(across_mm), len(along_mm)) < 2 or black[0] is None or black[1] is None:
             continue
-        found.append(
+        planes.append(
             PlanePlace(
                 ink=letter,
                 across_mm=_less(mean_of(across_mm), black[0]),
@@ -81,13 +81,13 @@ def plane_places(image: NDArray[np.floating], scale: RulerScale) -> tuple[PlaneP
                 crosses=min(len(across_mm), len(along_mm)),
             )
         )
-    return tuple(found)
+    return tuple(planes)
 
 
 def sensor_place(first: RulerScale, other: RulerScale) -> SensorPlace:
-    """How a sensor lies to the first, both having seen the same ruler page in the same count of lines.
+    """Return a sensor's position relative to the first; both saw the same ruler page in the same count of lines.
 
-    Of one camera's colour lines, or of two cameras whose lines are counted together.
+    It serves for one camera's colour lines, and for two cameras whose lines are counted together.
     """
     middle = first.middle_mm
     column, line = np.subtract(other.at(*middle), first.at(*middle))
@@ -100,7 +100,7 @@ def sensor_place(first: RulerScale, other: RulerScale) -> SensorPlace:
 
 
 def _middle_error(first: RulerScale, other: RulerScale, axis: int) -> float:
-    """Of a mean of all bars of both."""
+    """Return the standard error of a mean of all bars of both."""
     return float(np.hypot(*(one.residual_px[axis] / np.sqrt(one.bars[axis]) for one in (first, other))))
 
 

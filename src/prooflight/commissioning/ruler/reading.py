@@ -1,4 +1,4 @@
-"""All that a ruler page says of a camera, in one go."""
+"""Complete measurement of a camera on a ruler page."""
 
 from __future__ import annotations
 
@@ -24,37 +24,38 @@ if TYPE_CHECKING:
     from prooflight.commissioning.ruler.slanted_edge import Sharpness
 
 _INSIDE_MM = 2.0
-"""Left out at the edges of even areas."""
+"""Margin left out at the edges of uniform areas."""
 _TOP_SHARE = 0.001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorReading:
-    """What the page says of one sensor."""
+    """Measurements of one sensor on the page."""
 
     scale: RulerScale
     across: tuple[Sharpness, ...]
     along: tuple[Sharpness, ...]
     planes: tuple[PlanePlace, ...]
     place: SensorPlace
-    """To the first sensor."""
+    """Position relative to the first sensor."""
     paper_dn: float
-    """Bare paper, mean over its strips. [DN]"""
+    """Mean signal of bare paper over its strips. [DN]"""
     solid_dn: float
-    """Solid black. [DN]"""
+    """Signal of solid black. [DN]"""
 
 
 def read_ruler(lines: NDArray[np.uint16], *, top_code_dn: int, where: str) -> tuple[SensorReading, ...]:
-    """One reading a sensor of lines (sensors, lines, pixels) [DN] that show a whole ruler page.
+    """Return one reading a sensor of lines (sensors, lines, pixels) [DN] that show a whole ruler page.
 
-    ScanError: there is none, it lies the wrong way, or paper is at the top code. where: the camera, in errors.
+    ScanError: there is none, it lies the wrong way, or paper is at the top code. where: the camera, in
+    errors.
     """
-    found = find_ruler(relative_light(lines), where=where)
+    ruler = find_ruler(relative_light(lines), where=where)
     readings: list[SensorReading] = []
     for at, image in enumerate(lines):
         name = where if len(lines) == 1 else f"{where}, sensor {at + 1}"
         seen = image.astype(np.float32)
-        scale = ruler_scale(seen, found, where=name)
+        scale = ruler_scale(seen, ruler, where=name)
         paper, solid = (_strips(seen, scale, solid=black) for black in (False, True))
         if not paper.size or not solid.size:
             what = "sees no strip of paper and of black of the ruler page"
@@ -78,32 +79,32 @@ def read_ruler(lines: NDArray[np.uint16], *, top_code_dn: int, where: str) -> tu
 
 
 def _columns_alike(image: NDArray[np.float32], scale: RulerScale) -> NDArray[np.float32]:
-    """Lines (lines, pixels) over what each column shows of paper: a faint ink's edges would else be moved by PRNU."""
+    """Divide lines (lines, pixels) by each column's paper: PRNU would else move a faint ink's edges."""
     total, count = np.zeros(image.shape[1]), np.zeros(image.shape[1])
     for rows, columns in _places(image, scale, solid=False):
         total[columns] += image[rows, columns].sum(axis=0)
         count[columns] += rows.stop - rows.start
-    known = count > 0
-    paper = np.divide(total, count, out=np.ones_like(total), where=known)
-    usual = float(np.median(paper[known])) if known.any() else 1.0
+    seen = count > 0
+    paper = np.divide(total, count, out=np.ones_like(total), where=seen)
+    usual = float(np.median(paper[seen])) if seen.any() else 1.0
     # Beyond the page there is no paper, and where no strip is nothing is known.
-    share = np.where(known & (paper > 0.5 * usual), paper / usual, 1.0)
+    share = np.where(seen & (paper > 0.5 * usual), paper / usual, 1.0)
     return np.asarray(image / share.astype(np.float32))
 
 
 def _strips(image: NDArray[np.float32], scale: RulerScale, *, solid: bool) -> NDArray[np.float32]:
-    """Pixels of all even areas of a kind, (n,) [DN]."""
-    found = [image[rows, columns].ravel() for rows, columns in _places(image, scale, solid=solid)]
-    if not found:
+    """Return the pixels of all uniform areas of a kind, (n,) [DN]."""
+    areas = [image[rows, columns].ravel() for rows, columns in _places(image, scale, solid=solid)]
+    if not areas:
         return np.empty(0, np.float32)
-    pixels = np.concatenate(found)
+    pixels = np.concatenate(areas)
     # A strip of the layout that is wider than the page ends on what lies beyond it.
     middle = float(np.median(pixels))
     return pixels[np.abs(pixels - middle) < 0.3 * max(middle, 1.0)]
 
 
 def _places(image: NDArray[np.float32], scale: RulerScale, *, solid: bool) -> Iterator[tuple[slice, slice]]:
-    """Lines and columns of each even area of a kind that the image shows whole along the travel."""
+    """Yield lines and columns of each uniform area of a kind that the image shows whole along the travel."""
     for (x, y, width, height), black in RulerLayout.largest().strips():
         if black != solid or x > scale.end_mm[0] or y > scale.end_mm[1]:
             continue

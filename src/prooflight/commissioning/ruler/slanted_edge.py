@@ -1,7 +1,7 @@
 """Sharpness as MTF from slanted edges (ISO 12233, the e-SFR method), with its uncertainty.
 
-Pixels along an edge that is turned a little see it at many places within a pixel: laid together they sample it finely.
-Its derivative is the line-spread function, and the MTF is what that is made of.
+Pixels along an edge that is turned a little see it at many places within a pixel: combined they sample it
+finely. The derivative is the line-spread function, and the MTF is the modulus of its Fourier transform.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from prooflight.commissioning.ruler.places import RulerScale
 
 OVERSAMPLING: Final = 4
-"""Places within a pixel; as ISO 12233."""
+"""Number of places within a pixel; as ISO 12233."""
 FREQUENCIES: Final = np.linspace(0, 1, 65)
-"""At which MTFs are given. [cycles/pixel]"""
+"""Frequencies at which MTFs are given. [cycles/pixel]"""
 LEAST_PHASES: Final = 1.2
-"""Pixels by which an edge must move over the rows of a piece: it then is seen at every place within a pixel."""
+"""Least shift in pixels of an edge over the rows of a piece, so that it is seen at every phase of a pixel."""
 _REACH_MM: Final = 3.0
 _HALF_LENGTH: Final = 0.36
-"""Of a square's side, either way from the middle of an edge: corners stay out."""
+"""Half length of an edge that is used, as a share of a square's side: corners are left out."""
 MOST_PIECES: Final = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EdgeMtf:
-    """One piece of an edge."""
+    """MTF of one piece of an edge."""
 
     mtf: NDArray[np.float64]
-    """At ``FREQUENCIES``. [-]"""
+    """MTF at ``FREQUENCIES``. [-]"""
     mtf50: float
     """Frequency at which half of the contrast is left. [cycles/pixel]"""
 
@@ -51,18 +51,19 @@ class Sharpness:
     """Sharpness at a place, one way."""
 
     x_mm: float
-    """On the page, the middle of the edges."""
+    """Position of the middle of the edges on the page."""
     mtf50: Measured
-    """[cycles/pixel] across, or [cycles/line] along; standard error from the scatter of pieces of edges."""
+    """MTF50 [cycles/pixel] across, or [cycles/line] along; standard error from the scatter of pieces of edges."""
     mtf: NDArray[np.float64]
-    """At ``FREQUENCIES``, mean. [-]"""
+    """Mean MTF at ``FREQUENCIES``. [-]"""
     pieces: int
 
 
 def edge_mtf(patch: NDArray[np.floating]) -> EdgeMtf | None:
-    """MTF across an upright edge in a patch (rows, columns); None: it shows no single slanted edge.
+    """Measure the MTF across an upright edge in a patch (rows, columns); None: it shows no single slanted edge.
 
-    The edge is a straight line through the middles of the rows' steps. Frequencies are those of the edge's normal.
+    The edge is a straight line through the middles of the rows' steps. Frequencies are those of the edge's
+    normal.
     """
     image = patch.astype(np.float64)
     rows, columns = image.shape
@@ -85,7 +86,7 @@ def edge_mtf(patch: NDArray[np.floating]) -> EdgeMtf | None:
 
 
 def _edge_line(level: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Slope [columns/row] and place at row 0 of the edge; None: it is not straight."""
+    """Return slope [columns/row] and place at row 0 of the edge; None: it is not straight."""
     rows, columns = level.shape
     # The area method, as for bars: exact for any blur.
     place = columns - 0.5 - level.sum(axis=1)
@@ -99,7 +100,7 @@ def _edge_line(level: NDArray[np.float64]) -> tuple[float, float] | None:
 def _from_samples(
     offset: NDArray[np.float64], level: NDArray[np.float64], reach: float, cosine: float
 ) -> EdgeMtf | None:
-    """MTF from samples of an edge at offsets from it [columns], within reach."""
+    """Compute the MTF from samples of an edge at offsets from it [columns], within reach."""
     bins = int(reach) * OVERSAMPLING
     if bins < 2 * OVERSAMPLING:
         return None
@@ -143,7 +144,10 @@ def _from_samples(
 def ruler_sharpness(
     image: NDArray[np.floating], scale: RulerScale
 ) -> tuple[tuple[Sharpness, ...], tuple[Sharpness, ...]]:
-    """Sharpness across and along, at each column of turned squares of a ruler page in an image (lines, pixels)."""
+    """Measure sharpness across and along, at each column of turned squares of a ruler page.
+
+    image: (lines, pixels).
+    """
     across: dict[float, list[EdgeMtf]] = {}
     along: dict[float, list[EdgeMtf]] = {}
     for square in RulerLayout.largest().squares():
@@ -152,15 +156,15 @@ def ruler_sharpness(
         for edge in range(4):
             upright = edge % 2 == 1
             ends = square.corners_mm[edge], square.corners_mm[(edge + 1) % 4]
-            found = across if upright else along
+            pieces = across if upright else along
             for patch in _patches(image, scale, ends[0], ends[1], upright=upright):
                 measured = edge_mtf(patch)
                 if measured is not None:
-                    found.setdefault(square.x_mm, []).append(measured)
+                    pieces.setdefault(square.x_mm, []).append(measured)
     return _of_places(across), _of_places(along)
 
 
-def _of_places(found: dict[float, list[EdgeMtf]]) -> tuple[Sharpness, ...]:
+def _of_places(by_place: dict[float, list[EdgeMtf]]) -> tuple[Sharpness, ...]:
     return tuple(
         Sharpness(
             x_mm=x,
@@ -168,13 +172,13 @@ def _of_places(found: dict[float, list[EdgeMtf]]) -> tuple[Sharpness, ...]:
             mtf=np.mean([piece.mtf for piece in pieces], axis=0),
             pieces=len(pieces),
         )
-        for x, pieces in sorted(found.items())
+        for x, pieces in sorted(by_place.items())
         if len(pieces) >= 2
     )
 
 
 def mean_of(values: Sequence[float]) -> Measured:
-    """Mean and its standard error by the scatter of values."""
+    """Return the mean and its standard error by the scatter of values."""
     return Measured(
         value=float(np.mean(values)), standard_error=float(np.std(values, ddof=1) / math.sqrt(len(values)))
     )
@@ -188,7 +192,7 @@ def _patches(
     *,
     upright: bool,
 ) -> Iterator[NDArray[np.floating]]:
-    """Pieces of an edge as patches in which it stands upright, each with phases enough."""
+    """Yield pieces of an edge as patches in which it stands upright, each with phases enough."""
     seen = image if upright else image.T
     middle, half = (first + last) / 2, (last - first) * _HALF_LENGTH
     ends = np.array([scale.at(*(middle - half)), scale.at(*(middle + half))])

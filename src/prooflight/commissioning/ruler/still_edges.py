@@ -1,7 +1,8 @@
-"""Sharpness across from what lies still under a line camera: every line shows the same edges.
+"""Sharpness across from still objects under a line camera: every line shows the same edges.
 
-No edge moves over the pixels then, so none can be sampled finely (``slanted_edge``). Edges of many places show each
-another part of the same step: a box of one pixel, what any pixel does, blurred by a Gaussian, whose width is fitted.
+No edge moves over the pixels then, so none can be sampled finely (``slanted_edge``). Edges of many places
+show each another part of the same step: a box of one pixel, the effect of any pixel, blurred by a Gaussian,
+whose width is fitted.
 """
 
 from __future__ import annotations
@@ -23,16 +24,19 @@ if TYPE_CHECKING:
     from prooflight.commissioning.camera.fixed_pattern import Measured
 
 WIDEST: Final = 6.0
-"""Sigma of a blur that can be told. [pixels]"""
+"""Greatest sigma of a blur that can be measured. [pixels]"""
 FEWEST: Final = 4
-"""Edges, of which at least so many must lie at different places within a pixel for a standard error."""
+"""Least number of edges at different places within a pixel for a standard error."""
 _PLATEAU: Final = 3
-"""Pixels that show an edge's level on either side."""
+"""Number of pixels that show an edge's level on either side."""
 _MOST: Final = 64
 
 
 def still_sharpness(profile: NDArray[np.floating]) -> Measured | None:
-    """MTF50 [cycles/pixel] from a profile across (pixels,), the mean of lines that are alike; None: it has no edges."""
+    """Measure MTF50 [cycles/pixel] from a profile across (pixels,), the mean of lines that are alike.
+
+    None: no edges.
+    """
     sigmas = [sigma for edge in _edges(profile.astype(np.float64)) if (sigma := _sigma(edge)) is not None]
     if len(sigmas) < FEWEST:
         return None
@@ -40,16 +44,19 @@ def still_sharpness(profile: NDArray[np.floating]) -> Measured | None:
 
 
 def mtf50_of(sigma: float) -> float:
-    """Where |sinc(f)| exp(-2 pi^2 sigma^2 f^2), the MTF of a pixel blurred by a Gaussian, is a half. [cycles/pixel]"""
+    """Return the frequency where |sinc(f)| exp(-2 pi^2 sigma^2 f^2) is a half. [cycles/pixel]
+
+    It is the MTF of a pixel blurred by a Gaussian.
+    """
     return float(brentq(lambda f: np.sinc(f) * math.exp(-2 * (math.pi * sigma * f) ** 2) - 0.5, 0.0, 1.0))
 
 
 def _edges(profile: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Stretches of the profile that hold one step each, rising, from 0 to 1."""
+    """Return stretches of the profile that hold one step each, rising, from 0 to 1."""
     step = np.diff(profile)
     white = float(np.percentile(profile, 97))
     noise = 1.4826 * float(np.median(np.abs(step - np.median(step))))
-    found = []
+    edges = []
     for sign in (-1.0, 1.0):
         steep = sign * step > max(4 * noise, 0.01 * abs(white))
         for first, end in runs(steep):
@@ -60,24 +67,24 @@ def _edges(profile: NDArray[np.float64]) -> list[NDArray[np.float64]]:
             dark, bright = float(piece[:_PLATEAU].mean()), float(piece[-_PLATEAU:].mean())
             flat = max(np.ptp(piece[:_PLATEAU]), np.ptp(piece[-_PLATEAU:])) < 0.1 * (bright - dark)
             if bright - dark > LEAST_CONTRAST * abs(white) and flat:
-                found.append((piece - dark) / (bright - dark))
-    return found[:: max(len(found) // _MOST, 1)]
+                edges.append((piece - dark) / (bright - dark))
+    return edges[:: max(len(edges) // _MOST, 1)]
 
 
 def _sigma(level: NDArray[np.float64]) -> float | None:
-    """The blur of one step; its place is where a sharp one would have the same area."""
+    """Fit the blur of one step; its place is where a sharp one would have the same area."""
     place = level.size - 0.5 - float(level.sum())
     offset = np.arange(level.size, dtype=np.float64) - place
 
     def misfit(sigma: float) -> float:
         return float(np.square(level - _step(offset, sigma)).sum())
 
-    found = minimize_scalar(misfit, bounds=(0.02, WIDEST), method="bounded")
-    return float(found.x) if found.fun / level.size < 0.05**2 else None
+    fit = minimize_scalar(misfit, bounds=(0.02, WIDEST), method="bounded")
+    return float(fit.x) if fit.fun / level.size < 0.05**2 else None
 
 
 def _step(offset: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """A step seen by pixels one wide through a Gaussian."""
+    """Return a step seen by pixels one wide through a Gaussian."""
     u, v = (offset + 0.5) / sigma, (offset - 0.5) / sigma
     norm = 1 / math.sqrt(2 * math.pi)
     return np.asarray(

@@ -3,4 +3,4 @@
 from typing import Final
 
 DESIGNS: Final = 136
-"""Printed for our detector alone where nobody says how many."""
+"""Number of designs that are printed for the matched-filter detector alone where none is given."""

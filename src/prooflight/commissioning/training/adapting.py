@@ -1,8 +1,8 @@
-"""A press's own good pages -> how far its statistics lie from those that taught the ranking, and how widely.
+"""Adaptation of the ranking to a press: shift and scale of its statistics, from its own good pages.
 
-What a press does that no other does (a cloudy paper, a lamp that ripples, looser register) moves some statistics and
-leaves the others. Each is measured anew, in its own units, so that what good pages do anyway counts for nothing and all
-else as before.
+Properties of one press alone (a cloudy paper, a lamp that ripples, looser register) move some statistics and
+leave the others. Each statistic is standardised again by the press's good pages, so that their usual
+deviations count for nothing and all others as before.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ if TYPE_CHECKING:
 LEAST_EXACT: Final = 0.1
 """``LEAST_SCALE`` where good prints are exact: there hardly anything scatters. (assumed)"""
 LEAST_REAL: Final = 0.7
-"""The same of a press that learns from real pages. Where its own noise drowns a statistic (cloudy paper), the greatest
-of many places scatters less than elsewhere, and to take it for as wide makes the press careful. (chosen of 0.5 to 1,
-decision 23)
+"""``LEAST_SCALE`` of a press that is trained on real pages. (chosen of 0.5 to 1, decision 23)
+
+Where its own noise drowns a statistic (cloudy paper), the greatest of many places scatters less than
+elsewhere, and the full scale would make the press careful.
 """
 FOLDS: Final = 5
 
 
 def adapted(model: DetectorModel, good: Pages, *, real: bool = False) -> DetectorModel:
-    """The model with shift and scale of every statistic as this press's good pages have them (``shift_and_scale``).
+    """Return the model with shift and scale of every statistic by this press's good pages (``shift_and_scale``).
 
-    real: they are real pages, so that a press may also be surer than others.
+    real: they are real pages, so that a press's scale may also be smaller than others'.
     """
     plain = replace(model, shift=np.zeros_like(model.shift), scale=np.ones_like(model.scale))
     deviations = plain.deviations(good.values, good.page_features)
@@ -58,11 +59,11 @@ def fit_for(
     real: bool = False,
     glyphs: NDArray[np.float64] | None = None,
 ) -> CalibratedDetector:
-    """A ranking made fit for the press whose good pages these are, with the promise that they and the others allow.
+    """Adapt a ranking to the press of these good pages, with the false-alarm rate that they and the others allow.
 
-    model: not adapted to any press, or to this one by other pages; references: its scores of those that taught it.
-    another: whether a scan showed another page. glyphs: what glyphs of each say (``WeighedPage.score``); None: nobody
-    weighed them.
+    model: not adapted to any press, or to this one by other pages; references: its scores of the pages that
+    trained it. another: whether a scan showed another page. glyphs: score of each page's glyphs
+    (``WeighedPage.score``); None: they were not scored.
     """
     own = GoodScores.of(own_scores(model, good, another, real=real), good.design)
     return CalibratedDetector.calibrated(
@@ -83,12 +84,12 @@ def fit_for(
 def own_scores(
     model: DetectorModel, good: Pages, another: NDArray[np.bool_], *, real: bool = False
 ) -> NDArray[np.float64]:
-    """Scores of a press's good pages, (pages,), each by what the others of them taught (``FOLDS`` parts by design)."""
+    """Return cross-validated scores of a press's good pages, (pages,), in ``FOLDS`` parts by design."""
     turn = np.unique(good.design, return_inverse=True)[1] % FOLDS
-    found = np.empty(len(turn))
+    scores = np.empty(len(turn))
     for index in range(FOLDS):
         mine = turn == index
         if mine.any():
             others = adapted(model, good.rows(~mine), real=real)
-            found[mine] = certain_score(others, good.rows(mine), another[mine])
-    return found
+            scores[mine] = certain_score(others, good.rows(mine), another[mine])
+    return scores

@@ -1,7 +1,8 @@
-"""A cache of trained presses: the same press, trained by the same program in the same way, is trained once.
+"""Cache of trained presses: the same press, trained by the same program in the same way, is trained once.
 
-Training prints designs by simulation for a minute or more, and its result depends on nothing but the untrained press,
-the plan and the program. A trained press is therefore kept in the user's cache folder, under a digest of these three.
+Training prints designs by simulation for a minute or more, and its result depends on nothing but the
+untrained press, the plan and the program. A trained press is therefore stored in the user's cache folder,
+under a digest of these three.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 COMPOSED_SEED: Final = 70_000
-"""First seed of the designs that presses are trained on, apart from those of studies."""
+"""First seed of the designs that presses are trained on, separate from those of studies."""
 MOST_PRESSES: Final = 8
-"""How many trained presses are kept, some 20 MB each; the one that was used longest ago goes first."""
+"""Number of trained presses that are stored, some 20 MB each; the least recently used one is removed first."""
 CALCULATING: Final = ("numpy", "scipy", "numba", "opencv-python-headless")
 """Libraries whose versions may change the last digits of what training measures."""
 
@@ -54,7 +55,7 @@ def trained_once(
     designs, seed, false_alarm_rate, paper, shown
         See ``train.trained``.
     progress
-        Hears in words that the cache held the press.
+        Called with a message when the cache held the press.
 
     Raises
     ------
@@ -64,12 +65,12 @@ def trained_once(
     plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
     key = hashlib.sha256(f"{press.digest} {plan} {_program_digest()}".encode()).hexdigest()
     path = cache_folder() / f"{key}.press"
-    kept = _load(path)
-    if kept is not None:
+    cached = _load(path)
+    if cached is not None:
         progress(f"taking from {path.parent} what this program taught this press before")
-        return kept
+        return cached
     corpus = Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi)
-    made = trained(
+    built = trained(
         press,
         corpus,
         designs=designs,
@@ -78,8 +79,8 @@ def trained_once(
         paper=paper,
         shown=shown,
     )
-    _save(made, path)
-    return made
+    _save(built, path)
+    return built
 
 
 def cache_folder() -> Path:
@@ -104,7 +105,7 @@ def _load(path: Path) -> Press | None:
 
 
 def _save(press: Press, path: Path) -> None:
-    """Keep a press and remove those used longest ago; where nothing can be written, each build trains anew."""
+    """Store a press and remove those least recently used; where nothing can be written, each build trains again."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         press.save(path)

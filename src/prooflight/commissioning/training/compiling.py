@@ -1,8 +1,9 @@
-"""Kernels that looking at prints needs, compiled beside the first prints by a process of its own.
+"""Compilation of the kernels for analysing prints, in a process of its own while the first prints are made.
 
-Where nothing is compiled yet, a press's first prints take a minute of compiling, one kernel after the other as they are
-called: they are printed, found, compared, and what is left is weighed. This process begins behind where pages are
-found, and whoever comes to a kernel that it has compiled, or is about to, takes it over.
+Where nothing is compiled yet, a press's first prints take a minute of compiling, one kernel after the other
+as they are called: pages are printed, located, compared, and residuals are scored. This process begins after
+the location of pages, and a process that comes to a kernel that it has compiled, or is about to, takes it
+over.
 """
 
 from __future__ import annotations
@@ -32,13 +33,14 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
 
 MOVED = Placement(shift_mm=(0.1, 0.1), skew_deg=0.01)
-"""Of the scan: what is moved needs other kernels than what lies in its place."""
+"""Placement of the scan: a moved page needs other kernels than one in its place."""
 
 
-def compile_beside(press: Press, pages: Designs) -> None:
-    """Begin, where the last kernel of them was never compiled and there is a processor for it; returns at once.
+def compile_in_background(press: Press, pages: Designs) -> None:
+    """Start the process, where the last kernel was never compiled and there is a processor for it; return at once.
 
-    The process ends by itself, or with this one. It is given a page: whoever makes the pages need not be picklable.
+    The process ends by itself, or with this one. It is given a page, so that the source of pages need not be
+    picklable.
     """
     if is_kept(shares_of) or (os.cpu_count() or 1) < 2:
         return
@@ -48,21 +50,21 @@ def compile_beside(press: Press, pages: Designs) -> None:
 
 def _compile(press: Press, page: Page) -> None:
     with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is for whoever started this process
-        weigh_unfound(press, page)
+        score_unlocated(press, page)
 
 
-def weigh_unfound(press: Press, page: Page) -> float:
-    """The ranking's score of a page's own prediction for a scan, as if nobody had found the page in it."""
+def score_unlocated(press: Press, page: Page) -> float:
+    """Return the ranking's score of a page's own prediction as a scan in which the page was not located."""
     sensors, geometry, model = press.sensors, press.geometry, shipped_ranking().model
     expected = predict(page, sensors=sensors, geometry=geometry, threads=1)
-    known = prepare_page(
+    prepared = prepare_page(
         page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes, glyphs=True
     )
     none = np.zeros((4, 2))
-    unfound = Registration(placement=MOVED, found=False, planes_mm=none, plane_parts=none.T)
+    unlocated = Registration(placement=MOVED, found=False, planes_mm=none, plane_parts=none.T)
     scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
-    analysis = analyse_found(known, scan, unfound, residual_variance=ResidualVariance())
-    statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, unfound, model.scatter)
+    analysis = analyse_found(prepared, scan, unlocated, residual_variance=ResidualVariance())
+    statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, unlocated, model.scatter)
     return score_of(
-        model, looked_up(model, statistics, known.page_features), known.page_features, another=False
+        model, looked_up(model, statistics, prepared.page_features), prepared.page_features, another=False
     )

@@ -1,4 +1,4 @@
-"""Good pages (and misprints, where there are any) -> ``DetectorModel``: the detector of one press."""
+"""Training of the matched-filter detector of one press, from good pages (and misprints, where there are any)."""
 
 from __future__ import annotations
 
@@ -32,24 +32,27 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RIDGE: Final = 3.0
-"""Of the baseline: as if so many more pages had shown no influence of their content."""
+"""Ridge of the baseline, as a number of pages that showed no influence of their content."""
 FOLDS: Final = 3
-"""Parts of the good designs that are judged by a baseline that the others taught."""
+"""Number of folds of the good designs; each is scored by a baseline that was trained on the others."""
 LEAST_SD: Final = 0.02
 TAIL_FROM: Final = 0.8
 STEPS: Final = 81
 LEAST_EXCESS: Final = 0.02
 POOLED_EXCESS, POOLED_SHAPE = 5.0, 25.0
-"""Exceedances that all families together lend to each."""
+"""Numbers of exceedances by which all families pooled weigh on each, for its mean excess and its shape."""
 LEAST_SQUARES: Final = 1.3
 COLUMN_SHARE, KIND_SHARE = 0.3, 0.15
-"""Of columns among which a cut is chosen: that tells all misprints from good pages, and one kind by itself."""
+"""Share of columns among which a cut is chosen, in the forest of all misprints and in that of one kind."""
 SHIFT_PAGES: Final = 1.0
-"""As if so many pages of a press had lain where those that taught do ..."""
+"""Weight of the training pages' mean on a press's shift, as a number of pages."""
 SCALE_PAGES: Final = 3.0
-"""... and so many had scattered as they do."""
+"""Weight of the training pages' variance on a press's scale, as a number of pages."""
 LEAST_SCALE: Final = 1.0
-"""What scatters less than elsewhere is not taken to be surer: few pages say little of that. (assumed)"""
+"""Least scale: a smaller scatter than elsewhere is not taken as such, since few pages give little evidence.
+
+(assumed)
+"""
 LEAST_SHAPE, MOST_SHAPE = 0.02, 0.45
 CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
@@ -59,26 +62,26 @@ LEAST_PLACES: Final = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pages:
-    """What scans said: a row each."""
+    """Statistics of scans, one row each."""
 
     values: NDArray[np.float32]
-    """(pages, statistics)"""
+    """Statistics (pages, statistics)."""
     page_features: NDArray[np.float64]
-    """(pages, PAGE_FEATURES)"""
+    """Page features (pages, PAGE_FEATURES)."""
     design: NDArray[np.int64]
     kind: NDArray[np.str_]
-    """Of misprint; empty where good."""
+    """Kind of misprint; empty where good."""
     press: NDArray[np.int64]
-    """Which press each is of; statistics are compared with what that press's good pages give."""
+    """Index of each page's press; statistics are compared with those of that press's good pages."""
 
     @property
     def bad(self) -> NDArray[np.bool_]:
-        """Which are misprints."""
+        """Return which are misprints."""
         return self.kind != ""
 
     @classmethod
     def of(cls, rows: Mapping[str, NDArray[Any]], press: int = 0) -> Self:
-        """From columns ``values``, ``portrait``, ``design`` and ``kind``, of one press."""
+        """Create from columns ``values``, ``portrait``, ``design`` and ``kind``, of one press."""
         return cls(
             values=rows["values"],
             page_features=rows["portrait"],
@@ -88,7 +91,7 @@ class Pages:
         )
 
     def beside(self, others: Pages) -> Pages:
-        """These and others, one after the other."""
+        """Return these and others, one after the other."""
         return Pages(
             values=np.concatenate([self.values, others.values]),
             page_features=np.concatenate([self.page_features, others.page_features]),
@@ -98,7 +101,7 @@ class Pages:
         )
 
     def rows(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Pages:
-        """Some of them."""
+        """Return some of the rows."""
         return Pages(
             values=self.values[which],
             page_features=self.page_features[which],
@@ -109,48 +112,49 @@ class Pages:
 
 
 def pooled(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Draws (designs, ..., n, 3) -> (..., designs x n, 3), as ``learn_scatter`` wants them."""
+    """Reshape draws (designs, ..., n, 3) -> (..., designs x n, 3), as ``learn_scatter`` needs them."""
     moved = np.moveaxis(values, 0, -3)
     return moved.reshape(*moved.shape[:-3], -1, 3)
 
 
 def learn_scatter(samples: Mapping[str, NDArray[np.floating]], *, prior: PrintPrior | None = None) -> Scatter:
-    """Noise and tolerance of every mode and size from draws (..., n, 3) of N', D' and edges on good prints.
+    """Fit noise and tolerance of every mode and size to draws (..., n, 3) of N', D' and edges on good prints.
 
-    prior: what good prints are taken to do, by default an office-class press's.
+    prior: variation of good prints, by default an office-class press's.
     """
     least = assumed_light(prior or PrintPrior())
-    found = {"light": _light(samples["boxes"][MODES.index("light")], least)}
+    scatter = {"light": _light(samples["boxes"][MODES.index("light")], least)}
     for name, drawn in samples.items():
         shape = drawn.shape[:-2]
         out = np.empty((*shape, 3))
         for place in np.ndindex(*shape):
             out[place] = _scattered(drawn[place].astype(np.float64))
-        found[name] = out
-    return Scatter(**found)
+        scatter[name] = out
+    return Scatter(**scatter)
 
 
 def _light(drawn: NDArray[np.floating], least: NDArray[np.float64]) -> NDArray[np.float64]:
-    """``Scatter.light`` from draws (sizes, n, 3) of the light's own N', D' and edges, away from edges.
+    """Fit ``Scatter.light`` to draws (sizes, n, 3) of the light's own N', D' and edges, away from edges.
 
-    What is measured scatters by noise as well, so that it is a little too large: where light tells little by itself.
+    Measured values scatter by noise as well, so that it is a little too large where light gives little
+    evidence.
     """
-    found = least.copy()
+    tolerance = least.copy()
     for size, one in enumerate(drawn.astype(np.float64)):
         own, power, edges = one[np.isfinite(one).all(axis=1) & (one[:, 1] > 1e-2)].T
         flat = edges <= FLAT * power
         if flat.sum() < LEAST_PLACES:
             continue
-        weight = power[flat] / (power[flat] + 1 / found[size] ** 2)
+        weight = power[flat] / (power[flat] + 1 / tolerance[size] ** 2)
         amount = np.abs(own[flat] / power[flat])
         order = np.argsort(amount)
         middle = amount[order][np.searchsorted(np.cumsum(weight[order]), ONE_SIGMA * weight.sum())]
-        found[size] = max(found[size], float(middle))
-    return found
+        tolerance[size] = max(tolerance[size], float(middle))
+    return tolerance
 
 
 def _scattered(drawn: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Of the variance of N' as c F + c' G + t^2 D'^2: c, c', t^2; each class's greatest half per cent is left out."""
+    """Fit the variance of N' as c F + c' G + t^2 D'^2: c, c', t^2; each class's greatest half per cent is left out."""
     own, power, edges = drawn[np.isfinite(drawn).all(axis=1) & (drawn[:, 1] > 1e-2)].T
     if own.size < LEAST_PLACES:
         return 1.0, 1.0, 0.0
@@ -168,16 +172,16 @@ def _scattered(drawn: NDArray[np.float64]) -> tuple[float, float, float]:
     if len(seen) < LEAST_CLASSES:
         return 1.0, 1.0, 0.0
     x, y = np.array(model), np.array(seen)
-    found = np.array([1.0, 1.0, 0.0])
+    coefficients = np.array([1.0, 1.0, 0.0])
     for _ in range(20):
-        trusted = x @ found
-        found = optimize.nnls(x / trusted[:, None], y / trusted)[0]
-        found[:2] = found[:2].clip(min=LEAST_NOISE)
-    return float(found[0]), float(found[1]), float(found[2])
+        trusted = x @ coefficients
+        coefficients = optimize.nnls(x / trusted[:, None], y / trusted)[0]
+        coefficients[:2] = coefficients[:2].clip(min=LEAST_NOISE)
+    return float(coefficients[0]), float(coefficients[1]), float(coefficients[2])
 
 
 def _class(values: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Which of so many quantile classes each value is in."""
+    """Return the quantile class of each value, of ``count`` classes."""
     bounds = np.quantile(values, np.linspace(0, 1, count + 1))
     return np.clip(np.searchsorted(bounds, values) - 1, 0, count - 1)
 
@@ -194,10 +198,10 @@ def learn_model(
     screened: bool = False,
     trees: int = 300,
 ) -> DetectorModel:
-    """The detector, its threshold yet to be set. names: keys of statistics.
+    """Train the detector, its threshold yet to be set. names: keys of statistics.
 
-    ranked: misprints among the pages teach a ranking as well; screened: of the statistics that every page is analysed
-    for (``Screen``), instead of one of all.
+    ranked: misprints among the pages train a ranking as well; screened: of the statistics that every page is
+    analysed for (``Screen``), instead of one of all.
     """
     statistics = tuple(map(Statistic.parse, names))
     families = [one.cause for one in statistics]
@@ -228,10 +232,10 @@ def learn_model(
         here = pages.press == one
         shift, scale = shift_and_scale(deviations[here & ~pages.bad])
         deviations[here] = (deviations[here] - shift) / scale
-    found = replace(blank, **_tails(deviations[~pages.bad], blank.family))
+    detector = replace(blank, **_tails(deviations[~pages.bad], blank.family))
     if not ranked or not pages.bad.any():
-        return found
-    evidence = found.family_evidence(deviations)
+        return detector
+    evidence = detector.family_evidence(deviations)
     columns = every_column(evidence, pages.page_features, deviations)
     kinds_of_misprint = tuple(np.unique(pages.kind[pages.bad]).tolist())
     if len(kinds_of_misprint) == 1:
@@ -241,7 +245,7 @@ def learn_model(
         columns.shape[1], features=pages.page_features.shape[1], statistics=len(statistics)
     )
     return replace(
-        found,
+        detector,
         forest=None if screened else _against_good(pages, columns, rising, rng, trees),
         kinds=kinds_of_misprint,
         kind_forests=_each_against_good(pages, kinds_of_misprint, columns, rising, rng, trees),
@@ -258,7 +262,10 @@ def _against_good(
     trees: int,
     share: float = COLUMN_SHARE,
 ) -> Forest:
-    """Tell misprints from good pages by ``every_column``, along whose rising ones the odds do not fall."""
+    """Train a forest to separate misprints from good pages by ``every_column``.
+
+    The odds do not fall along rising columns.
+    """
     return fitted_forest(
         columns, pages.bad, even(pages.bad), rng=rng, trees=trees, column_share=share, rising=rising
     )
@@ -272,12 +279,12 @@ def _each_against_good(
     rng: np.random.Generator,
     trees: int,
 ) -> tuple[Forest, ...]:
-    """Tell each kind of misprint by itself from good pages, likewise."""
-    found = []
+    """Train a forest for each kind of misprint against good pages, likewise."""
+    forests = []
     for kind in kinds:
         which = ~pages.bad | (pages.kind == kind)
-        found.append(_against_good(pages.rows(which), columns[which], rising, rng, trees // 4, KIND_SHARE))
-    return tuple(found)
+        forests.append(_against_good(pages.rows(which), columns[which], rising, rng, trees // 4, KIND_SHARE))
+    return tuple(forests)
 
 
 def _screen(
@@ -309,10 +316,10 @@ def _screen(
 def shift_and_scale(
     good: NDArray[np.floating], *, least_scale: float = LEAST_SCALE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """``DetectorModel.shift`` and ``scale``, (statistics,) each, from deviations of a press's good pages (pages, n).
+    """Return ``DetectorModel.shift`` and ``scale``, (statistics,) each, from deviations of good pages (pages, n).
 
-    The mean is drawn towards 0 by ``SHIFT_PAGES``, the variance towards 1 by ``SCALE_PAGES``, and widened by 1 + 1 / n,
-    for the mean is no better known (predictive variance of a normal sample).
+    The mean is shrunk towards 0 by ``SHIFT_PAGES``, the variance towards 1 by ``SCALE_PAGES``, and widened by
+    1 + 1 / n, for the mean is no better known (predictive variance of a normal sample).
     """
     n = len(good)
     shift = good.sum(axis=0) / (n + SHIFT_PAGES)
@@ -324,7 +331,7 @@ def shift_and_scale(
 def _names(
     pages: Pages, kinds: Sequence[str], columns: NDArray[np.float64], rng: np.random.Generator, trees: int
 ) -> tuple[Forest, ...]:
-    """Each kind of misprint told from all others."""
+    """Train a forest for each kind of misprint against all others."""
     kind, columns = pages.kind[pages.bad], columns[pages.bad]
     return tuple(
         fitted_forest(columns, kind == one, even(kind == one), rng=rng, trees=trees, column_share=KIND_SHARE)
@@ -332,24 +339,24 @@ def _names(
     )
 
 
-def certain_score(found: DetectorModel, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Our score of pages (pages,); a scan that shows another page is certain."""
-    score = found.score(pages.values, pages.page_features)
+def certain_score(detector: DetectorModel, pages: Pages, another: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the matched filter's score of pages (pages,); a scan that shows another page is certain."""
+    score = detector.score(pages.values, pages.page_features)
     return np.where(another, np.maximum(score, WRONG_PAGE), score)
 
 
-def with_threshold(found: DetectorModel, good: Pages, *, false_alarm_rate: float) -> DetectorModel:
-    """The detector with a threshold that a new design's good page exceeds at most so often (split conformal).
+def with_threshold(detector: DetectorModel, good: Pages, *, false_alarm_rate: float) -> DetectorModel:
+    """Set the threshold that a new design's good page exceeds at the given rate at most (split conformal).
 
-    good: pages of designs that taught nothing. ValueError: so few designs cannot promise that.
+    good: pages of designs that were not used in training. ValueError: there are too few designs for the rate.
     """
-    score = found.score(good.values, good.page_features)
+    score = detector.score(good.values, good.page_features)
     threshold = conformal_threshold(score, good.design, false_alarm_rate=false_alarm_rate)
-    return replace(found, threshold=threshold, good_designs=int(np.unique(good.design).size))
+    return replace(detector, threshold=threshold, good_designs=int(np.unique(good.design).size))
 
 
 def _baseline(good: Pages) -> dict[str, Any]:
-    """What good pages give as a linear function of what they are like, by ridge regression."""
+    """Fit good pages' statistics as a linear function of their page features, by ridge regression."""
     mean, sd = good.page_features.mean(axis=0), good.page_features.std(axis=0) + 1e-6
     x = np.column_stack([np.ones(len(good.design)), ((good.page_features - mean) / sd).clip(-3, 3)])
     y = compressed(good.values)
@@ -366,26 +373,26 @@ def _baseline(good: Pages) -> dict[str, Any]:
 
 
 def _out_of_fold(pages: Pages, blank: DetectorModel) -> NDArray[np.float64]:
-    """Deviations (pages, statistics), each design's from a baseline that other designs taught."""
-    found = np.zeros(pages.values.shape)
+    """Return deviations (pages, statistics), each design's from a baseline that was trained on other designs."""
+    deviations = np.zeros(pages.values.shape)
     fold = _folds(pages.design)
     for index in range(FOLDS):
         mine = fold == index
         others = replace(blank, **_baseline(pages.rows(~mine & ~pages.bad)))
-        found[mine] = others.deviations(pages.values[mine], pages.page_features[mine])
-    return found
+        deviations[mine] = others.deviations(pages.values[mine], pages.page_features[mine])
+    return deviations
 
 
 def _folds(design: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Which part each page's design is in."""
+    """Return the fold of each page's design."""
     return np.asarray(np.unique(design, return_inverse=True)[1] % FOLDS)
 
 
 def _tails(deviations: NDArray[np.float64], family: NDArray[np.int32]) -> dict[str, Any]:
-    """Quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
+    """Fit quantiles of each family's greatest deviation on good pages, and generalised Pareto tails beyond.
 
-    By the method of moments; a family's few exceedances say little by themselves, so that its mean excess and its
-    shape are drawn towards the families' medians.
+    By the method of moments; a family's few exceedances give little evidence alone, so that its mean excess
+    and its shape are shrunk towards the families' medians.
     """
     quantiles = np.empty((family.max() + 1, STEPS))
     beyond = []

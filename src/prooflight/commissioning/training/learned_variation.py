@@ -1,4 +1,4 @@
-"""What a press's own good pages say of ``[variation]``, beside what its press file states."""
+"""Estimates of ``[variation]`` from a press's own good pages, next to the values that its press file states."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.worlds import Amounts
 
 WIDE: Final = 1.5
-"""assumed: so many times what is stated is a wide margin; the amounts themselves are known to some ten per cent."""
+"""assumed: this factor on a stated value is a wide margin; the amounts themselves are known to some ten per cent."""
 REMEDY: Final = (
     "more than stated: state it in [variation] and build again; the promise already holds by press learn"
 )
@@ -26,27 +26,27 @@ FEW: Final = "not estimated: too few pages tell it"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedBesideLearned:
-    """One amount of ``[variation]``, or several that pages of one session show together, as independent ones add up."""
+    """One amount of ``[variation]``, or several that pages of one session show combined, as independent ones add up."""
 
     names: tuple[str, ...]
     stated: float
     learned: Learned | None
-    """None: not estimated."""
+    """Estimate; None: not estimated."""
     remark: str
-    """What is to be done, or why it was not estimated; mostly empty."""
+    """Remedy, or the reason why it was not estimated; mostly empty."""
 
 
 def stated_beside_learned(press: Press) -> list[StatedBesideLearned]:
-    """Every amount of ``[variation]``; empty where the press has learned from no real page that tells them."""
+    """Return every amount of ``[variation]``; empty where the press was trained on no real page that shows them."""
     pages = None if press.ours is None else press.ours.pages.variation
     if pages is None or not len(pages):
         return []
     amounts, learned = amounts_of(press), learned_amounts(pages)
     rows = [_row(one.names, amounts, one, "") for one in learned]
-    known = {name for one in learned for name in one.names}
+    estimated = {name for one in learned for name in one.names}
     for block, fields in VARIATION.items():
         for name in (f"{block}.{field}" for field in fields):
-            if name not in known:
+            if name not in estimated:
                 reason = f"not estimated: {UNTOLD[name]}" if name in UNTOLD else FEW
                 rows.append(_row((name,), amounts, None, reason))
     return rows

@@ -1,4 +1,4 @@
-"""Misprints and good pages -> forests that rank pages."""
+"""Forests that rank pages, trained on misprints and good pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LEAST_ROWS: Final = 2
 
 
 def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights with which both sides count the same."""
+    """Return weights with which both classes count the same."""
     return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
 
 
@@ -30,7 +30,7 @@ def fitted_forest(
     column_share: float = 0.2,
     rising: NDArray[np.bool_] | None = None,
 ) -> Forest:
-    """Return extremely randomised trees (Geurts, Ernst, Wehenkel 2006): of cuts drawn in some columns the best counts.
+    """Train extremely randomised trees (Geurts, Ernst, Wehenkel 2006): of cuts drawn in some columns the best counts.
 
     rising: (columns,) along which columns the share of ``bad`` never falls; None: along none.
     """

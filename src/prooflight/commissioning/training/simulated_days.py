@@ -1,4 +1,4 @@
-"""Prints of a press that has not printed yet: designs on simulated press days, looked at as its scans will be."""
+"""Simulated prints of a press that has not printed yet: designs on press days, analysed as its scans will be."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 DESIGNS_A_DAY: Final = 4
 """assumed: few, since days differ by more than prints of a day do."""
 LONGEST: Final = 1.45
-"""Height over width at which a page that is cut to the field is cut off: A4's and a little."""
+"""Height over width beyond which a page that is cut to the field is cut off: A4's and a little."""
 LEAST_TIMES: Final = 0.2
-"""assumed: that much is found of what good prints do even where they do none of it."""
+"""Least factor on the assumed variation of good prints. assumed: even where they do not vary, some is measured."""
 
 FOLLOWS: Final = {
     "white": ("camera.table_gain_percent", "paper.white_channel_percent"),
@@ -65,13 +65,13 @@ FOLLOWS: Final = {
     "warp_across_um": ("page.warp_across_um",),
     "warp_along_um": ("page.warp_along_um",),
 }
-"""Amounts of a press that each of ``PrintPrior`` follows."""
+"""Amounts of a press that each field of ``PrintPrior`` scales with."""
 
 
 def good_residual_variance(press: Press) -> ResidualVariance:
-    """What good prints of a press scatter by: as many times what they do in the press world as ``[variation]`` says.
+    """Return the residual variance of a press's good prints: the press world's, scaled by ``[variation]``.
 
-    Nothing where it says that nothing varies.
+    It is zero where ``[variation]`` states that nothing varies.
     """
     if amounts_of(press).exact:
         return ResidualVariance.none()
@@ -85,9 +85,9 @@ def good_residual_variance(press: Press) -> ResidualVariance:
 
 
 def good_prior(press: Press) -> PrintPrior:
-    """What good prints of a press do, likewise.
+    """Return the prior of a press's good prints, scaled likewise.
 
-    Where nothing varies, that of the press world: nothing of it is excused, and all of it is evidence.
+    Where nothing varies, it is that of the press world: no deviation is excused, and each is evidence.
     """
     world = PrintPrior()
     if amounts_of(press).exact:
@@ -97,7 +97,7 @@ def good_prior(press: Press) -> PrintPrior:
 
 
 def _times(press: Press, *names: str) -> float:
-    """How many times as much as in the press world amounts vary, added up as independent ones."""
+    """Return the ratio of a press's amounts to the press world's, added up as independent ones."""
     own, world = (
         math.hypot(*(attrgetter(name)(of) for name in names)) for of in (amounts_of(press), Amounts.stated())
     )
@@ -105,7 +105,7 @@ def _times(press: Press, *names: str) -> float:
 
 
 def fitted(page: Page, geometry: ScanGeometry) -> Page:
-    """A design as it enters the press; of one that is wider than the field, the middle."""
+    """Return a design as it enters the press; for one that is wider than the field, the middle."""
     if geometry.sees(page.width_mm):
         return page
     rows, columns = page.cmyk.shape[:2]
@@ -116,32 +116,32 @@ def fitted(page: Page, geometry: ScanGeometry) -> Page:
 
 
 class ScanEvidence(NamedTuple):
-    """Evidence that one scan gives before anything is decided."""
+    """Evidence of one scan before any decision."""
 
     statistics: list[Observed]
     another: bool
     """Whether it shows another page."""
     glyphs: float
-    """``WeighedPage.score``."""
+    """Score of the page's glyphs, ``WeighedPage.score``."""
     floor_mm2: float
-    """``FloorFinding.area_mm2``."""
+    """Area below the floor, ``FloorFinding.area_mm2``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressDay:
-    """A press on one day, with its page designs at hand."""
+    """Press on one day, with its page designs."""
 
     day: SimulatedDay
     page: Callable[[int], Page]
-    """A design as it enters the press."""
+    """Function that returns a design as it enters the press."""
     residual_variance: ResidualVariance
-    """What good prints are taken to scatter by ..."""
+    """Residual variance of good prints."""
     prior: PrintPrior
-    """... and to do."""
+    """Prior of good prints."""
 
     @classmethod
     def of(cls, press: Press, pages: Designs, *, seed: int, first: int) -> PressDay:
-        """The day on which design ``first`` is printed first."""
+        """Begin the day on which design ``first`` is printed first."""
         return cls(
             day=SimulatedDay.begin("press", press, stream(seed, "training-session", first)),
             page=lambda index: fitted(pages.page(index), press.geometry),
@@ -150,9 +150,9 @@ class PressDay:
         )
 
     def design(self, index: int) -> tuple[Printed, PreparedPage]:
-        """A good print of a design, and what is known of it ahead of its scans."""
+        """Print a design once, and prepare its page in advance of its scans."""
         press, good = self.day.press, self.day.good(self.page(index))
-        known = prepare_page(
+        prepared = prepare_page(
             good.page,
             good.expected,
             sensors=press.sensors,
@@ -161,26 +161,26 @@ class PressDay:
             prior=self.prior,
             glyphs=True,
         )
-        return good, known
+        return good, prepared
 
     def wrong(
         self, good: Printed, kind: str, others: Sequence[int], rng: np.random.Generator
     ) -> Printed | None:
-        """``SimulatedDay.wrong`` among the day's designs."""
+        """Print a misprint, as ``SimulatedDay.wrong`` does, among the day's designs."""
         return self.day.wrong(good, kind, others=others, fetch=self.page, rng=rng)
 
     def scan(self, printed: Printed, rng: np.random.Generator) -> NDArray[np.uint16]:
-        """One more print of it, as the camera records it."""
+        """Print it once more, and record it with the camera."""
         return self.day.recorded(self.day.seen(printed, rng), rng)
 
-    def analysed(self, known: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
-        """A scan looked at as this press's are."""
+    def analysed(self, prepared: PreparedPage, scan: NDArray[np.uint16]) -> ScanAnalysis:
+        """Analyse a scan as this press's scans are analysed."""
         floor_share = self.day.press.floor_share
-        return analyse(known, scan, residual_variance=self.residual_variance, floor_share=floor_share)
+        return analyse(prepared, scan, residual_variance=self.residual_variance, floor_share=floor_share)
 
-    def evidence(self, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter) -> ScanEvidence:
+    def evidence(self, prepared: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter) -> ScanEvidence:
         """Return the evidence of a scan of a prepared page."""
-        analysis = self.analysed(known, scan)
+        analysis = self.analysed(prepared, scan)
         statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
         return ScanEvidence(
             statistics=statistics,
@@ -190,11 +190,14 @@ class PressDay:
         )
 
     def scatter_draws(self, designs: Iterable[tuple[int, np.random.Generator]]) -> Rows:
-        """What ``learn_scatter`` learns from: draws by name, (designs, ...), of a good print of each with its rng."""
+        """Return the draws that ``learn_scatter`` needs, by name, (designs, ...).
+
+        They are of a good print of each design with its rng.
+        """
         drawn: dict[str, list[Any]] = defaultdict(list)
         for index, rng in designs:
-            good, known = self.design(index)
-            analysis = self.analysed(known, self.scan(good, rng))
+            good, prepared = self.design(index)
+            analysis = self.analysed(prepared, self.scan(good, rng))
             for name, values in samples(analysis.sums, assumed_light(self.prior), rng).items():
                 drawn[name].append(values)
         return {name: np.stack(values) for name, values in drawn.items()}
@@ -202,21 +205,21 @@ class PressDay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScatterWork:
-    """Good prints of a day's designs -> draws that ``learn_scatter`` learns from; travels to worker processes."""
+    """Work of drawing ``learn_scatter``'s samples from a day's good prints; can be sent to worker processes."""
 
     press: Press
     pages: Designs
     seed: int
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
-        """``PressDay.scatter_draws``."""
+        """Return ``PressDay.scatter_draws``."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
         return day.scatter_draws((index, stream(self.seed, "training-print", index)) for index in designs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitWork:
-    """The same good prints as ``ScatterWork``'s -> how wide their error's window means scatter.
+    """Work of measuring the scatter of the error's window means on the same good prints as ``ScatterWork``'s.
 
     Column: unit (sensors,), a row each.
     """
@@ -226,7 +229,7 @@ class UnitWork:
     seed: int
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
-        """``bayes.window_unit`` of each design's print."""
+        """Return ``bayes.window_unit`` of each design's print."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
         units = []
         for index in designs:
@@ -239,10 +242,10 @@ class UnitWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StatisticsWork:
-    """A good print of each of a day's designs, and a misprint if asked for -> what each scan says, a row each.
+    """Work of computing the statistics of a good print of each of a day's designs, and of a misprint if requested.
 
-    Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another page),
-    glyphs, floor_mm2; with a ``unit`` also windows (3 sensors,), the paper's statistics.
+    Columns: design, kind ("" where good), values (statistics,), portrait, another (the scan shows another
+    page), glyphs, floor_mm2; with a ``unit`` also windows (3 sensors,), the paper's statistics.
     """
 
     press: Press
@@ -251,16 +254,16 @@ class StatisticsWork:
     scatter: Scatter
     misprints: bool
     unit: NDArray[np.float64] | None = None
-    """(sensors,) of the paper's statistics, ``bayes.window_statistics``; None: they are not asked for."""
+    """Unit (sensors,) of the paper's statistics, ``bayes.window_statistics``; None: they are not computed."""
 
     def __call__(self, designs: tuple[int, ...]) -> Rows:
-        """Rows in the order of designs; ``names`` of the statistics beside them."""
+        """Return rows in the order of designs, with ``names`` of the statistics."""
         day = PressDay.of(self.press, self.pages, seed=self.seed, first=designs[0])
         columns: dict[str, list[Any]] = defaultdict(list)
         names: list[str] = []
         for index in designs:
             rng = stream(self.seed, "training-print", index)
-            good, known = day.design(index)
+            good, prepared = day.design(index)
             scans = {"": day.scan(good, rng)}
             if self.misprints:
                 others = [other for other in designs if other != index]
@@ -268,16 +271,16 @@ class StatisticsWork:
                 if wrong is not None:
                     scans[wrong.kind] = day.scan(wrong, rng)
             for kind, scan in scans.items():
-                said = day.evidence(known, scan, self.scatter)
-                names = keys_of(said.statistics)
+                scan_evidence = day.evidence(prepared, scan, self.scatter)
+                names = keys_of(scan_evidence.statistics)
                 row: dict[str, Any] = {
                     "design": index,
                     "kind": kind,
-                    "values": values_of(said.statistics),
-                    "portrait": known.page_features,
-                    "another": said.another,
-                    "glyphs": said.glyphs,
-                    "floor_mm2": said.floor_mm2,
+                    "values": values_of(scan_evidence.statistics),
+                    "portrait": prepared.page_features,
+                    "another": scan_evidence.another,
+                    "glyphs": scan_evidence.glyphs,
+                    "floor_mm2": scan_evidence.floor_mm2,
                 }
                 if self.unit is not None:
                     evidence = page_evidence(good.page, scan, self.press.station())

@@ -1,4 +1,4 @@
-"""A press's detectors, taught on simulated prints before it has printed."""
+"""Training of a press's detectors on simulated prints before it has printed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.training.adapting import fit_for
-from prooflight.commissioning.training.compiling import compile_beside
+from prooflight.commissioning.training.compiling import compile_in_background
 from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
@@ -36,27 +36,27 @@ if TYPE_CHECKING:
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
 
 FEWEST: Final = 24
-"""Designs below which nothing is worth learning: 6 for scatter, 18 to calibrate."""
+"""Least number of designs for training: 6 for scatter, 18 to calibrate."""
 FEWEST_DAYS: Final = 2
-"""From which on they are shared out."""
+"""Least number of days that are distributed to worker processes."""
 PILOT_SHARE: Final = 1 / 8
 PILOT: Final = (6, 40)
 DEFAULT_RATE: Final = 0.01
-"""What is promised where the press file does not say: as rare as counts support, and no rarer."""
+"""False-alarm rate where the press file states none: as low as the counts support, and no lower."""
 BINS: Final = 8
-"""Of the paper's network: a few hundred pages do not fill more."""
+"""Number of bins of the paper's network: a few hundred pages do not fill more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Numbers of designs that teach how statistics scatter, and that say what the press's good pages do."""
+    """Numbers of designs that measure the scatter of statistics, and that calibrate on the press's good pages."""
 
     pilot: range
     calibrate: range
 
     @classmethod
     def of(cls, designs: int) -> Plan:
-        """So many altogether; RequestError: too few."""
+        """Divide the designs; RequestError: too few."""
         if designs < FEWEST:
             raise RequestError("designs", f"{designs} teach too little", remedy=f"ask for {FEWEST} or more")
         low, high = PILOT
@@ -75,16 +75,16 @@ def trained(
     processes: int | None = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Press:
-    """The press with our detector: the ranking that is shipped, made fit for it; paper: also the paper's learned one.
+    """Train a press with the matched-filter detector, the shipped ranking adapted to it.
 
-    designs: how many page designs are printed, on days of their own; an eighth teach how statistics scatter, the rest
-    what this press's good pages do, which sets the threshold. With ``paper`` the eighth also teach the unit of the
-    paper's statistics, and misprints of the rest are printed, which teach its network alone. RequestError: too few
-    designs.
+    paper: also train the paper's learned detector. designs: number of page designs to print, on days of their
+    own; an eighth measure the scatter of statistics, the rest the press's good pages, which set the
+    threshold. With ``paper`` the eighth also measure the unit of the paper's statistics, and misprints of the
+    rest are printed, which train its network alone. RequestError: too few designs.
     """
     plan, ranking = Plan.of(designs), shipped_ranking()
     if processes != 1:
-        compile_beside(press, pages)
+        compile_in_background(press, pages)
 
     def gathered(work: ScatterWork | StatisticsWork | UnitWork, which: range, what: str) -> Rows:
         days = [tuple(which[at : at + DESIGNS_A_DAY]) for at in range(0, len(which), DESIGNS_A_DAY)]
@@ -106,7 +106,7 @@ def trained(
         prior=good_prior(press),
     )
     every = Pages.of(rows)
-    ours = fit_for(
+    detector = fit_for(
         model,
         ranking.references,
         every.rows(~every.bad),
@@ -115,13 +115,13 @@ def trained(
         misprint_rate=press.costs.misprint_rate,
         glyphs=rows["glyphs"][~every.bad],
     )
-    return replace(press, ours=ours, bayes=None if unit is None else _bayes(press, rows, unit))
+    return replace(press, ours=detector, bayes=None if unit is None else _bayes(press, rows, unit))
 
 
 def _bayes(press: Press, learn: Rows, unit: NDArray[np.float64]) -> BayesDetector:
-    """The paper's network of two types of misprint, on all sensors' statistics; it alarms where stopping pays.
+    """Train the paper's network of two types of misprint, on all sensors' statistics; it alarms where stopping pays.
 
-    unit: (sensors,) that the statistics were taken with, learned from good pages (errata, equation 4).
+    unit: (sensors,) of the statistics, measured on good pages (errata, equation 4).
     """
     network = BayesianNetwork.learn(
         learn["windows"].astype(np.float64),
@@ -133,7 +133,7 @@ def _bayes(press: Press, learn: Rows, unit: NDArray[np.float64]) -> BayesDetecto
 
 
 def _joined(pieces: Iterable[Rows]) -> Rows:
-    """Rows of all days, one after the other; names once."""
+    """Join the rows of all days, one after the other; names once."""
     every = list(pieces)
     return {
         name: every[0][name] if name == "names" else np.concatenate([piece[name] for piece in every])

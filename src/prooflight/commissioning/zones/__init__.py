@@ -1,1 +1,1 @@
-"""What zones cost before they are saved: good prints that calibrate them, and defects that say what is caught."""
+"""Cost of zones before they are saved: good prints that calibrate them, and defects that measure their sensitivity."""

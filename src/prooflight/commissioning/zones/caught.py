@@ -1,4 +1,4 @@
-"""The smallest defect that is caught at 99 %, from trials at strengths chosen on the way."""
+"""Smallest defect that is detected at 99 %, from trials at adaptively chosen strengths."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 SURE: Final = 0.99
 SPREADS: Final = np.geomspace(0.05, 0.8, 10)
-"""Of the logarithm of the strength at which single prints begin to alarm."""
+"""Spreads of the logarithm of the strength at which single prints begin to alarm."""
 STEPS: Final = 161
 LAPSE: Final = 0.002
 """Share of prints in which a defect passes however strong it is; assumed: one such print does not decide."""
-ASKED: Final = (0.6, 0.995)
-"""Between which chances of being caught the next strength is drawn: what 99 % takes is told from about there."""
+CHANCES: Final = (0.6, 0.995)
+"""Range of detection probabilities from which the next strength is drawn: 99 % is estimated best from about there."""
 BETWEEN: Final = (0.05, 0.95)
 
 
@@ -34,7 +34,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caught:
-    """The least that is caught at 99 %, and between what it lies with 90 % probability; infinite: not even the most."""
+    """Least strength that is detected at 99 %, with its interval of 90 % probability; infinite: none of the range."""
 
     least: float
     low: float
@@ -42,39 +42,39 @@ class Caught:
 
     @property
     def ever(self) -> bool:
-        """Whether anything is caught."""
+        """Return whether any strength is detected."""
         return bool(np.isfinite(self.least))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """Strengths of one kind of defect that are looked at."""
+    """Range of strengths of one kind of defect."""
 
     low: float
     high: float
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """At which half may be caught; a third beyond the range either way."""
+        """Return the candidate strengths of 50 % detection; they reach a third beyond the range either way."""
         edge = (self.high / self.low) ** (1 / 3)
         return np.geomspace(self.low / edge, self.high * edge, STEPS)
 
 
 def weights_of(trials: Sequence[Trial], within: Range, *, false_alarms: float) -> NDArray[np.float64]:
-    """(middles, spreads) how likely each is, sum 1: a flat prior times what was seen.
+    """Return the posterior probability (middles, spreads), sum 1: a flat prior times the likelihood of the trials.
 
     P(caught) = F + (1 - F - lapse) Phi((ln strength - ln middle) / spread), as in QUEST+ (Watson 2017).
     """
-    said = np.zeros((STEPS, SPREADS.size))
+    log_likelihood = np.zeros((STEPS, SPREADS.size))
     for trial in trials:
         chance = _chances(trial.strength, within, false_alarms)
-        said += np.log(chance if trial.caught else 1 - chance)
-    weight = np.exp(said - said.max())
+        log_likelihood += np.log(chance if trial.caught else 1 - chance)
+    weight = np.exp(log_likelihood - log_likelihood.max())
     return np.asarray(weight / weight.sum())
 
 
 def strength_for(chance: float, weight: NDArray[np.float64], within: Range, *, false_alarms: float) -> float:
-    """The least strength that is caught with that chance, all told; infinite: none of the range."""
+    """Return the least strength that is detected with that mean probability; infinite: none of the range."""
     tried = np.geomspace(within.low, within.high, STEPS)
     mean = np.array([(_chances(one, within, false_alarms) * weight).sum() for one in tried])
     enough = np.flatnonzero(mean >= chance)
@@ -82,7 +82,7 @@ def strength_for(chance: float, weight: NDArray[np.float64], within: Range, *, f
 
 
 def caught(trials: Sequence[Trial], within: Range, *, false_alarms: float) -> Caught:
-    """What trials say."""
+    """Estimate the least detected strength from trials."""
     weight = weights_of(trials, within, false_alarms=false_alarms)
     least = strength_for(SURE, weight, within, false_alarms=false_alarms)
     at = special.ndtri((SURE - false_alarms) / (1 - false_alarms - LAPSE)) if false_alarms < SURE else -np.inf
@@ -100,12 +100,12 @@ def caught(trials: Sequence[Trial], within: Range, *, false_alarms: float) -> Ca
 def next_strength(
     trials: Sequence[Trial], within: Range, rng: np.random.Generator, *, false_alarms: float
 ) -> float:
-    """A strength to try: evenly over the range while nothing is known, then near what 99 % takes."""
+    """Draw a strength to try: uniformly over the range at first, then near the strength of 99 %."""
     if not trials:
         return float(np.exp(rng.uniform(np.log(within.low), np.log(within.high))))
     weight = weights_of(trials, within, false_alarms=false_alarms)
-    asked = float(rng.uniform(*ASKED))
-    return min(strength_for(asked, weight, within, false_alarms=false_alarms), within.high)
+    chance = float(rng.uniform(*CHANCES))
+    return min(strength_for(chance, weight, within, false_alarms=false_alarms), within.high)
 
 
 def _chances(strength: float, within: Range, false_alarms: float) -> NDArray[np.float64]:

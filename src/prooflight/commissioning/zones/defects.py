@@ -1,4 +1,4 @@
-"""Defects of a known size put into scans of good prints, in the words in which sensitivity is told."""
+"""Defects of a known size in scans of good prints, in the terms in which sensitivity is reported."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 STREAK_MM: Final = 0.5
 DARK: Final = 0.5
-"""Of bare paper's light: where a page gives less, defects are of bare paper, else of solid black."""
+"""Share of bare paper's light below which defects are of bare paper, else of solid black."""
 BLUR_PIXELS: Final = 0.7
-"""Of a defect's edges, by the lens. assumed, near the prototype's"""
+"""Blur of a defect's edges, by the lens. assumed, near the prototype's"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sort:
-    """A sort of defect, and how its strength is told."""
+    """Sort of defect, with the range and unit of its strength."""
 
     name: str
     within: Range
@@ -40,26 +40,30 @@ SORTS: Final = (
     Sort(name="streak", within=Range(low=1.0, high=100.0), unit="%"),
     Sort(name="density", within=Range(low=1.0, high=100.0), unit="%"),
 )
-"""A round spot of solid ink, its diameter; a streak half a millimetre wide through the area, its ink; all inks weaker
-all over the area, by what share. Spots and streaks are of solid black, or bare paper where the print gives the camera
-less than half of paper's light: what nobody could see is not asked for."""
+"""Sorts of defect.
+
+Spot: a round spot of solid ink; its strength is the diameter. Streak: half a millimetre wide through the
+area; its strength is the ink. Density: all inks weaker all over the area; its strength is the share. Spots
+and streaks are of solid black, or bare paper where the print gives the camera less than half of paper's
+light, so that they are visible.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Area:
-    """Where on a page defects are put."""
+    """Area of a page in which defects are put."""
 
     name: str
     kind: str
-    """ignore, careful or normal; rest: what lies in no zone."""
+    """Kind of zone: ignore, careful or normal; rest: the page outside all zones."""
     holds: Callable[[NDArray[np.floating], NDArray[np.floating]], NDArray[np.bool_]]
-    """Which points of a grid (n,) x (m,) [mm] are of it, (m, n)."""
+    """Function that returns which points of a grid (n,) x (m,) [mm] are in the area, (m, n)."""
 
 
 def areas_of(zones: PageZones) -> list[Area]:
-    """All zones of a page as far as they count, and the rest of it."""
-    found = [Area(name=zone.name, kind=zone.kind, holds=_counted(zones, zone)) for zone in zones.zones]
-    return [*found, Area(name="the rest of the page", kind="rest", holds=lambda x, y: _rest(zones, x, y))]
+    """Return all zones of a page as far as they count, and the rest of it."""
+    areas = [Area(name=zone.name, kind=zone.kind, holds=_counted(zones, zone)) for zone in zones.zones]
+    return [*areas, Area(name="the rest of the page", kind="rest", holds=lambda x, y: _rest(zones, x, y))]
 
 
 def _counted(
@@ -69,10 +73,10 @@ def _counted(
 
 
 def _rest(zones: PageZones, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.bool_]:
-    found = np.ones((y.size, x.size), bool)
+    outside = np.ones((y.size, x.size), bool)
     for zone in zones.zones:
-        found &= ~zone.holds(x, y)
-    return found
+        outside &= ~zone.holds(x, y)
+    return outside
 
 
 def with_defect(
@@ -86,8 +90,9 @@ def with_defect(
     shift_mm: tuple[float, float],
     rng: np.random.Generator,
 ) -> NDArray[np.uint16] | None:
-    """A scan (sensors, lines, pixels) [DN] with a defect of a sort of ``SORTS`` somewhere in an area; None: no pixel of
-    the scan is of the area. shift_mm: where the page lies less where it should.
+    """Return a scan (sensors, lines, pixels) [DN] with a defect of a sort of ``SORTS`` somewhere in an area.
+
+    None: no pixel of the scan is in the area. shift_mm: displacement of the page.
     """
     geometry = press.geometry
     x = geometry.centres_x_mm(page.width_mm, shift_mm=shift_mm[0])
@@ -102,8 +107,8 @@ def with_defect(
     if sort == "spot":
         reach = max(int(strength / geometry.pixel_pitch_mm) + 4, 4)
         near = tuple(slice(max(one[at] - reach, 0), one[at] + reach + 1) for one in (rows, columns))
-        apart = np.hypot(x[near[1]] - x[columns[at]], (y[near[0]] - y[rows[at]])[:, None])
-        cover[near] = disc(apart, diameter_mm=strength, pixel_mm=geometry.pixel_pitch_mm)
+        distance_mm = np.hypot(x[near[1]] - x[columns[at]], (y[near[0]] - y[rows[at]])[:, None])
+        cover[near] = disc(distance_mm, diameter_mm=strength, pixel_mm=geometry.pixel_pitch_mm)
     elif sort == "streak":
         across = np.clip(0.5 + (STREAK_MM / 2 - np.abs(x - x[columns[at]])) / geometry.pixel_pitch_mm, 0, 1)
         cover[...] = of_area * across * (strength / 100)
@@ -126,7 +131,7 @@ def with_defect(
 
 
 def _dark(dn: NDArray[np.float32], cover: NDArray[np.float32], press: Press) -> bool:
-    """Whether a scan (sensors, lines, pixels) [DN] shows less than ``DARK`` of paper's light, weighed by ``cover``."""
+    """Return whether a scan (sensors, lines, pixels) [DN] shows less than ``DARK`` of paper's light under ``cover``."""
     seen = [
         (cover * (image - sensor.column_offset_dn) / sensor.column_gain).sum() / sensor.white_dn
         for image, sensor in zip(dn, press.sensors, strict=True)
@@ -134,9 +139,11 @@ def _dark(dn: NDArray[np.float32], cover: NDArray[np.float32], press: Press) -> 
     return float(np.mean(seen)) < DARK * float(cover.sum())
 
 
-def disc(apart_mm: NDArray[np.floating], *, diameter_mm: float, pixel_mm: float) -> NDArray[np.floating]:
-    """Which share of pixels a disc covers whose middle lies so far from theirs: an edge one pixel wide, that leaves its
-    area as it is (with its edge at the radius itself it would be larger by pi pixel^2 / 12).
+def disc(distance_mm: NDArray[np.floating], *, diameter_mm: float, pixel_mm: float) -> NDArray[np.floating]:
+    """Return the share of each pixel that a disc covers, from the distances of its centre to theirs.
+
+    The edge is one pixel wide and leaves the disc's area as it is (with its edge at the radius itself it
+    would be larger by pi pixel^2 / 12).
     """
     edge_mm = np.sqrt(max(diameter_mm**2 / 4 - pixel_mm**2 / 12, 0.0))
-    return np.clip(0.5 + (edge_mm - apart_mm) / pixel_mm, 0, 1)
+    return np.clip(0.5 + (edge_mm - distance_mm) / pixel_mm, 0, 1)

@@ -1,8 +1,8 @@
-"""The price of zones: what is caught in them and beside them, before and after, and what good prints do.
+"""Price of zones: detected defects in them and outside them, before and after, and false alarms on good prints.
 
-Good prints of the job's own pages are made on the simulated press, one a day, and looked at with the zones and without.
-By some the careful areas' statistics get mean and standard deviation; the others calibrate them. Then more good prints
-get defects, of sizes chosen on the way.
+Good prints of the job's own pages are made on the simulated press, one a day, and inspected with the zones
+and without. Some give mean and standard deviation of the careful areas' statistics; the others calibrate
+them. Then more good prints get defects, of adaptively chosen sizes.
 """
 
 from __future__ import annotations
@@ -47,67 +47,67 @@ if TYPE_CHECKING:
     Shown = Callable[[Iterable[Any], int, str], Iterable[Any]]
 
 PRINTS: Final = 90
-"""By default: two thirds of them, their tail drawn on tenfold, speak of one good page in 600."""
+"""Default number of prints: two thirds of them, their tail extrapolated tenfold, reach one good page in 600."""
 LEARNING: Final = 3
-"""One print in so many says what is usual in careful areas; the others calibrate it."""
+"""Number of prints of which one measures the usual statistics of careful areas; the others calibrate them."""
 FEWEST_PRINTS: Final = 12
 LUCK: Final = 1.5
-"""Where pages are drawn of which some have no careful area, fewer prints may show one than should."""
+"""Factor on the number of prints where only some pages have a careful area, since fewer may be drawn than expected."""
 TRIALS: Final = 24
-"""Prints with a defect, of each sort in each area."""
+"""Number of prints with a defect, of each sort in each area."""
 ROUNDS: Final = 4
-"""After each, the next strengths are chosen."""
+"""Number of rounds; after each, the next strengths are chosen."""
 READY: Final = 4
-"""Pages kept made ready, some 200 MB each."""
+"""Greatest number of prepared pages in memory, some 200 MB each."""
 PARTS: Final = ("least", "low", "high")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PricedArea:
-    """One zone, or the rest of the pages."""
+    """Price of one zone, or of the rest of the pages."""
 
     name: str
     kind: str
     pages: tuple[int, ...]
     before: dict[str, Caught]
-    """By sort of defect, without zones."""
+    """Detection by sort of defect, without zones."""
     after: dict[str, Caught]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Price:
-    """What zones cost."""
+    """Price of zones."""
 
     areas: tuple[PricedArea, ...]
     promised: float
-    """Rate of false alarms, without zones and with them. [-]"""
+    """Target false-alarm rate, without zones and with them. [-]"""
     good: int
-    """Good prints that were looked at ..."""
+    """Number of good prints that were inspected."""
     alarmed_before: int
     alarmed_after: int
-    """... and alarmed; each by what the others say."""
+    """Number of them that alarmed with zones; each is judged by the others."""
     extrapolated: bool
-    """Whether careful areas' share of the promise rests on a tail drawn on."""
+    """Whether careful areas' share of the false-alarm rate rests on an extrapolated tail."""
     entry: PriceEntry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoodPrint:
-    """What one good print said."""
+    """Scores of one good print."""
 
     number: int
-    """Of its page."""
+    """Number of its page."""
     before: float
     """Score without zones."""
     after: float
-    """Score of the page as a whole with what is ignored taken out."""
+    """Score of the page as a whole without ignored areas."""
     careful: NDArray[np.float32] | None
-    """(statistics,) None: the page has no careful area."""
+    """Statistics (statistics,) of careful areas; None: the page has no careful area."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """A defect to try."""
+    """Defect to try."""
 
     area: AreaKey
     sort: str
@@ -116,18 +116,18 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tried:
-    """What became of it."""
+    """Result of a tried defect."""
 
     wish: Wish
     before: bool
-    """Whether it is caught without zones ..."""
+    """Whether it is detected without zones."""
     after: bool
-    """... and with them."""
+    """Whether it is detected with zones."""
 
 
 @dataclass(kw_only=True)
 class ZonePrints:
-    """Prints of pages with zones; small and picklable, and keeps its pages made ready where it works."""
+    """Prints of pages with zones; small and picklable, with a cache of prepared pages in each worker."""
 
     job: JobSource
     press: Press
@@ -137,14 +137,14 @@ class ZonePrints:
     seed: int
     _ready: dict[int, tuple[Page, MatchedFilterPage | None, MatchedFilterPage]] = field(default_factory=dict)
 
-    def __call__(self, asked: int | tuple[int, Sequence[Wish]]) -> Any:
-        """A good print by its number; or what becomes of defects on one."""
-        if isinstance(asked, int):
-            return self.good(asked)
-        return self.tried(*asked)
+    def __call__(self, request: int | tuple[int, Sequence[Wish]]) -> Any:
+        """Inspect a good print by its number, or defects on one."""
+        if isinstance(request, int):
+            return self.good(request)
+        return self.tried(*request)
 
     def good(self, index: int) -> GoodPrint:
-        """One good print, looked at without zones and with them."""
+        """Inspect one good print without zones and with them."""
         rng = stream(self.seed, "zones-print", index)
         page, bare, zoned = self.ready(self.page_of(rng))
         scan = self.printed(page, rng)
@@ -155,7 +155,7 @@ class ZonePrints:
         return GoodPrint(number=page.number, before=before, after=after, careful=careful)
 
     def tried(self, index: int, wishes: Sequence[Wish]) -> list[Tried]:
-        """What becomes of defects, each put by itself into the scan of one more good print.
+        """Try defects, each put by itself into the scan of one more good print.
 
         The zones are calibrated. A defect in an area that this print's page does not have is left out.
         """
@@ -165,53 +165,53 @@ class ZonePrints:
         zones = self.zones.page(page)
         shift = zoned.inspect(scan).verdict.shift_mm or (0.0, 0.0)
         assert zones is not None
-        areas, found = {(one.name, one.kind): one for one in areas_of(zones)}, []
+        areas, results = {(one.name, one.kind): one for one in areas_of(zones)}, []
         for wish in wishes:
             area = areas.get(wish.area)
             if area is None:
                 continue
-            spoilt = with_defect(
+            defective = with_defect(
                 scan.dn, wish.sort, wish.strength, area, page=page, press=self.press, shift_mm=shift, rng=rng
             )
-            if spoilt is None:
+            if defective is None:
                 continue
-            inspection = zoned.inspect(Scan(dn=spoilt, name=scan.name))
+            inspection = zoned.inspect(Scan(dn=defective, name=scan.name))
             score = (
                 zoned.whole_score(inspection)
                 if bare is None
-                else bare.whole_score(bare.inspect(Scan(dn=spoilt, name="")))
+                else bare.whole_score(bare.inspect(Scan(dn=defective, name="")))
             )
-            found.append(
+            results.append(
                 Tried(
                     wish=wish,
                     before=score > zoned.detector.calibrated.threshold,
                     after=inspection.verdict.verdict == "misprint",
                 )
             )
-        return found
+        return results
 
     def page_of(self, rng: np.random.Generator) -> int:
-        """Which page a print is of, by the first that its stream draws."""
+        """Return the page of a print, by the first number that its stream draws."""
         return self.numbers[int(rng.integers(len(self.numbers)))]
 
     def printed(self, page: Page, rng: np.random.Generator) -> Scan:
-        """A good print of a day of its own."""
+        """Print a good page on a day of its own."""
         day = SimulatedDay.begin("press", self.press, rng)
         return Scan(dn=day.recorded(day.seen_in_press(page, rng), rng), name=page.name)
 
     def ready(self, number: int) -> tuple[Page, MatchedFilterPage | None, MatchedFilterPage]:
-        """A page, made ready without zones and with them; None: that is the same but for careful areas."""
+        """Return a page, prepared without zones and with them; None: both are the same but for careful areas."""
         if number not in self._ready:
             if len(self._ready) >= READY:
                 self._ready.clear()
-            station = self.press.station(1)
+            context = self.press.station(1)
             assert self.press.ours is not None
-            detector = MatchedFilterDetector(station=station, calibrated=self.press.ours)
+            detector = MatchedFilterDetector(station=context, calibrated=self.press.ours)
             page = self.press.geometry.lay(opened(self.job).page(number))
             zones = self.zones.page(page)
             assert zones is not None
-            bare = detector.prepare(PlannedPage(page, station)) if "ignore" in zones.kinds else None
-            self._ready[number] = page, bare, detector.prepare(PlannedPage(page, station, zones))
+            bare = detector.prepare(PlannedPage(page, context)) if "ignore" in zones.kinds else None
+            self._ready[number] = page, bare, detector.prepare(PlannedPage(page, context, zones))
         return self._ready[number]
 
 
@@ -226,18 +226,18 @@ def price_of(
     processes: int | None = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Price:
-    """The price of zones on the pages of a job.
+    """Compute the price of zones on the pages of a job.
 
-    prints: good ones, that calibrate the zones. trials: prints with a defect, of each sort in each area; 0: nothing is
-    asked of what is caught. RequestError: the press was not taught our detector, or so few prints cannot speak of so
-    rare alarms as it promises.
+    prints: number of good ones, which calibrate the zones. trials: number of prints with a defect, of each
+    sort in each area; 0: detection is not measured. RequestError: the press was not trained with the
+    matched-filter detector, or there are too few prints for its false-alarm rate.
     """
-    ours = press.ours
-    if ours is None:
+    detector = press.ours
+    if detector is None:
         what = f"press {press.name} was not taught our detector"
         raise RequestError("zones", what, remedy="build it with `prooflight press build`")
     bare = zones.unpriced()
-    if prints < (fewest := fewest_prints(bare, ours.ranking_rate)):
+    if prints < (fewest := fewest_prints(bare, detector.ranking_rate)):
         raise RequestError("prints", f"{prints} are too few for these zones", remedy=f"give {fewest} or more")
     work = ZonePrints(job=job, press=press, zones=bare, numbers=tuple(bare.of_pages), seed=seed)
     pages = [work.page_of(stream(work.seed, "zones-print", index)) for index in range(prints)]
@@ -250,50 +250,51 @@ def price_of(
         careful: ZonedJudge.by(calibration, bare.document.careful_share, careful=careful)
         for careful in {one.careful is not None for one in good}
     }
-    careful_rate = max(judge.rates(ours.ranking_rate)[1] for judge in judges.values())  # may be refused
+    careful_rate = max(judge.rates(detector.ranking_rate)[1] for judge in judges.values())  # may be refused
     scored = [one for at, one in enumerate(good) if at % LEARNING]
-    after = sum(_alarms(one, scored, judges[one.careful is not None], ours) for one in scored)
+    after = sum(_alarms(one, scored, judges[one.careful is not None], detector) for one in scored)
     areas: tuple[PricedArea, ...] = ()
     if trials:
-        found = _tried(
-            replace(work, zones=calibrated, _ready={}), trials, ours.ranking_rate, processes, shown
+        results = _tried(
+            replace(work, zones=calibrated, _ready={}), trials, detector.ranking_rate, processes, shown
         )
-        areas = tuple(_priced(found, work.numbers, bare, ours.ranking_rate))
+        areas = tuple(_priced(results, work.numbers, bare, detector.ranking_rate))
     least = least_false_alarm_rate(len(entry.careful_scores)) if entry.careful_scores else 0.0
     return Price(
         areas=areas,
-        promised=ours.promise.rate,
+        promised=detector.promise.rate,
         good=len(scored),
-        alarmed_before=sum(one.before > ours.threshold for one in scored),
+        alarmed_before=sum(one.before > detector.threshold for one in scored),
         alarmed_after=after,
         extrapolated=0 < careful_rate < least,
-        entry=entry.model_copy(update={"told": tuple(map(_told, areas))}),
+        entry=entry.model_copy(update={"told": tuple(map(_row, areas))}),
     )
 
 
 def _page_by_page(
     work: ZonePrints,
-    asked: Sequence[Any],
+    requests: Sequence[Any],
     pages: Sequence[int],
     processes: int | None,
     shown: Shown,
     what: str,
 ) -> list[Any]:
-    """What becomes of each print, in the order in which they are asked for.
+    """Return the result of each print, in the order of the requests.
 
-    They are made page by page: to make a page ready takes longer than to look at a print of it, and few stay ready.
+    They are made page by page: to prepare a page takes longer than to inspect a print of it, and few stay
+    prepared.
     """
-    order = sorted(range(len(asked)), key=pages.__getitem__)
-    made = in_order(work, [asked[at] for at in order], processes=processes)
-    found = dict(zip(order, shown(made, len(asked), what), strict=True))
-    return [found[at] for at in range(len(asked))]
+    order = sorted(range(len(requests)), key=pages.__getitem__)
+    results = in_order(work, [requests[at] for at in order], processes=processes)
+    by_index = dict(zip(order, shown(results, len(requests), what), strict=True))
+    return [by_index[at] for at in range(len(requests))]
 
 
 def fewest_prints(zones: JobZones, rate: float) -> int:
-    """How many good prints can speak of what careful areas may use of a promised rate, most likely.
+    """Return the number of good prints that most likely suffices for the careful areas' share of a false-alarm rate.
 
-    Of the prints that show a careful area, all but one in ``LEARNING`` must do, their tail drawn on, and one less of
-    them: each is judged by the others.
+    Of the prints that show a careful area, all but one in ``LEARNING`` calibrate, their tail extrapolated,
+    and one less of them: each is judged by the others.
     """
     pages = [{zone.kind for zone in of_page} for of_page in zones.of_pages.values()]
     share = sum("careful" in kinds for kinds in pages) / len(pages)
@@ -326,68 +327,70 @@ def _entry(good: Sequence[GoodPrint], zones: JobZones, press_digest: str, *, see
     )
 
 
-def _alarms(one: GoodPrint, scored: Sequence[GoodPrint], judge: ZonedJudge, ours: CalibratedDetector) -> bool:
-    """Whether a good print alarms by what the others say."""
+def _alarms(
+    one: GoodPrint, scored: Sequence[GoodPrint], judge: ZonedJudge, detector: CalibratedDetector
+) -> bool:
+    """Return whether a good print alarms, judged by the others."""
     others = [other for other in scored if other is not one]
     left = replace(judge, page_good=np.sort([other.after for other in others]))
     values = np.zeros(judge.baseline.shape[1]) if one.careful is None else one.careful
     if judge.careful_good.size:
         theirs = np.array([other.careful for other in others if other.careful is not None])
         left = replace(left, careful_good=np.sort(careful_scores(theirs, judge.baseline)))
-    return ours.decided(left.decide(ours, one.after, values), NONE).misprint
+    return detector.decided(left.decide(detector, one.after, values), NONE).misprint
 
 
 def _tried(
     work: ZonePrints, trials: int, rate: float, processes: int | None, shown: Shown
 ) -> dict[tuple[AreaKey, str], list[Tried]]:
-    """Trials by area and sort, in ``ROUNDS``."""
+    """Run the trials by area and sort, in ``ROUNDS``."""
     keys = _areas(work.zones, work.numbers)
-    found: dict[tuple[AreaKey, str], list[Tried]] = defaultdict(list)
+    results: dict[tuple[AreaKey, str], list[Tried]] = defaultdict(list)
     rng, index = stream(work.seed, "zones-strengths"), 0
     for part in np.array_split(np.arange(trials), min(ROUNDS, trials)):
-        asked = []
+        requests = []
         for _ in part:
             wishes = []
             for key in keys:
                 for sort in SORTS:
-                    before = [_trial(one, key) for one in found[key, sort.name]]
+                    before = [_trial(one, key) for one in results[key, sort.name]]
                     strength = next_strength(before, sort.within, rng, false_alarms=rate)
                     wishes.append(Wish(area=key, sort=sort.name, strength=strength))
-            asked.append((index, tuple(wishes)))
+            requests.append((index, tuple(wishes)))
             index += 1
-        pages = [work.page_of(stream(work.seed, "zones-trial", at)) for at, _ in asked]
-        for print_ in _page_by_page(work, asked, pages, processes, shown, "trying defects"):
+        pages = [work.page_of(stream(work.seed, "zones-trial", at)) for at, _ in requests]
+        for print_ in _page_by_page(work, requests, pages, processes, shown, "trying defects"):
             for one in print_:
-                found[one.wish.area, one.wish.sort].append(one)
-    return found
+                results[one.wish.area, one.wish.sort].append(one)
+    return results
 
 
 def _trial(one: Tried, key: AreaKey) -> Trial:
-    """As it counts for the next strength: what is ignored is asked for what was caught there without zones."""
+    """Return a trial as it counts for the next strength: in ignored areas, the detection without zones."""
     return Trial(strength=one.wish.strength, caught=one.before if key[1] == "ignore" else one.after)
 
 
 def _areas(zones: JobZones, numbers: Sequence[int]) -> list[AreaKey]:
-    found: dict[AreaKey, None] = {}
+    areas: dict[AreaKey, None] = {}
     for number in numbers:
         of_page = PageZones(zones=zones.of_pages[number], careful_share=zones.document.careful_share)
-        found |= {(area.name, area.kind): None for area in areas_of(of_page)}
-    return list(found)
+        areas |= {(area.name, area.kind): None for area in areas_of(of_page)}
+    return list(areas)
 
 
 def _priced(
-    found: dict[tuple[AreaKey, str], list[Tried]], numbers: Sequence[int], zones: JobZones, rate: float
+    results: dict[tuple[AreaKey, str], list[Tried]], numbers: Sequence[int], zones: JobZones, rate: float
 ) -> Iterator[PricedArea]:
     for name, kind in _areas(zones, numbers):
         before: dict[str, Caught] = {}
         after: dict[str, Caught] = {}
         for sort in SORTS:
-            tried = found[(name, kind), sort.name]
+            tried = results[(name, kind), sort.name]
             if not tried:
                 continue
-            for told, of in ((before, "before"), (after, "after")):
+            for by_sort, of in ((before, "before"), (after, "after")):
                 seen = [Trial(strength=one.wish.strength, caught=getattr(one, of)) for one in tried]
-                told[sort.name] = caught(seen, sort.within, false_alarms=rate)
+                by_sort[sort.name] = caught(seen, sort.within, false_alarms=rate)
         if kind == "ignore":
             after = dict.fromkeys(after, Caught(least=np.inf, low=np.inf, high=np.inf))
         pages = tuple(
@@ -398,8 +401,8 @@ def _priced(
         yield PricedArea(name=name, kind=kind, pages=pages, before=before, after=after)
 
 
-def _told(area: PricedArea) -> dict[str, Any]:
-    """A row for the file; null: nothing is caught."""
+def _row(area: PricedArea) -> dict[str, Any]:
+    """Return a row for the file; null: nothing is detected."""
 
     def plain(of: dict[str, Caught]) -> dict[str, Any]:
         return {

@@ -1,1 +1,1 @@
-"""Bar codes and matrix codes: those that a page has must read in its scan, to the same text."""
+"""Bar codes and matrix codes: those of a page must read in its scan, to the same text."""

@@ -1,4 +1,4 @@
-"""The codes of a page, found once a design in the lines that the camera must see of it."""
+"""Detection of a page's codes, once for each design, in the lines that the camera must see of it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,29 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 QUIET_MM: Final = 3.0
-"""About a code, read with it: quiet zones of common codes at common sizes, and what a page lies off its place by where
-nobody found it."""
+"""Margin about a code that is read with it.
+
+It holds quiet zones of common codes at common sizes, and the displacement of a page that was not located.
+"""
 HARDER_SHIFTS_PIXELS: Final = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
-"""A code is asked of scans only if it reads wherever its bars fall on the camera's pixels, and ..."""
+"""Shifts at which a code must read, wherever its bars fall on the camera's pixels, before scans must show it."""
 HARDER_BLUR_PIXELS: Final = 0.6
-"""... with so much blur beyond the camera's own, lest a good print alarms. assumed: what planes off their register and
-the web's jitter do to a bar. The camera's noise, a 500th of white, does less."""
+"""Blur beyond the camera's own with which a code must read too, lest a good print alarms.
+
+assumed: the effect of misregistered planes and of the web's jitter on a bar. The camera's noise, a 500th of
+white, has less effect.
+"""
 
 
 def page_codes(
     planned: PlannedPage, sensors: tuple[SensorModel, ...], geometry: ScanGeometry
 ) -> tuple[PageCode, ...]:
-    """All codes that can be read from the lines which the camera must see of a page; from top to bottom."""
+    """Find all codes that can be read from the lines which the camera must see of a page; from top to bottom."""
     expected = planned.expected
     everywhere = slice(0, expected.expected_dn.shape[2])
     light = paper_light(expected.expected_dn, sensors, everywhere)
-    found = symbols(grey(light))
-    codes = [_page_code(one, light, planned, geometry) for one in found]
+    symbols_read = symbols(grey(light))
+    codes = [_page_code(one, light, planned, geometry) for one in symbols_read]
     return tuple(sorted(codes, key=lambda code: code.corner))
 
 
@@ -70,7 +75,7 @@ def _page_code(
 
 
 def _sure(symbol: Symbol, light: NDArray[np.float32]) -> bool:
-    """Whether it reads in harder pictures than good prints make."""
+    """Return whether a code reads in harder pictures than good prints make."""
     blurred = cv2.GaussianBlur(light, (0, 0), HARDER_BLUR_PIXELS)
     size = light.shape[1], light.shape[0]
     for across, along in HARDER_SHIFTS_PIXELS:

@@ -1,8 +1,8 @@
 """Grades of printed codes, in the manner of ISO/IEC 15416 (bars) and ISO/IEC 15415 (squares).
 
-They are not grades of a verifier: light, aperture and angle are the camera's, and reflectance is taken with bare paper
-as 1. What an element should be is what this camera must see of it, its prediction, not the symbology's nominal widths:
-a lens that blurs all codes alike costs no grade but contrast and modulation.
+They are not grades of a verifier: light, aperture and angle are the camera's, and reflectance is taken with
+bare paper as 1. The reference for an element is the camera's prediction of it, not the symbology's nominal
+widths: a lens that blurs all codes alike costs no grade but contrast and modulation.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, cut_apart, sampled, scan_lines
+from prooflight.inspection.codes.profiles import SAMPLES_A_PIXEL, cut_elements, sampled, scan_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 CONTRAST: Final = (0.70, 0.55, 0.40, 0.20)
 """Least symbol contrast of grades 4, 3, 2, 1 (ISO/IEC 15416, table 1; ISO/IEC 15415, table 3)."""
 MODULATION: Final = (0.70, 0.60, 0.50, 0.40)
-"""ISO/IEC 15416, table 1."""
+"""Least modulation of grades 4, 3, 2, 1 (ISO/IEC 15416, table 1)."""
 SQUARE_MODULATION: Final = (0.50, 0.40, 0.30, 0.20)
-"""ISO/IEC 15415, table 4."""
+"""Least modulation of a matrix code (ISO/IEC 15415, table 4)."""
 DEFECTS: Final = (0.15, 0.20, 0.25, 0.30)
-"""Greatest, of grades 4 to 1 (ISO/IEC 15416, table 1)."""
+"""Greatest defects of grades 4, 3, 2, 1 (ISO/IEC 15416, table 1)."""
 DECODABILITY: Final = (0.62, 0.50, 0.37, 0.25)
-"""ISO/IEC 15416, table 1; unused error correction has the same (ISO/IEC 15415, table 8)."""
+"""Least decodability (ISO/IEC 15416, table 1); unused error correction has the same limits (ISO/IEC 15415, table 8)."""
 NONUNIFORMITY: Final = (0.06, 0.08, 0.10, 0.12)
 """Greatest axial nonuniformity (ISO/IEC 15415, table 6)."""
 LEAST_EDGE_CONTRAST: Final = 0.15
 GREATEST_DARK: Final = 0.5
-"""Of the lightest, which the darkest may reach."""
+"""Greatest light of the darkest element, as a share of the lightest."""
 LETTERS: Final = ((3.5, "A"), (2.5, "B"), (1.5, "C"), (0.5, "D"))
 
 
 def letter(grade: float) -> str:
-    """ISO/IEC 15416, 6.2: a mean grade as a letter.
+    """Return a mean grade as a letter (ISO/IEC 15416, 6.2).
 
     >>> letter(3.7), letter(1.5), letter(0.2)
     ('A', 'C', 'F')
@@ -52,10 +52,10 @@ def letter(grade: float) -> str:
 
 
 def graded(code: PageCode, light: NDArray[np.float32], read: Symbol | None) -> tuple[float | None, str]:
-    """Grade 0 to 4 of a code in its cut of a scan (lines, columns), bare paper 1, and what it is for.
+    """Grade a code in its cut of a scan (lines, columns), bare paper 1, from 0 to 4, and name the weakest parameter.
 
-    read: what was read there; None: nothing was, which is grade 0. None: of a symbology with neither bars nor squares
-    whose number is known.
+    read: the code that was read there; None: none was, which is grade 0. The grade is None for a symbology
+    with neither bars nor squares whose number is known.
     """
     if read is None:
         return 0.0, "does not read"
@@ -67,7 +67,7 @@ def graded(code: PageCode, light: NDArray[np.float32], read: Symbol | None) -> t
 
 
 def level(value: float, limits: tuple[float, ...], *, falling: bool = False) -> int:
-    """Grade of a value by its limits of grades 4 to 1; falling: by greatest limits, else by least ones.
+    """Grade a value by its limits of grades 4 to 1; falling: by greatest limits, else by least ones.
 
     >>> level(0.6, CONTRAST), level(0.17, DEFECTS, falling=True)
     (3, 3)
@@ -79,12 +79,12 @@ def level(value: float, limits: tuple[float, ...], *, falling: bool = False) -> 
 
 
 def _bars(code: PageCode, light: NDArray[np.float32], read: Symbol) -> tuple[float, str]:
-    """Mean of the scan lines' grades, and which parameter is most often the least."""
+    """Return the mean of the scan lines' grades, and the parameter that is most often the least."""
     grades: list[int] = []
     blamed: list[str] = []
     lines = scan_lines(light, read)
     highest, lowest = lines.max(axis=1), lines.min(axis=1)
-    cut = cut_apart(lines, 1 / SAMPLES_A_PIXEL)
+    cut = cut_elements(lines, 1 / SAMPLES_A_PIXEL)
     for high, low, seen, wanted in zip(highest, lowest, cut, code.profiles, strict=True):
         parts = _bar_parts(float(high), float(low), seen, wanted)
         weakest = min(parts, key=lambda name: parts[name])
@@ -96,7 +96,7 @@ def _bars(code: PageCode, light: NDArray[np.float32], read: Symbol) -> tuple[flo
 
 
 def _bar_parts(high: float, low: float, seen: Profile | None, wanted: Profile | None) -> Mapping[str, int]:
-    """Grades of one scan line by parameter; high, low: the greatest and the least light on it."""
+    """Grade one scan line by parameter; high, low: the greatest and the least light on it."""
     contrast = high - low
     parts = {
         "symbol contrast": level(contrast, CONTRAST),
@@ -113,10 +113,10 @@ def _bar_parts(high: float, low: float, seen: Profile | None, wanted: Profile | 
 
 
 def decodability(edges: NDArray[np.float64], nominal: NDArray[np.float64]) -> float:
-    """1 less the greatest error of an element's width in halves of the narrowest, at the scale that fits best.
+    """Return 1 less the greatest error of an element's width in halves of the narrowest, at the scale that fits best.
 
-    edges, nominal: (n,) [pixel]. In the manner of ISO/IEC 15416, 5.4.6, which takes the symbology's own decision
-    widths; an element that is wrong by half the narrowest may be taken for its neighbour in any.
+    edges, nominal: (n,) [pixel]. In the manner of ISO/IEC 15416, 5.4.6, which takes the symbology's own
+    decision widths; an element that is wrong by half the narrowest may be taken for its neighbour in any.
     """
     widths, wanted = np.diff(edges), np.diff(nominal)
     scale = (nominal[-1] - nominal[0]) / (edges[-1] - edges[0])
@@ -125,7 +125,7 @@ def decodability(edges: NDArray[np.float64], nominal: NDArray[np.float64]) -> fl
 
 
 def _squares(code: PageCode, light: NDArray[np.float32], read: Symbol) -> tuple[float, str]:
-    """The least of the parameters' grades (ISO/IEC 15415, 7)."""
+    """Return the least of the parameters' grades, and that parameter (ISO/IEC 15415, 7)."""
     modules = code.symbol.modules
     assert modules is not None
     seen, should = (_centres(cut, one, modules) for cut, one in ((light, read), (code.light, code.symbol)))
@@ -151,7 +151,7 @@ def _squares(code: PageCode, light: NDArray[np.float32], read: Symbol) -> tuple[
 
 
 def _centres(light: NDArray[np.float32], symbol: Symbol, modules: tuple[int, int]) -> NDArray[np.float64]:
-    """Light at the middle of every module (rows, columns)."""
+    """Return the light at the middle of every module (rows, columns)."""
     rows, columns = modules
     corners = np.array(symbol.corners, np.float32)
     ends = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)], np.float32)

@@ -1,4 +1,4 @@
-"""Lines of a camera as a reader of codes wants them: one picture, paper light."""
+"""Conversion of a camera's lines to the picture that a code reader takes: one picture, paper light."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ PAPER: Final = 220
 """Grey value of bare paper: gloss and a brighter lamp still have room above it."""
 
 LEAST_GAIN_DN: Final = np.float32(1e-3)
-"""Of a dead column, which then shows as black instead of as no number."""
+"""Least gain of a column: a dead one then shows as black instead of as no number."""
 
 
 def paper_light(
     dn: NDArray[np.generic], sensors: Sequence[SensorModel], columns: slice
 ) -> NDArray[np.float32]:
-    """Mean light over the sensors of a cut of a scan (sensors, lines, columns) [DN]; (lines, columns), bare paper 1.
+    """Return the mean light over the sensors of a cut of a scan (sensors, lines, columns) [DN]: (lines, columns).
 
-    columns: of the scan, which the cut holds. A reader of codes sees red light alone; what a press's camera sees is
-    the best that is known here, and grades say so.
+    Bare paper is 1. columns: of the scan, which the cut holds. A code reader sees red light alone; the
+    camera's own light is the best approximation that is available here, and the grades state this.
     """
     total = np.zeros(dn.shape[1:], np.float32)
     for lines, sensor in zip(dn, sensors, strict=True):
@@ -39,5 +39,5 @@ def paper_light(
 
 
 def grey(light: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Light, bare paper 1, as a picture that readers of codes take."""
+    """Return light, bare paper 1, as a picture that code readers take."""
     return cv2.convertScaleAbs(np.maximum(light, 0), alpha=PAPER)

@@ -1,4 +1,4 @@
-"""A code of a page, and what the camera must see of it."""
+"""Code of a page, and its expected image."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PageCode:
-    """A code that a page has, and where the camera sees it."""
+    """Code of a page, and its place in the camera's lines."""
 
     symbol: Symbol
-    """Its corners are in pixels of ``light``."""
+    """Code that was read; its corners are in pixels of ``light``."""
     corner: tuple[int, int]
     """First line and column of ``light`` in the scan of a page in its place."""
     light: NDArray[np.float32]
-    """What must be seen of it and its quiet zone (lines, columns), bare paper 1."""
+    """Expected light of the code and its quiet zone (lines, columns), bare paper 1."""
     box_mm: tuple[float, float, float, float]
-    """x, y, width and height on the page as printed, without quiet zone."""
+    """Place x, y, width and height on the page as printed, without quiet zone."""
     profiles: tuple[Profile | None, ...]
-    """Of a bar code: its scan lines as they must be seen (``profiles.profiles``)."""
+    """Scan lines of a bar code as they must be seen (``profiles.profiles``)."""
     sure: bool
-    """Whether it reads in harder pictures than good prints make: only then is it asked of scans."""
+    """Whether it reads in harder pictures than good prints make: only then must scans show it."""

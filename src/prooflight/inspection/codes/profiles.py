@@ -16,32 +16,32 @@ if TYPE_CHECKING:
     from prooflight.inspection.codes.symbols import Symbol
 
 PROFILES: Final = 10
-"""Scan lines across a bar code (ISO/IEC 15416, 5.2.4)."""
+"""Number of scan lines across a bar code (ISO/IEC 15416, 5.2.4)."""
 INNER: Final = 0.1, 0.9
-"""Of its height, in which they lie (the inspection band)."""
+"""Part of a bar code's height that scan lines are taken from (the inspection band)."""
 SAMPLES_A_PIXEL: Final = 4
 QUIET_PIXELS: Final = 6.0
-"""Of paper on either side that a profile holds."""
+"""Width of paper on either side that a profile holds."""
 LEAST_EDGES: Final = 4
-"""Two bars: what has fewer is no bar code."""
+"""Least number of edges, of two bars: a code with fewer is no bar code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Profile:
-    """One scan line across a bar code, cut into elements."""
+    """Scan line across a bar code, cut into elements."""
 
     edges: NDArray[np.float64]
-    """Where elements begin and end [pixel]; the first bar begins at edges[0]."""
+    """Edges between elements [pixel]; the first bar begins at edges[0]."""
     peaks: NDArray[np.float64]
-    """Light of elements in order: paper, bar, space, ..., bar, paper (elements,)."""
+    """Light (elements,) of elements in order: paper, bar, space, ..., bar, paper."""
     defects: NDArray[np.float64]
-    """Greatest non-monotony within each of them (elements,)."""
+    """Greatest non-monotony (elements,) within each of them."""
 
 
-def cut_apart(lines: NDArray[np.float64], step: float) -> tuple[Profile | None, ...]:
-    """Elements of scan lines (lines, samples), ``step`` pixels apart; None: a line has no bars.
+def cut_elements(lines: NDArray[np.float64], step: float) -> tuple[Profile | None, ...]:
+    """Cut scan lines (lines, samples) into elements; samples are ``step`` pixels apart. None: a line has no bars.
 
-    Elements are what lies above or below the global threshold, (greatest + least) / 2; an edge lies where light first
+    Elements lie above or below the global threshold, (greatest + least) / 2; an edge lies where light first
     passes halfway between its two elements (ISO/IEC 15416, 5.3). Non-monotony is that of 5.4.5.
     """
     edges, peaks, defects = np.empty((3, *lines.shape))
@@ -58,14 +58,17 @@ def cut_apart(lines: NDArray[np.float64], step: float) -> tuple[Profile | None, 
 
 
 def profiles(light: NDArray[np.float32], symbol: Symbol) -> tuple[Profile | None, ...]:
-    """Scan lines across a code as the camera must see it; none of a code that is not made of bars."""
+    """Return the scan lines across a code as the camera must see it; none of a code that is not made of bars."""
     if not symbol.linear:
         return ()
-    return cut_apart(scan_lines(light, symbol), 1 / SAMPLES_A_PIXEL)
+    return cut_elements(scan_lines(light, symbol), 1 / SAMPLES_A_PIXEL)
 
 
 def scan_lines(light: NDArray[np.float32], symbol: Symbol) -> NDArray[np.float64]:
-    """Across a bar code (``PROFILES``, samples), ``SAMPLES_A_PIXEL`` each, as long as the longest needs."""
+    """Sample scan lines across a bar code, (``PROFILES``, samples), all as long as the longest.
+
+    Each has ``SAMPLES_A_PIXEL`` samples a pixel.
+    """
     top_left, top_right, bottom_right, bottom_left = np.array(symbol.corners)
     part = np.linspace(*INNER, PROFILES)[:, None]
     begin, end = top_left + part * (bottom_left - top_left), top_right + part * (bottom_right - top_right)
@@ -79,7 +82,7 @@ def scan_lines(light: NDArray[np.float32], symbol: Symbol) -> NDArray[np.float64
 def sampled(
     light: NDArray[np.float32], x: NDArray[np.floating], y: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Light at points (rows, columns) [pixel], cubic between pixels; (rows, columns)."""
+    """Return the light at points (rows, columns) [pixel], cubic between pixels; (rows, columns)."""
     x, y = (np.ascontiguousarray(axis, np.float32) for axis in (x, y))
-    found = cv2.remap(light, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return found.astype(np.float64)
+    values = cv2.remap(light, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return values.astype(np.float64)

@@ -1,4 +1,4 @@
-"""The codes of a page, read where they lie in its scan and graded; what that does to the verdict."""
+"""Reading and grading of a page's codes in its scan, and their effect on the verdict."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 KIND: Final = "code"
-"""Of a misprint that is one because a code does not read."""
+"""Kind of a misprint that is one because a code does not read."""
 SHOWN: Final = 24
-"""Characters of a code's text in a sentence."""
+"""Number of characters of a code's text in a sentence."""
 LOST: Final = "lost lines"
-"""Why a code has no grade on which lines were lost, and is not asked to read."""
-NOT_WEIGHED: Final = 0.0
-"""Score of a region that no statistic found."""
+"""Reason why a code has no grade where lines were lost, and is not required to read."""
+NOT_SCORED: Final = 0.0
+"""Score of a region that no statistic detected."""
 
 
 def with_codes(
@@ -45,10 +45,11 @@ def with_codes(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
 ) -> Inspection:
-    """An inspection with what the page's codes say.
+    """Return an inspection with the results of the page's codes.
 
-    A good page of which a code does not read, or reads otherwise, is a misprint. Where the page was not inspected or
-    is another one, its codes are not asked. One on which lines were lost is good if it reads, and says nothing if not.
+    A good page with a code that does not read, or reads otherwise, becomes a misprint. Where the page was not
+    inspected or is another one, its codes are not read. A code on which lines were lost is good if it reads,
+    and no evidence if not.
     """
     if not codes or done.verdict.verdict == "not-inspected" or done.verdict.kind == "wrong-page":
         return done
@@ -56,16 +57,18 @@ def with_codes(
     cuts, lost = [paper_light(scan.dn[:, *area], sensors, area[1]) for area in areas], scan.lost
     read = [_read(code, light) for code, light in zip(codes, cuts, strict=True)]
     if lost is not None:
-        holed = [bool(lost[:, lines].any()) for lines, _ in areas]
-        read = [_of_rest(code) if gone else code for code, gone in zip(read, holed, strict=True)]
+        lines_lost = [bool(lost[:, lines].any()) for lines, _ in areas]
+        read = [
+            _of_rest(code) if incomplete else code for code, incomplete in zip(read, lines_lost, strict=True)
+        ]
     failed = [at for at, code in enumerate(read) if code.failed]
-    kept = {
+    evidence = {
         name: array
         for count, at in enumerate(failed)
-        for name, array in _kept(count, codes[at], cuts[at]).items()
+        for name, array in _evidence(count, codes[at], cuts[at]).items()
     }
     verdict = _verdict(done.verdict, read, [read[at] for at in failed])
-    return replace(done, verdict=verdict, kept={**done.kept, **kept})
+    return replace(done, verdict=verdict, kept={**done.kept, **evidence})
 
 
 def read_codes(
@@ -77,7 +80,7 @@ def read_codes(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
 ) -> tuple[Code, ...]:
-    """What a scan (sensors, lines, pixels) [DN] shows of a page's codes, where it lies ``placement`` off its place."""
+    """Read a page's codes in its scan (sensors, lines, pixels) [DN], displaced by ``placement``."""
     areas = _areas(codes, dn, placement, page=page, geometry=geometry)
     return tuple(
         _read(code, paper_light(dn[:, *area], sensors, area[1]))
@@ -85,12 +88,12 @@ def read_codes(
     )
 
 
-def failed_again(kept: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether a code that did not read, by what was kept of it, does not read now either."""
+def failed_again(stored: Mapping[str, NDArray[Any]]) -> bool:
+    """Return whether a code that did not read does not read now either, from the stored pictures."""
     count = 0
-    while (picture := kept.get(f"code{count}")) is not None:
+    while (picture := stored.get(f"code{count}")) is not None:
         text, symbology = (
-            bytes(np.asarray(kept[f"code{count}_{what}"], np.uint8)).decode()
+            bytes(np.asarray(stored[f"code{count}_{what}"], np.uint8)).decode()
             for what in ("text", "symbology")
         )
         if not any(one.text == text for one in tried(np.asarray(picture, np.uint8), symbology)):
@@ -99,8 +102,8 @@ def failed_again(kept: Mapping[str, NDArray[Any]]) -> bool:
     return False
 
 
-def _kept(count: int, code: PageCode, light: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-    """What ``failed_again`` needs of one code."""
+def _evidence(count: int, code: PageCode, light: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+    """Return the arrays that ``failed_again`` needs of one code."""
     text, symbology = code.symbol.text.encode(), code.symbol.symbology.encode()
     return {
         f"code{count}": grey(light),
@@ -117,7 +120,7 @@ def _areas(
     page: Page,
     geometry: ScanGeometry,
 ) -> list[Area]:
-    """Where every code and its quiet zone lie in a scan of a page that lies so."""
+    """Return the area of every code and its quiet zone in a scan of a page at this placement."""
     x, y, width, height = np.array([code.box_mm for code in codes]).reshape(-1, 4).T
     x, y = x + width / 2, y + height / 2
     shown_x, shown_y = placement.seen_mm(x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
@@ -129,7 +132,7 @@ def _areas(
 
 
 def _area(code: PageCode, scanned: tuple[int, ...], shift: tuple[float, float]) -> Area:
-    """Of a scan of so many lines and pixels; lines that it lacks are left out."""
+    """Return a code's area in a scan of the given lines and pixels; lines that it lacks are left out."""
     size, extent = np.array(code.light.shape), np.array(scanned)
     first = np.clip(np.rint(np.array(code.corner) + shift).astype(int), 0, extent - 1)
     last = np.clip(first + size, first + 1, extent)
@@ -145,17 +148,17 @@ def _read(code: PageCode, light: NDArray[np.float32]) -> Code:
             right = one
             break
         other = one.text if other is None else other
-    found = symbol.text if right is not None else other
-    return _code(code, found, graded(code, light, right))
+    text = symbol.text if right is not None else other
+    return _code(code, text, graded(code, light, right))
 
 
 def _of_rest(code: Code) -> Code:
-    """A code on which lines were lost, as it was read without them."""
+    """Return a code on which lines were lost, as it was read without them."""
     return replace(code, checked=code.checked and code.read == code.text, grade=None, weakest=LOST)
 
 
 def foretold(code: PageCode) -> Code:
-    """A code as the best print would show it through this camera."""
+    """Return a code as the best print would show it through this camera."""
     return _code(code, code.symbol.text, graded(code, code.light, code.symbol))
 
 
@@ -179,12 +182,12 @@ def _verdict(verdict: Verdict, read: Sequence[Code], failed: Sequence[Code]) -> 
     if not failed:
         return replace(verdict, codes=tuple(read))
     regions = tuple(
-        Region.rounded((code.x_mm, code.y_mm, code.width_mm, code.height_mm), score=NOT_WEIGHED, kind=KIND)
+        Region.rounded((code.x_mm, code.y_mm, code.width_mm, code.height_mm), score=NOT_SCORED, kind=KIND)
         for code in failed
     )
     if verdict.verdict == "misprint":
         return replace(verdict, codes=tuple(read), regions=verdict.regions + regions)
-    why = "; ".join(said(code) for code in failed)
+    why = "; ".join(fault_of(code) for code in failed)
     return replace(
         verdict,
         verdict="misprint",
@@ -196,8 +199,8 @@ def _verdict(verdict: Verdict, read: Sequence[Code], failed: Sequence[Code]) -> 
     )
 
 
-def said(code: Code) -> str:
-    """What is wrong with a code, in words."""
+def fault_of(code: Code) -> str:
+    """Describe what is wrong with a code."""
     text = code.text if len(code.text) <= SHOWN else f"{code.text[: SHOWN - 3]}..."
     where = f"{code.symbology} {text!r} at x = {code.x_mm:.0f} mm, y = {code.y_mm:.0f} mm"
     return f"{where} does not read" if code.read is None else f"{where} reads {code.read[:SHOWN]!r}"

@@ -1,11 +1,11 @@
 """Composed page designs, any number from a seed.
 
-Designs are drawn directly into CMYK rasters and not by way of a PDF: 2,500 designs are wanted, and one at 200 dpi then
-takes about a tenth of the time that writing and ripping the same page takes, while the contents (hard-edged type and
-line work, images, tints, black type printed over) are those of a RIP's output.
+Designs are drawn directly into CMYK rasters and not by way of a PDF: 2,500 designs are needed, and one at 200
+dpi then takes about a tenth of the time that writing and ripping the same page takes, while the contents
+(hard-edged type and line work, images, tints, black type printed over) are those of a RIP's output.
 
-Nothing is shared between designs: words, pictures, colours and layout are all drawn from the design's own generator,
-``stream(seed, "design", index)``. Only solid inks and the letters of the typefaces come again.
+Nothing is shared between designs: words, pictures, colours and layout are all drawn from the design's own
+generator, ``stream(seed, "design", index)``. Only solid inks and the letters of the typefaces recur.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from prooflight.rng import stream
 from prooflight.simulation.corpus.designs import books, display, office, sheets
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted, some
 from prooflight.simulation.corpus.designs.inks import BLACK
-from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Layout = Callable[[Sheet, np.random.Generator, Look], None]
+    Layout = Callable[[Sheet, np.random.Generator, DesignStyle], None]
 
 BLACK_ALONE: Final = 0.30
 """Share of designs in one ink. Of 81 real pages collected for their variety 27 % rip to black alone; presses that
@@ -41,8 +41,10 @@ SIZES_MM: Final = {
     (176.0, 250.0): 2.0,
     (99.0, 210.0): 1.0,
 }
-"""Width and height with how often they come: A4, magazine, A5, square, B5, a third of A4. None is wider than A4:
-the camera of the studies looks at 216 mm. [mm]"""
+"""Width and height with their frequency: A4, magazine, A5, square, B5, a third of A4. [mm]
+
+None is wider than A4: the camera of the studies sees 216 mm.
+"""
 IN_BLACK: Final[dict[Layout, float]] = {
     office.letter: 10.0,
     office.invoice: 8.0,
@@ -68,7 +70,7 @@ IN_BLACK: Final[dict[Layout, float]] = {
     display.cover: 1.5,
     display.slides: 1.5,
 }
-"""How often each kind comes among designs in one ink: mostly office, transactional and book work."""
+"""Frequency of each kind among designs in one ink: mostly office, transactional and book work."""
 IN_COLOUR: Final[dict[Layout, float]] = {
     office.letter: 6.5,
     office.invoice: 5.5,
@@ -103,23 +105,23 @@ IN_COLOUR: Final[dict[Layout, float]] = {
     sheets.puzzles: 1.0,
     sheets.coupons: 0.5,
 }
-"""The same for designs in four inks. The weights are tuned so that white, ink and edges spread as on real pages."""
+"""Frequency of each kind among designs in four inks; tuned so that white, ink and edges spread as on real pages."""
 
 
 RICH_BLACK: Final = ((0.60, 0.80), (0.57, 0.75), (0.54, 0.72), (0.80, 0.98))
-"""Least and greatest ink area, C M Y K, of black type in four inks: what colour-managed office documents rip to. [-]"""
+"""Least and greatest ink area, C M Y K, of black type in four inks, as colour-managed office documents rip it. [-]"""
 
 
 class Designs(Protocol):
-    """Where a study's pages come from; small, and may be sent to worker processes."""
+    """Source of a study's pages; small, and may be sent to worker processes."""
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
+        """Return design ``index``, from 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corpus:
-    """All designs of one seed at one resolution."""
+    """Corpus of all designs of one seed at one resolution."""
 
     seed: int
     dpi: float
@@ -132,12 +134,12 @@ class Corpus:
         return f"Corpus(seed={self.seed!r}, dpi={self.dpi!r}{more})"
 
     def page(self, index: int, *, sheet: Callable[..., Sheet] = Sheet) -> Page:
-        """Design ``index``, from 0; there is no last one. sheet: see ``design_page``."""
+        """Return design ``index``, from 0; there is no last one. sheet: see ``design_page``."""
         return design_page(self.seed, index, dpi=self.dpi, black_of_four=self.black_of_four, sheet=sheet)
 
 
 def design_name(index: int) -> str:
-    """File-name stem of design ``index``, from 0.
+    """Return the file-name stem of design ``index``, from 0.
 
     >>> design_name(0)
     'd00001'
@@ -148,11 +150,11 @@ def design_name(index: int) -> str:
 def design_page(
     seed: int, index: int, *, dpi: float, black_of_four: float = 0.0, sheet: Callable[..., Sheet] = Sheet
 ) -> Page:
-    """Design ``index`` (from 0) of a seed, the same at every resolution but for the raster. [pixels/inch]
+    """Draw design ``index`` (from 0) of a seed, the same at every resolution but for the raster. [pixels/inch]
 
-    black_of_four: see ``Corpus``; a design that it does not fall on is the same whatever it is. sheet: makes what is
-    drawn on, of ``Sheet``'s arguments.
-    RequestError: an index below 0, a resolution that is not above 0, or a share that is not 0 to 1.
+    black_of_four: see ``Corpus``; it changes no design that it is not drawn for. sheet: creates the sheet to
+    draw on, of ``Sheet``'s arguments. RequestError: an index below 0, a resolution that is not above 0, or a
+    share that is not 0 to 1.
     """
     if index < 0:
         raise RequestError("designs", f"there is no design {index}", remedy="count from 0")
@@ -164,9 +166,9 @@ def design_page(
     black_alone = often(rng, BLACK_ALONE)
     width_mm, height_mm = pick_weighted(rng, SIZES_MM)
     layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
-    look = Look.draw(rng, black_alone=black_alone)
+    design = DesignStyle.draw(rng, black_alone=black_alone)
     drawn_on = sheet(width_mm=width_mm, height_mm=height_mm, dpi=dpi)
-    layout(drawn_on, rng, look)
+    layout(drawn_on, rng, design)
     if not black_alone:
         # A generator of its own: whatever else is drawn stays as it is.
         _enrich_black(drawn_on, stream(seed, "rich-black", index), black_of_four)
@@ -174,7 +176,7 @@ def design_page(
 
 
 def _enrich_black(sheet: Sheet, rng: np.random.Generator, share: float) -> None:
-    """Set what is solid black alone in one recipe of four inks, with this probability; pictures never are."""
+    """Print solid areas of black alone in one recipe of four inks, with this probability; pictures have none."""
     if not often(rng, share):
         return
     recipe = [round(255 * some(rng, *bounds)) for bounds in RICH_BLACK]

@@ -1,1 +1,1 @@
-"""Misprints: what goes wrong on a press, with the place where it did."""
+"""Misprints of a press, with their places."""

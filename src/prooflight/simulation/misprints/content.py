@@ -1,4 +1,4 @@
-"""Misprints of what a page shows: an echo of it, a blurred area, a block missing, the wrong page, or off its place."""
+"""Misprints of a page's content: an echo of it, a blurred area, a block missing, the wrong page, or off its place."""
 
 from __future__ import annotations
 
@@ -21,21 +21,24 @@ GHOST_WIDTH_MM = (40.0, 250.0)
 GHOST_HEIGHT_MM = (15.0, 90.0)
 """assumed: size of the block that leaves an echo, from a picture to the width of a roller."""
 GHOST_EDGE_MM = 2.0
-"""assumed: over which the echo fades at its sides."""
+"""assumed: distance over which the echo fades at its sides."""
 BLUR_EDGE = 0.25
-"""assumed: of the blurred area's side, over which it becomes blurred."""
+"""assumed: width of the transition to the blurred area, as a share of its side."""
 BLUR_REACH = 4
-"""How many standard deviations of the blur are computed."""
+"""Number of standard deviations of the blur that are computed."""
 FINE_SIGMA = 3.0
 """Standard deviation to which a wide blur is brought by halving the raster. [pixels]"""
 BLOCK_SHARE = (1 / 6, 2 / 3)
-"""assumed: of the page's sides, how much a wrong block covers at severity 0 and 1."""
+"""assumed: share of the page's sides that a wrong block covers at severity 0 and 1."""
 LEAST_TURN_DEG = 0.3
-"""Of a page off its place by turning, at severity 0 (worlds.toml); it grows with severity as the shift does."""
+"""Rotation of a page that is off its place by turning, at severity 0 (worlds.toml).
+
+It grows with severity as the shift does.
+"""
 
 
 def ghost_smear(mishap: Mishap) -> Drawn:
-    """An echo of the page's own content further along the travel, in one ink or all: ink on paper that is bare."""
+    """Print an echo of the page's own content further along the travel, in one ink or all: ink on bare paper."""
     strength = mishap.amount("strength_percent") / 100
     offset_mm = mishap.between("offset_mm")
     rows = mishap.page.cmyk.shape[0]
@@ -69,7 +72,7 @@ def ghost_smear(mishap: Mishap) -> Drawn:
 
 
 def local_blur(mishap: Mishap) -> Drawn:
-    """Ink smeared inside a soft-edged area, as by a Gaussian."""
+    """Smear ink inside a soft-edged area, as by a Gaussian."""
     sigma_mm = mishap.amount("sigma_mm")
     size_mm = mishap.between("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
@@ -87,7 +90,7 @@ def local_blur(mishap: Mishap) -> Drawn:
 
 
 def missing_content(mishap: Mishap) -> Drawn:
-    """A block was not printed: a picture or a field that did not arrive. ``size_mm``: the root of its area."""
+    """Leave out a block: a picture or a field that did not arrive. ``size_mm``: the root of its area."""
     size_mm = mishap.amount("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
     box = Box.around(mishap.page, mishap.content(), width_mm=size_mm * slim, height_mm=size_mm / slim)
@@ -98,7 +101,10 @@ def missing_content(mishap: Mishap) -> Drawn:
 
 
 def wrong_page(mishap: Mishap) -> Drawn:
-    """Another page of the job, a block of one, or the right page shifted or turned too far (so without others)."""
+    """Print another page of the job, a block of one, or the right page shifted or turned too far.
+
+    Without other pages it is always the last.
+    """
     way = int(mishap.rng.integers(4)) if mishap.others else 2 + int(mishap.rng.integers(2))
     if way >= 2:
         return _off_place(mishap, turned=way == 3)
@@ -115,7 +121,7 @@ def wrong_page(mishap: Mishap) -> Drawn:
 
 
 def _off_place(mishap: Mishap, *, turned: bool) -> Drawn:
-    """Print level: the page itself is right."""
+    """Displace the whole page; its content is right."""
     distance_mm = mishap.amount("shift_mm")
     if turned:
         least_mm = entry(mishap.kind)["shift_mm"]["at_0"]
@@ -129,7 +135,7 @@ def _off_place(mishap: Mishap, *, turned: bool) -> Drawn:
 
 
 def _fitted(other: Page, page: Page) -> NDArray[np.uint8]:
-    """Another page's raster at a page's resolution, top-left corners together, cropped or filled with paper."""
+    """Return another page's raster at a page's resolution, top-left corners aligned, cropped or filled with paper."""
     cmyk = other.cmyk
     if other.dpi != page.dpi:
         size = [max(round(extent / page.pixel_mm), 1) for extent in (other.width_mm, other.height_mm)]
@@ -141,10 +147,13 @@ def _fitted(other: Page, page: Page) -> NDArray[np.uint8]:
 
 
 def _blurred(cmyk: NDArray[np.uint8], box: Box, sigma: float) -> NDArray[np.float32]:
-    """A box of the raster (rows, columns, 4) after a Gaussian of ``sigma`` pixels; beyond the raster goes on its edge.
+    """Blur a box of the raster (rows, columns, 4) by a Gaussian of ``sigma`` pixels.
 
-    A wide blur is done on a raster of f times coarser pixels. Averaging over them adds a variance of (f^2 - 1) / 12,
-    and going back between their centres one of about f^2 / 6; that much less is left for the Gaussian. [pixels^2]
+    Beyond the raster its edge goes on.
+
+    A wide blur is done on a raster of f times coarser pixels. Averaging over them adds a variance of (f^2 -
+    1) / 12, and going back between their centres one of about f^2 / 6; that much less is left for the
+    Gaussian. [pixels^2]
     """
     factor = max(int(sigma / FINE_SIGMA), 1)
     margin = int(np.ceil(BLUR_REACH * sigma)) + factor
@@ -163,5 +172,5 @@ def _blurred(cmyk: NDArray[np.uint8], box: Box, sigma: float) -> NDArray[np.floa
         left = sigma**2 - (factor**2 - 1) / 12 - factor**2 / 6
         wide = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), left**0.5 / factor), size)
     height, width = box.shape
-    found: NDArray[np.float32] = wide[margin : margin + height, margin : margin + width]
-    return found
+    cut: NDArray[np.float32] = wide[margin : margin + height, margin : margin + width]
+    return cut

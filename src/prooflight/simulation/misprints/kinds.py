@@ -1,7 +1,7 @@
-"""Misprints: what goes wrong on a press, with the place where it did.
+"""Kinds of misprint and their drawing functions.
 
-Kinds, amounts and severities are those of ``worlds.toml``. A misprint happens where it does on a press: most change the
-printed raster, a page off its place lies elsewhere under the camera.
+Kinds, amounts and severities are those of ``worlds.toml``. Each misprint acts where it does on a press: most
+change the printed raster, a page off its place lies elsewhere under the camera.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _DRAWERS: dict[str, Callable[[Mishap], Drawn]] = {
     "scum": marks.scum,
 }
 KINDS = tuple(_DRAWERS)
-"""In the order of ``worlds.toml``."""
+"""Kinds in the order of ``worlds.toml``."""
 
 
 def scope_of(kind: str) -> str:
-    """``global`` or ``local``, as ``worlds.toml`` has it: the paper's two types of misprint."""
+    """Return ``global`` or ``local``, as ``worlds.toml`` has it: the paper's two types of misprint."""
     return str(entry(kind)["scope"])
 
 
@@ -54,11 +54,11 @@ def draw_misprint(
     fetch: Callable[[int], Page],
     rng: np.random.Generator,
 ) -> Drawn:
-    """One misprint of a kind of ``KINDS`` on a page, at a severity from 0 to 1; the page given is not changed.
+    """Draw one misprint of a kind of ``KINDS`` on a page, at a severity from 0 to 1; the page given is not changed.
 
-    others: numbers of the job's other pages, which ``fetch`` gives. Inks and places are drawn from those that the page
-    has; where a kind cannot be on this page (a page of one ink has no planes out of register) nothing is changed, and
-    it is for the caller to look and to draw again.
+    others: numbers of the job's other pages, which ``fetch`` gives. Inks and places are drawn from those that
+    the page has; where a kind cannot be on this page (a page of one ink has no planes out of register)
+    nothing is changed, and the caller has to check and to draw again.
     """
     rounding = stream(int(rng.integers(2**63)), "misprint-rounding")
     return _DRAWERS[kind](

@@ -16,35 +16,35 @@ if TYPE_CHECKING:
     from prooflight.simulation.misprints.drawing import Drawn, Mishap
 
 FULL_HEIGHT_SHARE = 0.5
-"""assumed: how often a streak runs from the page's top to its end."""
+"""assumed: share of streaks that run from the page's top to its end."""
 STREAK_ENDS_MM = 6.0
-"""assumed: over which a streak that does not begins and ends."""
+"""assumed: distance over which other streaks begin and end."""
 STREAK_FLANK = 0.5
-"""assumed: of a streak's width, over which each of its sides rises; width is between the half heights."""
+"""assumed: width of each flank of a streak, as a share of its width, which is between the half heights."""
 SUBPIXELS = 16
 SCATTER_MM = (15.0, 150.0)
 """assumed: side of the area over which the spots of one print are scattered."""
 SPOT_EDGE_MM = 0.15
-"""assumed: over which a spot's edge rises; ink spreads and paper scatters light by about this."""
+"""assumed: distance over which a spot's edge rises; ink spreads and paper scatters light by about this."""
 SPOT_WAVES = (2, 3, 4)
 SPOT_UNEVEN = 0.12
-"""assumed: how far a spot's outline departs from a circle, of its radius."""
+"""assumed: deviation of a spot's outline from a circle, as a share of its radius."""
 HICKEY_CORE = 0.5
-"""assumed: diameter of the printed core of a doughnut hickey, of its halo's."""
+"""assumed: diameter of the printed core of a doughnut hickey, as a share of its halo's."""
 CLOUD_NODES = 96
 CLOUD_EDGE = 0.6
-"""assumed: of a cloud's radius, over which it thins out."""
+"""assumed: distance over which a cloud thins out, as a share of its radius."""
 CLOUD_GRAIN = 1 / 8
-"""assumed: size of the patches in a cloud of scum, of the cloud's."""
+"""assumed: size of the patches in a cloud of scum, as a share of the cloud's."""
 CLOUD_FLOOR = 0.4
-"""assumed: ink between the patches, of that in them."""
+"""assumed: ink between the patches, as a share of that in them."""
 
 
 def streak(mishap: Mishap) -> Drawn:
-    """A soft-edged line along the travel.
+    """Draw a soft-edged line along the travel.
 
-    Too much of an ink (not wiped clean): of the bare paper under it the share ``ink_percent`` gets that ink as well.
-    Too little: an ink (a starved nozzle) or all (a scratched blanket) lose that share.
+    Too much of an ink (not wiped clean): of the bare paper under it the share ``ink_percent`` gets that ink
+    as well. Too little: an ink (a starved nozzle) or all (a scratched blanket) lose that share.
     """
     share = mishap.amount("ink_percent") / 100
     width_mm = mishap.amount("width_mm")
@@ -66,7 +66,7 @@ def streak(mishap: Mishap) -> Drawn:
 
 
 def spots_voids(mishap: Mishap) -> Drawn:
-    """Roundish spots of one ink, voids in one ink or in all, or hickeys: voids whose core printed."""
+    """Draw roundish spots of one ink, voids in one ink or in all, or hickeys: voids whose core printed."""
     contrast = mishap.amount("contrast_percent") / 100
     diameter_mm = mishap.amount("diameter_mm")
     count = round(mishap.between("count"))
@@ -95,7 +95,10 @@ def spots_voids(mishap: Mishap) -> Drawn:
 
 
 def scum(mishap: Mishap) -> Drawn:
-    """A soft-edged cloud of one ink: the share ``ink_percent`` of the bare paper under its densest place gets it."""
+    """Draw a soft-edged cloud of one ink.
+
+    The share ``ink_percent`` of the bare paper under its densest place gets it.
+    """
     share = mishap.amount("ink_percent") / 100
     size_mm = mishap.between("size_mm")
     slim = 2 ** mishap.rng.uniform(-0.5, 0.5)
@@ -125,7 +128,7 @@ def lay(
 
 
 def _line(mishap: Mishap, centre: float, width_mm: float) -> tuple[Box, NDArray[np.float32]]:
-    """Columns that a streak about ``centre`` [pixels] touches, and how much of each it covers, 0..1."""
+    """Return the columns that a streak about ``centre`` [pixels] touches, and its cover of each, 0..1."""
     width = width_mm / mishap.page.pixel_mm
     half = width * (1 + STREAK_FLANK) / 2
     columns = mishap.page.cmyk.shape[1]
@@ -138,7 +141,7 @@ def _line(mishap: Mishap, centre: float, width_mm: float) -> tuple[Box, NDArray[
 
 
 def _lengthwise(mishap: Mishap) -> tuple[int, NDArray[np.float32]]:
-    """First row of a streak and how strong it is from there on, 0..1."""
+    """Draw the first row of a streak and its strength from there on, 0..1."""
     rows = mishap.page.cmyk.shape[0]
     if mishap.rng.random() < FULL_HEIGHT_SHARE:
         return 0, np.ones(rows, np.float32)
@@ -149,7 +152,7 @@ def _lengthwise(mishap: Mishap) -> tuple[int, NDArray[np.float32]]:
 def _spot(
     mishap: Mishap, row: int, column: int, diameter_mm: float, *, core: float
 ) -> tuple[Box, NDArray[np.float32]]:
-    """Where an uneven disc lies on the page and how much of each pixel it covers, 0..1, without its core."""
+    """Return the box of an uneven disc and its cover of each pixel, 0..1, without its core."""
     pixel, radius = mishap.page.pixel_mm, diameter_mm / 2
     reach = int(np.ceil((radius * (1 + SPOT_UNEVEN) + SPOT_EDGE_MM) / pixel)) + 1
     rows, columns = mishap.page.cmyk.shape[:2]
@@ -174,7 +177,7 @@ def _spot(
 
 
 def _cloud(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Uneven ink (nodes, nodes) that falls to 0 towards the edges; its densest place is 1."""
+    """Draw uneven ink (nodes, nodes) that falls to 0 towards the edges; its densest place is 1."""
     grain = cv2.GaussianBlur(
         rng.standard_normal((CLOUD_NODES, CLOUD_NODES)), (0, 0), CLOUD_NODES * CLOUD_GRAIN / 2
     )

@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from prooflight.simulation.misprints.drawing import Drawn, Mishap
 
 WHOLE_PAGE_SHARE = 0.5
-"""assumed: how often a fading ink covers the whole page rather than a band of it."""
+"""assumed: share of fading inks that cover the whole page rather than a band of it."""
 LEAST_BAND_SHARE = 0.25
 """assumed: the least part of the page's height that such a band covers."""
 FADE_MM = 5.0
-"""assumed: over which an ink fades in and out at a band's ends."""
+"""assumed: distance over which an ink fades in and out at a band's ends."""
 PULSE_SHARE = 0.2
-"""assumed: of a turn that a dent in a roller marks."""
+"""assumed: share of a turn that a dent in a roller marks."""
 ROOM = 0.1
-"""assumed: ink is added only where that changes the page by at least a tenth of what taking it away would."""
+"""assumed: least room for more ink: the change of the page by adding ink, over that by removing it."""
 
 
 def missing_plane(mishap: Mishap) -> Drawn:
-    """One ink faded or gone, over the page or a band of it."""
+    """Fade or remove one ink, over the page or a band of it."""
     left = mishap.amount("ink_left_percent") / 100
     inks = mishap.one_ink()
     rows, columns = mishap.page.cmyk.shape[:2]
@@ -42,7 +42,7 @@ def missing_plane(mishap: Mishap) -> Drawn:
 
 
 def swapped_planes(mishap: Mishap) -> Drawn:
-    """Two inks printed from each other's plates, or partly so: a' = (1 - m) a + m b, and b' likewise."""
+    """Print two inks from each other's plates, or partly so: a' = (1 - m) a + m b, and b' likewise."""
     mixed = mishap.amount("mix_percent") / 100
     first = mishap.one_ink().start
     second = int(mishap.rng.choice([ink for ink in range(4) if ink != first]))
@@ -59,7 +59,7 @@ def swapped_planes(mishap: Mishap) -> Drawn:
 
 
 def density(mishap: Mishap) -> Drawn:
-    """Too much or too little of one ink or of all; a full solid cannot take more."""
+    """Print too much or too little of one ink or of all; a full solid cannot take more."""
     gain = mishap.amount("gain_percent") / 100
     inks = mishap.one_or_all_inks()
     sample = mishap.page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP, inks].astype(np.float32)
@@ -73,11 +73,11 @@ def density(mishap: Mishap) -> Drawn:
 
 
 def plane_register(mishap: Mishap) -> Drawn:
-    """One plane off its place by a distance in any direction, to the nearest raster pixel.
+    """Displace one plane by a distance in any direction, to the nearest raster pixel.
 
-    It is not that of the ink that the page has the most of: what the others are off against is where the page lies.
-    What is drawn into the page is the artwork's bleed, taken to go on as at the edge (3 mm are usual). On a page of one
-    ink there is nothing to be off against: that is a page off its place, and nothing is changed.
+    It is not that of the ink that the page has the most of: the reference of the others is the page's place.
+    The raster drawn into the page is the artwork's bleed, taken to go on as at the edge (3 mm are usual). On
+    a page of one ink there is no reference: that is a page off its place, and nothing is changed.
     """
     distance_mm = mishap.amount("shift_mm")
     angle = mishap.rng.uniform(0, 2 * np.pi)
@@ -102,7 +102,7 @@ def plane_register(mishap: Mishap) -> Drawn:
 
 
 def banding(mishap: Mishap) -> Drawn:
-    """Bands across the travel, once a period: an ink's gain swings, or a dent in a roller leaves a line a turn."""
+    """Draw bands across the travel, once a period: an ink's gain swings, or a dent in a roller leaves a line a turn."""
     gain = mishap.amount("gain_percent") / 100
     period_mm = mishap.between("period_mm")
     inks, box = mishap.one_or_all_inks(), Box.whole(mishap.page)
@@ -122,14 +122,14 @@ def banding(mishap: Mishap) -> Drawn:
 
 
 def span(rng: np.random.Generator, rows: int) -> tuple[int, int]:
-    """First and last + 1 row of a part of the page's height, at least a quarter of it."""
+    """Draw first and last + 1 row of a part of the page's height, at least a quarter of it."""
     length = max(int(rows * rng.uniform(LEAST_BAND_SHARE, 1.0)), 1)
     top = int(rng.random() * (rows - length + 1))
     return top, top + length
 
 
 def _gained(mishap: Mishap, box: Box, inks: slice, gain: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The page with inks multiplied by a gain (rows of the box,)."""
+    """Return the page with inks multiplied by a gain (rows of the box,)."""
 
     def multiply(values: NDArray[np.float32], rows: slice) -> None:
         values *= gain[rows, None, None]

@@ -1,4 +1,4 @@
-"""Choices drawn at random."""
+"""Random choices."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ Choice = TypeVar("Choice")
 
 
 def pick(rng: np.random.Generator, choices: Sequence[Choice]) -> Choice:
-    """One of them, all equally likely."""
+    """Return one of the choices, all equally likely."""
     return choices[int(rng.integers(len(choices)))]
 
 
 def pick_weighted(rng: np.random.Generator, weights: Mapping[Choice, float]) -> Choice:
-    """One of the keys, as likely as their weights say; the weights need not add up to 1."""
+    """Return one of the keys with probability in proportion to its weight; the weights need not add up to 1."""
     keys = list(weights)
     total = sum(weights.values())
     return keys[int(rng.choice(len(keys), p=[weights[key] / total for key in keys]))]
 
 
 def often(rng: np.random.Generator, share: float) -> bool:
-    """True in this share of the cases."""
+    """Return True with this probability."""
     return bool(rng.random() < share)
 
 
 def some(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number between low and high, all equally likely."""
+    """Draw a number uniformly between low and high."""
     return float(rng.uniform(low, high))
 
 
 def count(rng: np.random.Generator, low: int, high: int) -> int:
-    """A whole number from low to high, both included."""
+    """Draw a whole number uniformly from low to high, both included."""
     return int(rng.integers(low, high + 1))

@@ -13,15 +13,21 @@ from prooflight.simulation.corpus.designs.photographs import clouds
 
 if TYPE_CHECKING:
     from prooflight.simulation.corpus.designs.inks import Ink
-    from prooflight.simulation.corpus.designs.look import Look
+    from prooflight.simulation.corpus.designs.look import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
 def music(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, space: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    space: float,
 ) -> float:
-    """One staff with notes, ``space`` mm between its lines; returns its lower edge. [mm]"""
-    bars, ink = count(rng, 3, 6), look.palette.text
+    """Draw one staff with notes, ``space`` mm between its lines, and return its lower edge. [mm]"""
+    bars, ink = count(rng, 3, 6), design.palette.text
     for line in range(5):
         sheet.rule(x, y + line * space, width, ink, 0.35)
     clef = np.linspace(0, 4.5 * np.pi, 60)
@@ -50,28 +56,34 @@ def music(
 
 
 def contour_map(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """Relief in contour lines with water, woods, roads and names."""
+    """Draw a relief in contour lines with water, woods, roads and names."""
     step = 0.8
     rows, columns = round(height / step), round(width / step)
     land = clouds(rng, rows, columns, falling=1.6, coarse=some(rng, 2, 5))
-    colour = not look.separation.black_alone
+    colour = not design.separation.black_alone
     tone = np.digitize(land, np.linspace(-1.6, 2.0, 9)).astype(np.float32) / 9
     if colour:
-        tinted = between(look.palette.tint, lighter(look.palette.third, 0.5), tone)
+        tinted = between(design.palette.tint, lighter(design.palette.third, 0.5), tone)
         sheet.picture(x, y, width, height, tinted.astype(np.uint8))
     sea = land < some(rng, -1.2, -0.7)
-    _areas(sheet, sea, x, y, step, lighter(look.palette.strong, 0.35) if colour else grey(0.2))
+    _areas(sheet, sea, x, y, step, lighter(design.palette.strong, 0.35) if colour else grey(0.2))
     for level in np.linspace(-1.5, 2.4, count(rng, 9, 22)):
-        _areas(sheet, land > level, x, y, step, lighter(look.palette.strong, 0.7), line_pt=0.35)
+        _areas(sheet, land > level, x, y, step, lighter(design.palette.strong, 0.7), line_pt=0.35)
     for _ in range(count(rng, 3, 8)):
-        _road(sheet, rng, look, x, y, width, height)
+        _road(sheet, rng, design, x, y, width, height)
     for _ in range(count(rng, 8, 30)):
         place = x + some(rng, 0.03, 0.85) * width, y + some(rng, 0.05, 0.97) * height
-        sheet.disc(place[0] - 1.2, place[1] - 0.8, 0.6, look.palette.text)
-        sheet.words(*place, look.voice.title(rng, 1, 1)[:12], look.voice.italic, pick(rng, (5.5, 6.5, 9)))
-    sheet.frame(x, y, width, height, look.palette.text, 0.9)
+        sheet.disc(place[0] - 1.2, place[1] - 0.8, 0.6, design.palette.text)
+        sheet.words(*place, design.voice.title(rng, 1, 1)[:12], design.voice.italic, pick(rng, (5.5, 6.5, 9)))
+    sheet.frame(x, y, width, height, design.palette.text, 0.9)
 
 
 def _areas(
@@ -91,21 +103,33 @@ def _areas(
 
 
 def _road(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
     along = np.linspace(0, 1, 80)
     across = np.clip(some(rng, 0.1, 0.9) + np.cumsum(rng.normal(0, 0.012, 80)), 0.005, 0.995)
     path = np.stack([along, across], axis=1) if often(rng, 0.5) else np.stack([across, along], axis=1)
     points, weight = path * (width, height) + (x, y), some(rng, 1.2, 3.5)
-    sheet.line(points, look.palette.text, weight + 0.9)
-    sheet.line(points, look.palette.bright if often(rng, 0.5) else PAPER, weight)
+    sheet.line(points, design.palette.text, weight + 0.9)
+    sheet.line(points, design.palette.bright if often(rng, 0.5) else PAPER, weight)
 
 
 def street_map(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """Blocks of a town between its streets."""
-    sheet.rect(x, y, width, height, lighter(look.palette.tint, 0.8))
+    """Draw blocks of a town between its streets."""
+    sheet.rect(x, y, width, height, lighter(design.palette.tint, 0.8))
     turn = some(rng, -0.25, 0.25)
 
     def place(u: float, v: float) -> tuple[float, float]:
@@ -118,34 +142,42 @@ def street_map(
     for u0, u1 in zip(across[across < 1], across[1:], strict=False):
         for v0, v1 in zip(down[down < 1], down[1:], strict=False):
             kind = rng.random()
-            ink = look.palette.third if kind < 0.08 else lighter(look.palette.strong, some(rng, 0.15, 0.4))
+            ink = (
+                design.palette.third if kind < 0.08 else lighter(design.palette.strong, some(rng, 0.15, 0.4))
+            )
             corners = [(u0 + gap, v0 + gap), (u1 - gap, v0 + gap), (u1 - gap, v1 - gap), (u0 + gap, v1 - gap)]
             sheet.polygon([place(float(u), float(v)) for u, v in corners], ink)
             if kind > 0.75:
                 at = place(float(u0) + 2 * gap, (float(v0) + float(v1)) / 2)
-                sheet.words(*at, look.voice.title(rng, 1, 1)[:8], look.voice.face, 5, look.palette.text)
+                sheet.words(*at, design.voice.title(rng, 1, 1)[:8], design.voice.face, 5, design.palette.text)
     for _ in range(count(rng, 1, 3)):
-        _road(sheet, rng, look, x, y, width, height)
-    sheet.frame(x, y, width, height, look.palette.text, 0.7)
+        _road(sheet, rng, design, x, y, width, height)
+    sheet.frame(x, y, width, height, design.palette.text, 0.7)
 
 
 def floor_plan(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """Rooms with walls, doors, dimensions and names."""
-    _rooms(sheet, rng, look, x, y, width, height, depth=count(rng, 3, 4))
+    """Draw rooms with walls, doors, dimensions and names."""
+    _rooms(sheet, rng, design, x, y, width, height, depth=count(rng, 3, 4))
     sheet.frame(x, y, width, height, BLACK, 3.0)
     below = y + height + 5
     sheet.rule(x, below, width, BLACK, 0.4)
     for tick in np.linspace(x, x + width, count(rng, 4, 8)).tolist():
         sheet.upright(tick, below - 1.4, 2.8, BLACK, 0.5)
-        sheet.words(tick + 1, below - 0.8, look.voice.number(rng), look.voice.figures, 5.5)
+        sheet.words(tick + 1, below - 0.8, design.voice.number(rng), design.voice.figures, 5.5)
 
 
 def _rooms(
     sheet: Sheet,
     rng: np.random.Generator,
-    look: Look,
+    design: DesignStyle,
     x: float,
     y: float,
     width: float,
@@ -155,11 +187,11 @@ def _rooms(
 ) -> None:
     if depth == 0 or min(width, height) < 22:
         if often(rng, 0.25):
-            sheet.rect(x + 1, y + 1, width - 2, height - 2, look.palette.tint)
-        at, name = (x + width / 2, y + height / 2), look.voice.title(rng, 1, 1)[:10]
-        sheet.words(*at, name, look.voice.face, 7, look.palette.text, align="centre")
+            sheet.rect(x + 1, y + 1, width - 2, height - 2, design.palette.tint)
+        at, name = (x + width / 2, y + height / 2), design.voice.title(rng, 1, 1)[:10]
+        sheet.words(*at, name, design.voice.face, 7, design.palette.text, align="centre")
         area = f"{width * height / 100:.1f}"
-        sheet.words(at[0], at[1] + 3.4, area, look.voice.figures, 6, look.palette.text, align="centre")
+        sheet.words(at[0], at[1] + 3.4, area, design.voice.figures, 6, design.palette.text, align="centre")
         return
     share, door = some(rng, 0.35, 0.65), some(rng, 2.5, 5)
     if width > height:
@@ -168,22 +200,28 @@ def _rooms(
         sheet.upright(cut, y, gap - y, BLACK, 2.0)
         sheet.upright(cut, gap + door, y + height - gap - door, BLACK, 2.0)
         sheet.ellipse(cut, gap, door, door, BLACK, line_pt=0.35, from_deg=0, to_deg=90)
-        _rooms(sheet, rng, look, x, y, share * width, height, depth=depth - 1)
-        _rooms(sheet, rng, look, cut, y, width - share * width, height, depth=depth - 1)
+        _rooms(sheet, rng, design, x, y, share * width, height, depth=depth - 1)
+        _rooms(sheet, rng, design, cut, y, width - share * width, height, depth=depth - 1)
     else:
         cut = y + share * height
         gap = some(rng, x + 3, x + width - 3 - 2 * door)
         sheet.rule(x, cut, gap - x, BLACK, 2.0)
         sheet.rule(gap + door, cut, x + width - gap - door, BLACK, 2.0)
         sheet.ellipse(gap, cut, door, door, BLACK, line_pt=0.35, from_deg=0, to_deg=90)
-        _rooms(sheet, rng, look, x, y, width, share * height, depth=depth - 1)
-        _rooms(sheet, rng, look, x, cut, width, height - share * height, depth=depth - 1)
+        _rooms(sheet, rng, design, x, y, width, share * height, depth=depth - 1)
+        _rooms(sheet, rng, design, x, cut, width, height - share * height, depth=depth - 1)
 
 
 def wire_frame(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """A surface or ring of lines in perspective."""
+    """Draw a surface or ring of lines in perspective."""
     around, across = (np.linspace(0, 2 * np.pi, count(rng, *lines)) for lines in ((28, 60), (14, 30)))
     u, v = np.meshgrid(around, across)
     thick, tilt, lobes = some(rng, 0.2, 0.5), some(rng, 0.4, 1.2), count(rng, 0, 5)
@@ -197,11 +235,13 @@ def wire_frame(
         flat = np.stack([radius * np.cos(u), lift], axis=-1)
     scaled = flat / np.abs(flat).max() * min(width, height) / 2 + (x + width / 2, y + height / 2)
     for line in (*scaled, *scaled.transpose(1, 0, 2)):
-        sheet.line(line, look.palette.strong, 0.35)
+        sheet.line(line, design.palette.strong, 0.35)
 
 
-def crossword(sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, side: float) -> None:
-    """A grid with black cells and numbers."""
+def crossword(
+    sheet: Sheet, rng: np.random.Generator, design: DesignStyle, x: float, y: float, side: float
+) -> None:
+    """Draw a grid with black cells and numbers."""
     cells = 2 * count(rng, 5, 9) + 1
     dark = rng.random((cells, cells)) < 0.2
     dark |= dark[::-1, ::-1]
@@ -211,21 +251,27 @@ def crossword(sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: f
         sheet.rule(x, y + line * pitch, side, BLACK, 0.6)
         sheet.upright(x + line * pitch, y, side, BLACK, 0.6)
     for row, column in np.argwhere(~dark & (rng.random((cells, cells)) < 0.4)).tolist():
-        sheet.words(x + column * pitch + 0.5, y + row * pitch + 2.1, str(number), look.voice.figures, 5)
+        sheet.words(x + column * pitch + 0.5, y + row * pitch + 2.1, str(number), design.voice.figures, 5)
         number += 1
 
 
 def circuit(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """Parts joined by square-cornered wires, with their names."""
+    """Draw parts joined by square-cornered wires, with their names."""
     parts = rng.uniform((0.08, 0.08), (0.92, 0.92), (count(rng, 14, 34), 2)) * (width, height) + (x, y)
     for (x0, y0), (x1, y1) in zip(parts.tolist(), parts[1:].tolist(), strict=False):
-        sheet.line([(x0, y0), (x1, y0), (x1, y1)], look.palette.text, 0.5)
-        sheet.disc(x1, y0, 0.6, look.palette.text)
+        sheet.line([(x0, y0), (x1, y0), (x1, y1)], design.palette.text, 0.5)
+        sheet.disc(x1, y0, 0.6, design.palette.text)
     for place, (left, top) in enumerate(parts.tolist()):
         wide, tall = some(rng, 4, 14), some(rng, 4, 10)
-        sheet.rect(left - wide / 2, top - tall / 2, wide, tall, pick(rng, (PAPER, look.palette.tint)))
-        sheet.frame(left - wide / 2, top - tall / 2, wide, tall, look.palette.strong, 0.8)
+        sheet.rect(left - wide / 2, top - tall / 2, wide, tall, pick(rng, (PAPER, design.palette.tint)))
+        sheet.frame(left - wide / 2, top - tall / 2, wide, tall, design.palette.strong, 0.8)
         name = f"{pick(rng, ('R', 'C', 'U', 'L', 'Q'))}{place + 1}"
-        sheet.words(left, top + 0.9, name, look.voice.figures, 6, look.palette.text, align="centre")
+        sheet.words(left, top + 0.9, name, design.voice.figures, 6, design.palette.text, align="centre")

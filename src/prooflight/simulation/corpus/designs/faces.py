@@ -28,7 +28,7 @@ _SMALLEST_PX = 3.0  # below, FreeType refuses or draws dots
 
 @dataclass(frozen=True, slots=True)
 class Glyph:
-    """A letter's ink: mask (rows, columns), its corner right of and above the pen, in pixels."""
+    """Ink of a letter: mask (rows, columns), its corner right of and above the pen, in pixels."""
 
     mask: NDArray[np.bool_]
     left: int
@@ -39,24 +39,24 @@ class Face(Protocol):
     """A typeface."""
 
     def advance(self, letter: str) -> float:
-        """How far the pen moves on. [em]"""
+        """Return the distance by which the pen moves on. [em]"""
 
     def glyph(self, letter: str, size_px: float) -> Glyph:
-        """The letter at a size of ``size_px`` pixels per em."""
+        """Return the letter at a size of ``size_px`` pixels per em."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutlineFace:
-    """A face by the name of its file, e.g. ``DejaVuSans-Bold``."""
+    """Face by the name of its file, e.g. ``DejaVuSans-Bold``."""
 
     stem: str
 
     def advance(self, letter: str) -> float:
-        """As ``Face``."""
+        """Return the advance, as ``Face``."""
         return _advance(self.stem, letter)
 
     def glyph(self, letter: str, size_px: float) -> Glyph:
-        """As ``Face``."""
+        """Return the glyph, as ``Face``."""
         return _glyph(self.stem, letter, max(size_px, _SMALLEST_PX))
 
 
@@ -94,22 +94,22 @@ def _rendered(stem: str, letter: str, size_px: float) -> Glyph:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrokeFace:
-    """Made-up ideographs of straight strokes, as dense as those of East Asian print; one em wide each."""
+    """Invented ideographs of straight strokes, as dense as those of East Asian print; one em wide each."""
 
     weight_em: float
     strokes: tuple[NDArray[np.float32], ...]
-    """For each ideograph (strokes, 4): x and y of both ends, 0..1 from its top-left corner. [em]"""
+    """Strokes (strokes, 4) of each ideograph: x and y of both ends, 0..1 from its top-left corner. [em]"""
     _drawn: dict[tuple[str, float], Glyph] = field(default_factory=dict, repr=False)
 
     FIRST = 0xE000
-    """The ideographs stand in Unicode's private use area."""
+    """First code point of the ideographs, in Unicode's private use area."""
 
     def advance(self, letter: str) -> float:
-        """As ``Face``; other letters are DejaVu's."""
+        """Return the advance, as ``Face``; other letters are DejaVu's."""
         return 1.0 if ord(letter) >= self.FIRST else OutlineFace("DejaVuSans").advance(letter)
 
     def glyph(self, letter: str, size_px: float) -> Glyph:
-        """As ``Face``."""
+        """Return the glyph, as ``Face``."""
         if ord(letter) < self.FIRST:
             return OutlineFace("DejaVuSans").glyph(letter, size_px)
         key = letter, size_px
@@ -127,12 +127,12 @@ class StrokeFace:
 
     @property
     def letters(self) -> str:
-        """All its ideographs."""
+        """Return all its ideographs."""
         return "".join(chr(self.FIRST + place) for place in range(len(self.strokes)))
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> StrokeFace:
-        """A set of ideographs, each of level and upright strokes with a few slanting ones."""
+        """Draw a set of ideographs, each of level and upright strokes with a few slanting ones."""
         return cls(
             weight_em=some(rng, 0.055, 0.1),
             strokes=tuple(_ideograph(rng) for _ in range(count(rng, 90, 160))),

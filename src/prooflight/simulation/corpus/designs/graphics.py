@@ -20,7 +20,7 @@ _FINDER = np.pad(np.pad(np.ones((3, 3), np.bool_), 1, constant_values=False), 1,
 def logo(
     sheet: Sheet, rng: np.random.Generator, x: float, y: float, side: float, ink: Ink, second: Ink
 ) -> None:
-    """A company's sign in a square of ``side`` mm."""
+    """Draw a company's sign in a square of ``side`` mm."""
     half = side / 2
     mid_x, mid_y = x + half, y + half
     middle, kind = np.array((mid_x, mid_y)), count(rng, 0, 6)
@@ -73,7 +73,7 @@ def bar_code(
     height: float,
     voice: Voice | None = None,
 ) -> None:
-    """Upright bars of one to four modules, as in Code 128; with its digits below when a voice is given."""
+    """Draw upright bars of one to four modules, as in Code 128; with its digits below when a voice is given."""
     symbols = count(rng, 9, 16)
     module = width / (11 * symbols + 2)
     pen = x
@@ -92,7 +92,7 @@ def bar_code(
 
 
 def _code_128(rng: np.random.Generator) -> list[int]:
-    """Six widths of 1 to 4 modules that add up to 11 (ISO/IEC 15417)."""
+    """Draw six widths of 1 to 4 modules that add up to 11 (ISO/IEC 15417)."""
     widths = [1] * 6
     for _ in range(5):
         widths[pick(rng, [place for place in range(6) if widths[place] < 4])] += 1
@@ -102,7 +102,7 @@ def _code_128(rng: np.random.Generator) -> list[int]:
 def square_code(
     sheet: Sheet, rng: np.random.Generator, x: float, y: float, side: float, ink: Ink = BLACK
 ) -> None:
-    """Like a QR code (ISO/IEC 18004): three finders, timing lines, and random modules."""
+    """Draw squares like a QR code (ISO/IEC 18004): three finders, timing lines, and random modules."""
     modules = 4 * count(rng, 1, 8) + 17
     dark = rng.random((modules, modules)) < 0.5
     dark[6, :], dark[:, 6] = np.arange(modules) % 2 == 0, np.arange(modules) % 2 == 0
@@ -113,7 +113,7 @@ def square_code(
 
 
 def signature(sheet: Sheet, rng: np.random.Generator, x: float, y: float, width: float, ink: Ink) -> None:
-    """A hand's scrawl along a line."""
+    """Draw a handwritten scrawl along a line."""
     along = np.linspace(0, 1, 160)
     waves = count(rng, 5, 11)
     high, turns = some(rng, 0.05, 0.12), 2 * np.pi * waves * along
@@ -126,7 +126,7 @@ def signature(sheet: Sheet, rng: np.random.Generator, x: float, y: float, width:
 def stamp(
     sheet: Sheet, rng: np.random.Generator, x: float, y: float, radius: float, ink: Ink, voice: Voice
 ) -> None:
-    """A round rubber stamp."""
+    """Draw a round rubber stamp."""
     sheet.ellipse(x, y, radius, radius, ink, line_pt=1.6)
     sheet.ellipse(x, y, 0.72 * radius, 0.72 * radius, ink, line_pt=0.7)
     for row, lift in enumerate((-0.28, 0.1, 0.48)):
@@ -136,7 +136,7 @@ def stamp(
 
 
 def border(sheet: Sheet, rng: np.random.Generator, margin: float, ink: Ink) -> None:
-    """An ornamental frame round the page: repeated links, corners with rosettes."""
+    """Draw an ornamental frame round the page: repeated links, corners with rosettes."""
     wide, tall = sheet.width_mm - 2 * margin, sheet.height_mm - 2 * margin
     for inset, line in ((0.0, some(rng, 0.8, 3)), (some(rng, 5, 9), 0.6)):
         sheet.frame(margin + inset, margin + inset, wide - 2 * inset, tall - 2 * inset, ink, line)
@@ -166,7 +166,7 @@ def pattern(
     ink: Ink,
     second: Ink,
 ) -> None:
-    """A box filled with a repeated motif, as on wrapping paper; motifs differ a little from one another."""
+    """Fill a box with a repeated motif, as on wrapping paper; motifs differ a little from one another."""
     pitch, kind = some(rng, 6, 18), count(rng, 0, 4)
     for row in range(int(height / pitch) + 1):
         for place in range(int(width / pitch) + 1):
@@ -190,7 +190,7 @@ def pattern(
 
 
 def rays(sheet: Sheet, rng: np.random.Generator, ink: Ink, second: Ink) -> None:
-    """The whole page in rays, rings or stripes of two colours."""
+    """Fill the whole page with rays, rings or stripes of two colours."""
     kind = count(rng, 0, 2)
     wide, tall = sheet.width_mm, sheet.height_mm
     sheet.rect(0, 0, wide, tall, ink)

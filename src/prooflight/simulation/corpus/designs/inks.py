@@ -1,4 +1,4 @@
-"""Ink mixtures, how colours of a screen become ink, and the colours that one design keeps to."""
+"""Ink mixtures, separation of screen colours, and the palette of one design."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ Ink = tuple[int, int, int, int]
 PAPER: Ink = (0, 0, 0, 0)
 BLACK: Ink = (0, 0, 0, 255)
 GREY_BALANCE = np.array([1.0, 0.90, 0.88], np.float32)
-"""Magenta and yellow beside cyan in a neutral grey; assumed, about the 50/41/41 of offset's grey-balance patches."""
+"""Magenta and yellow for each part of cyan in a neutral grey.
+
+Assumed, about the 50/41/41 of offset's grey-balance patches.
+"""
 TOTAL_INK_MAX = 3.2
 """Usual limit of total ink on coated paper, in full inks; assumed."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
@@ -27,16 +30,16 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separation:
-    """How a design's pictures are turned into ink: black alone, or four inks with grey component replacement."""
+    """Separation of a design's pictures: black alone, or four inks with grey component replacement."""
 
     black_alone: bool
     replaced: float
     """Share of the grey component printed with black."""
     from_grey: float
-    """Grey component above which black comes in."""
+    """Grey component above which black is used."""
 
     def inks(self, rgb: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Encoded RGB (rows, columns, 3), 0..1 -> (rows, columns, 4) bytes. The argument is used up."""
+        """Separate encoded RGB (rows, columns, 3), 0..1 -> (rows, columns, 4) bytes. The argument is overwritten."""
         cmyk = np.zeros((*rgb.shape[:2], 4), np.float32)
         np.clip(rgb, 0.0, 1.0, out=rgb)
         if self.black_alone:
@@ -56,7 +59,7 @@ class Separation:
         return _bytes(cmyk)
 
     def ink(self, red: float, green: float, blue: float) -> Ink:
-        """One flat colour, as ``inks``."""
+        """Separate one flat colour, as ``inks``."""
         values = self.inks(np.array([[[red, green, blue]]], np.float32))[0, 0]
         return (int(values[0]), int(values[1]), int(values[2]), int(values[3]))
 
@@ -68,47 +71,50 @@ def _bytes(cmyk: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def grey(share: float) -> Ink:
-    """A tint of black alone."""
+    """Return a tint of black alone."""
     return (0, 0, 0, round(255 * share))
 
 
 def lighter(ink: Ink, share: float) -> Ink:
-    """The same mixture with this share of every ink."""
+    """Return the same mixture with this share of every ink."""
     c, m, y, k = (round(share * part) for part in ink)
     return (c, m, y, k)
 
 
 def between(start: Ink, end: Ink, share: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Mixtures at a share (...) of the way from one to the other, (..., 4), rounded down."""
+    """Return mixtures at a share (...) of the way from one to the other, (..., 4), rounded down."""
     way = share[..., None]
     return (np.array(start, np.float32) * (1 - way) + np.array(end, np.float32) * way).astype(np.uint8)
 
 
 def is_dark(ink: Ink) -> bool:
-    """Whether type on it should be light. Weights: about what each ink takes from white light, K as good as all."""
+    """Return whether type on it should be light.
+
+    Weights: about the share of white light that each ink absorbs, K nearly all.
+    """
     c, m, y, k = ink
     return 0.7 * c + 0.75 * m + 0.15 * y + k > 135
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Palette:
-    """The colours of one design."""
+    """Colours of one design."""
 
     text: Ink
-    """Of running text."""
+    """Colour of running text."""
     strong: Ink
-    """Of headings and marks."""
+    """Colour of headings and marks."""
     bright: Ink
-    """What stands out."""
+    """Accent colour."""
     third: Ink
     tint: Ink
-    """A pale ground."""
+    """Pale ground."""
     deep: Ink
-    """A dark ground."""
+    """Dark ground."""
 
     @property
     def chart(self) -> tuple[Ink, ...]:
-        """Colours of a chart's series, from strong to pale."""
+        """Return the colours of a chart's series, from strong to pale."""
         return (
             self.strong,
             self.bright,
@@ -120,7 +126,7 @@ class Palette:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, separation: Separation) -> Palette:
-        """Colours that go together: one hue, its neighbour or opposite, and their tints; or greys."""
+        """Draw a harmonious palette: one hue, its neighbour or opposite, and their tints; or greys."""
         if separation.black_alone:
             return cls(
                 text=BLACK,
@@ -149,7 +155,7 @@ class Palette:
 
 
 def _deep(rng: np.random.Generator, strong: Ink) -> Ink:
-    """A dark ground: black enriched by colour, or the design's own colour made darker."""
+    """Draw a dark ground: black enriched by colour, or the design's own colour made darker."""
     if often(rng, 0.35):
         return (count(rng, 60, 150), count(rng, 40, 130), count(rng, 30, 110), count(rng, 225, 255))
     c, m, y, k = strong

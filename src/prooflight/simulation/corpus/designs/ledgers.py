@@ -13,14 +13,14 @@ from prooflight.simulation.corpus.designs.setting import cut
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.look import Look
+    from prooflight.simulation.corpus.designs.look import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
 def table(
     sheet: Sheet,
     rng: np.random.Generator,
-    look: Look,
+    design: DesignStyle,
     x: float,
     y: float,
     width: float,
@@ -29,7 +29,7 @@ def table(
     columns: int | None = None,
     size_pt: float | None = None,
 ) -> float:
-    """A table down to y + height: a head, rows of words and figures; returns its lower edge. [mm]"""
+    """Draw a table down to y + height: a head, rows of words and figures; return its lower edge. [mm]"""
     columns = count(rng, 3, 8) if columns is None else columns
     size = some(rng, 6.5, 9.5) if size_pt is None else size_pt
     step = size * some(rng, 0.5, 0.85)
@@ -38,71 +38,77 @@ def table(
     for share in shares:
         edges.append(edges[-1] + float(share) * width)
     head, banded, ruled, boxed = (often(rng, share) for share in (0.6, 0.35, 0.7, 0.3))
-    ground = pick(rng, (look.palette.strong, look.palette.deep, look.palette.tint))
+    ground = pick(rng, (design.palette.strong, design.palette.deep, design.palette.tint))
     if head:
         sheet.rect(x, y, width, step, ground)
-    over = PAPER if head and is_dark(ground) else look.palette.text
+    over = PAPER if head and is_dark(ground) else design.palette.text
     rows = max(int(height / step), 2)
     number_from = count(rng, 1, 2)
     money = often(rng, 0.5)
     for row in range(rows):
         top = y + row * step
         if row and banded and row % 2 == 0:
-            sheet.rect(x, top, width, step, lighter(look.palette.tint, 0.8))
+            sheet.rect(x, top, width, step, lighter(design.palette.tint, 0.8))
         for column, (left, right) in enumerate(pairwise(edges)):
             base = top + 0.5 * step + 0.13 * size
             if row == 0:
-                words = cut(look.voice.title(rng, 1, 2), look.voice.bold, size, right - left - 2)
+                text = cut(design.voice.title(rng, 1, 2), design.voice.bold, size, right - left - 2)
                 at, align = (left + 1, "left") if column < number_from else (right - 1, "right")
-                sheet.words(at, base, words, look.voice.bold, size, over, align=align)
+                sheet.words(at, base, text, design.voice.bold, size, over, align=align)
             elif column < number_from:
-                words = cut(look.voice.title(rng, 1, 3), look.voice.face, size, right - left - 2)
-                sheet.words(left + 1, base, words, look.voice.face, size, look.palette.text)
+                text = cut(design.voice.title(rng, 1, 3), design.voice.face, size, right - left - 2)
+                sheet.words(left + 1, base, text, design.voice.face, size, design.palette.text)
             elif rng.random() < 0.92:
                 value = rng.lognormal(4, 1.8)
                 figure = f"{value:,.2f}" if money else f"{value:.0f}"
-                figures = cut(figure[::-1], look.voice.figures, size, right - left - 2)[::-1]
-                face, ink = look.voice.figures, look.palette.text
+                figures = cut(figure[::-1], design.voice.figures, size, right - left - 2)[::-1]
+                face, ink = design.voice.figures, design.palette.text
                 sheet.words(right - 1, base, figures, face, size, ink, align="right")
         if ruled:
-            sheet.rule(x, top + step, width, grey(0.5) if row else look.palette.strong, 0.3 if row else 0.8)
+            sheet.rule(x, top + step, width, grey(0.5) if row else design.palette.strong, 0.3 if row else 0.8)
     bottom = y + rows * step
     if boxed:
         for edge in edges:
             sheet.upright(edge, y, bottom - y, grey(0.6), 0.35)
-        sheet.frame(x, y, width, bottom - y, look.palette.strong, 0.7)
+        sheet.frame(x, y, width, bottom - y, design.palette.strong, 0.7)
     return bottom
 
 
 def form(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, height: float
+    sheet: Sheet,
+    rng: np.random.Generator,
+    design: DesignStyle,
+    x: float,
+    y: float,
+    width: float,
+    height: float,
 ) -> None:
-    """Boxes with captions, some filled in by hand or machine, tick boxes, rows of single-letter boxes."""
+    """Draw boxes with captions, some filled in by hand or machine, tick boxes, rows of single-letter boxes."""
     line, tinted, bottom = some(rng, 0.3, 0.9), often(rng, 0.5), y + height
     tall = some(rng, 7.5, 13)
     section = 0
     while y + tall < bottom:
         if section % count(rng, 4, 7) == 0 and y + 2 * tall < bottom:
-            sheet.rect(x, y, width, 5.2, look.palette.deep)
-            title = f"{section + 1}. {look.voice.title(rng, 2, 5)}"[:60]
-            sheet.words(x + 1.5, y + 3.7, title, look.voice.bold, 8, PAPER)
+            sheet.rect(x, y, width, 5.2, design.palette.deep)
+            title = f"{section + 1}. {design.voice.title(rng, 2, 5)}"[:60]
+            sheet.words(x + 1.5, y + 3.7, title, design.voice.bold, 8, PAPER)
             y += 5.2
         section += 1
         kind = count(rng, 0, 5)
         if kind == 0:
-            _ticks(sheet, rng, look, x, y, width, tall)
+            _ticks(sheet, rng, design, x, y, width, tall)
         elif kind == 1:
-            _letters(sheet, rng, look, x, y, width, tall, line)
+            _letters(sheet, rng, design, x, y, width, tall, line)
         else:
-            _fields(sheet, rng, look, x, y, width, tall, line, tinted=tinted)
+            _fields(sheet, rng, design, x, y, width, tall, line, tinted=tinted)
         y += tall
-    sheet.frame(x, y, width, 0.01, look.palette.text, line)
+    sheet.frame(x, y, width, 0.01, design.palette.text, line)
 
 
 def _fields(
     sheet: Sheet,
     rng: np.random.Generator,
-    look: Look,
+    design: DesignStyle,
     x: float,
     y: float,
     width: float,
@@ -115,50 +121,52 @@ def _fields(
     for share in rng.dirichlet([4.0] * count(rng, 1, 4)):
         wide = float(share) * width
         if tinted:
-            sheet.rect(left, y, wide, tall, lighter(look.palette.tint, 0.7))
-        sheet.frame(left, y, wide, tall, look.palette.text, line)
-        caption = cut(look.voice.title(rng, 1, 4), look.voice.face, 5.2, wide - 2)
-        sheet.words(left + 1, y + 2.3, caption, look.voice.face, 5.2, look.palette.text)
+            sheet.rect(left, y, wide, tall, lighter(design.palette.tint, 0.7))
+        sheet.frame(left, y, wide, tall, design.palette.text, line)
+        caption = cut(design.voice.title(rng, 1, 4), design.voice.face, 5.2, wide - 2)
+        sheet.words(left + 1, y + 2.3, caption, design.voice.face, 5.2, design.palette.text)
         if often(rng, 0.3):
-            text = cut(look.voice.number(rng), look.voice.figures, 9, wide - 4)
-            sheet.words(left + 2, y + tall - 1.6, text, look.voice.figures, 9, BLACK)
+            text = cut(design.voice.number(rng), design.voice.figures, 9, wide - 4)
+            sheet.words(left + 2, y + tall - 1.6, text, design.voice.figures, 9, BLACK)
         elif often(rng, 0.06) and wide > 30:
-            signature(sheet, rng, left + 4, y + tall - 1.5, min(wide - 8, 38), look.palette.strong)
+            signature(sheet, rng, left + 4, y + tall - 1.5, min(wide - 8, 38), design.palette.strong)
         left += wide
 
 
 def _ticks(
-    sheet: Sheet, rng: np.random.Generator, look: Look, x: float, y: float, width: float, tall: float
+    sheet: Sheet, rng: np.random.Generator, design: DesignStyle, x: float, y: float, width: float, tall: float
 ) -> None:
     boxes = count(rng, 3, 6)
     step = width / boxes
     for box in range(boxes):
         left, top = x + box * step + 1, y + tall / 2 - 1.6
-        sheet.frame(left, top, 3.2, 3.2, look.palette.text, 0.6)
+        sheet.frame(left, top, 3.2, 3.2, design.palette.text, 0.6)
         if often(rng, 0.3):
-            sheet.line([(left, top), (left + 3.2, top + 3.2)], look.palette.text, 1.1)
-            sheet.line([(left + 3.2, top), (left, top + 3.2)], look.palette.text, 1.1)
-        text = cut(look.voice.title(rng, 1, 3), look.voice.face, 7, step - 7)
-        sheet.words(left + 5, top + 2.8, text, look.voice.face, 7, look.palette.text)
+            sheet.line([(left, top), (left + 3.2, top + 3.2)], design.palette.text, 1.1)
+            sheet.line([(left + 3.2, top), (left, top + 3.2)], design.palette.text, 1.1)
+        text = cut(design.voice.title(rng, 1, 3), design.voice.face, 7, step - 7)
+        sheet.words(left + 5, top + 2.8, text, design.voice.face, 7, design.palette.text)
 
 
 def _letters(
     sheet: Sheet,
     rng: np.random.Generator,
-    look: Look,
+    design: DesignStyle,
     x: float,
     y: float,
     width: float,
     tall: float,
     line: float,
 ) -> None:
-    sheet.words(x + 1, y + 2.6, look.voice.title(rng, 1, 4)[:40], look.voice.face, 5.5, look.palette.text)
+    sheet.words(
+        x + 1, y + 2.6, design.voice.title(rng, 1, 4)[:40], design.voice.face, 5.5, design.palette.text
+    )
     side = tall - 3.8
     filled, boxes = often(rng, 0.6), int((width - 2) / side)
     figures = "".join(str(digit) for digit in rng.integers(0, 10, count(rng, 3, boxes)))
     for box in range(boxes):
         left = x + 1 + box * side
-        sheet.frame(left, y + 3.4, side, side, look.palette.text, line)
+        sheet.frame(left, y + 3.4, side, side, design.palette.text, line)
         if filled and box < len(figures):
             at = left + side / 2, y + 3.4 + 0.78 * side
-            sheet.words(*at, figures[box], look.voice.figures, 2 * side, align="centre")
+            sheet.words(*at, figures[box], design.voice.figures, 2 * side, align="centre")

@@ -1,4 +1,4 @@
-"""What one design keeps to: inks, colours, words, and how its running text is set."""
+"""Style of one design: inks, colours, words, and the setting of its running text."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """The style of one design."""
+class DesignStyle:
+    """Style of one design."""
 
     separation: Separation
     palette: Palette
@@ -29,8 +29,8 @@ class Look:
     body: Style
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, *, black_alone: bool) -> Look:
-        """A style at random; black_alone: every colour is a tint of black."""
+    def draw(cls, rng: np.random.Generator, *, black_alone: bool) -> DesignStyle:
+        """Draw a style at random; black_alone: every colour is a tint of black."""
         separation = Separation(
             black_alone=black_alone, replaced=some(rng, 0.5, 0.95), from_grey=some(rng, 0.1, 0.45)
         )
@@ -48,13 +48,13 @@ class Look:
         return cls(separation=separation, palette=palette, voice=voice, body=body)
 
     def text(self, size_pt: float | None = None, ink: Ink | None = None, **changes: object) -> Style:
-        """The running text's style with another size, colour or whatever else is given."""
+        """Return the running text's style with another size, colour or whatever else is given."""
         size = self.body.size_pt if size_pt is None else size_pt
         colour = self.body.ink if ink is None else ink
         return replace(self.body, size_pt=size, ink=colour, **changes)  # type: ignore[arg-type]
 
     def paragraphs(self, rng: np.random.Generator, words: int, each: int = 70) -> list[list[str]]:
-        """Altogether about ``words`` words of prose in paragraphs of about ``each``."""
+        """Draw about ``words`` words of prose in all, in paragraphs of about ``each``."""
         drawn, left = [], words
         while left > 0:
             number = min(round(each * some(rng, 0.4, 1.8)) + 3, left)
@@ -63,7 +63,7 @@ class Look:
         return drawn
 
     def photograph(self, rng: np.random.Generator, width_mm: float, height_mm: float) -> NDArray[np.uint8]:
-        """A picture separated into this design's inks, (rows, columns, 4)."""
+        """Draw a picture separated into this design's inks, (rows, columns, 4)."""
         return self.separation.inks(photographs.photograph(rng, width_mm, height_mm))
 
     def heading(
@@ -78,7 +78,7 @@ class Look:
         *,
         align: str = "left",
     ) -> float:
-        """One line of bold type as large as fits, its top at y; returns its lower edge. [mm]"""
+        """Draw one line of bold type as large as fits, its top at y, and return its lower edge. [mm]"""
         size = fitted_pt(text, self.voice.bold, width, most_pt)
         colour = self.palette.strong if ink is None else ink
         if align == "left" and self.voice.from_right:

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     Scene = Callable[[np.random.Generator, int, int], Field]
 
 PIXEL_MM = 0.13
-"""195 pixels an inch; print handbooks ask for 150 to 300."""
+"""Side of a picture pixel, 195 pixels an inch; print handbooks ask for 150 to 300."""
 LARGE_PIXEL_MM = 0.19
-"""Pictures as large as the page are enlarged more, to about 130 pixels an inch; assumed, and it keeps them quick."""
+"""Side of a pixel of pictures as large as the page, about 130 pixels an inch; assumed, and it keeps them fast."""
 
 
 def photograph(rng: np.random.Generator, width_mm: float, height_mm: float) -> Field:
-    """One picture of a random subject, developed at random: white balance, contrast, vignette, grain."""
+    """Draw one picture of a random subject, developed at random: white balance, contrast, vignette, grain."""
     pixel_mm = float(np.clip(PIXEL_MM * np.sqrt(width_mm * height_mm) / 90, PIXEL_MM, LARGE_PIXEL_MM))
     rows, columns = max(round(height_mm / pixel_mm), 8), max(round(width_mm / pixel_mm), 8)
     scene = pick_weighted(rng, SCENES)
@@ -38,10 +38,10 @@ def photograph(rng: np.random.Generator, width_mm: float, height_mm: float) -> F
 def clouds(
     rng: np.random.Generator, rows: int, columns: int, *, falling: float = 1.1, coarse: float = 2.0
 ) -> Field:
-    """A field whose amplitude falls as 1 / frequency ** falling, mean 0 and deviation about 1.
+    """Draw a field whose amplitude falls as 1 / frequency ** falling, mean 0 and deviation about 1.
 
-    coarse: waves over the longer side in the first octave. Each octave is added on a grid of its own size, which is
-    then enlarged, so that all of them together cost about as much as the finest.
+    coarse: waves over the longer side in the first octave. Each octave is added on a grid of its own size,
+    which is then enlarged, so that all of them cost about as much as the finest.
     """
     longer = max(rows, columns)
     octaves = max(int(np.log2(longer / coarse)), 1)
@@ -59,7 +59,7 @@ def clouds(
 
 
 def ramp(value: Field, *colours: tuple[float, float, float]) -> Field:
-    """Colours through which a field of 0..1 runs -> (rows, columns, 3)."""
+    """Map a field of 0..1 through colours -> (rows, columns, 3)."""
     steps = np.clip(value * 255, 0, 255).astype(np.uint8)
     places = np.linspace(0, 255, len(colours))
     curve = np.stack(
@@ -86,7 +86,7 @@ def _developed(rng: np.random.Generator, rgb: Field) -> Field:
 
 
 def _grid(rows: int, columns: int, *, start: float = 0) -> tuple[Field, Field]:
-    """Height from the top (rows, 1) and place from the left (1, columns), both ``start`` to 1."""
+    """Return height from the top (rows, 1) and distance from the left (1, columns), both ``start`` to 1."""
     down, across = (np.linspace(start, 1, count, dtype=np.float32) for count in (rows, columns))
     return down[:, None], across[None]
 
@@ -97,7 +97,7 @@ def _colour(rng: np.random.Generator, *middle: float, spread: float = 0.06) -> t
 
 
 def landscape(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Sky with clouds, ranges of hills behind one another, and a foreground of grass, sand or water."""
+    """Draw sky with clouds, ranges of hills one after another, and a foreground of grass, sand or water."""
     down, _ = _grid(rows, columns)
     horizon = some(rng, 0.3, 0.7)
     evening = often(rng, 0.35)
@@ -126,7 +126,7 @@ def landscape(rng: np.random.Generator, rows: int, columns: int) -> Field:
 
 
 def foliage(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Leaves or flowers close by: overlapping shaded ellipses, those in front larger and lighter."""
+    """Draw leaves or flowers close by: overlapping shaded ellipses, those in front larger and lighter."""
     ground = clouds(rng, rows, columns, falling=0.9, coarse=6) * 0.2 + 0.3
     rgb = ramp(ground, (0.03, 0.06, 0.02), _colour(rng, 0.15, 0.3, 0.1), _colour(rng, 0.4, 0.5, 0.2))
     size = max(rows, columns)
@@ -148,7 +148,7 @@ def foliage(rng: np.random.Generator, rows: int, columns: int) -> Field:
 
 
 def portrait(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Head and shoulders before a blurred ground: skin shaded as a ball, hair, cloth."""
+    """Draw head and shoulders before a blurred ground: skin shaded as a ball, hair, cloth."""
     ground = clouds(rng, rows, columns, falling=1.9) * 0.22 + 0.5
     rgb = ramp(ground, _colour(rng, 0.2, 0.22, 0.25, spread=0.08), _colour(rng, 0.75, 0.73, 0.7, spread=0.09))
     down, across = _grid(rows, columns)
@@ -193,7 +193,7 @@ def _features(rgb: Field, x: int, y: int, wide: float, tall: float, hair: Field)
 
 
 def still_life(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Balls, fruit or cups on a table by a window: highlights, cast shadows, out-of-focus lights behind."""
+    """Draw balls, fruit or cups on a table by a window: highlights, cast shadows, out-of-focus background lights."""
     down, _ = _grid(rows, columns)
     table = some(rng, 0.45, 0.7)
     light = clouds(rng, rows, columns, falling=1.8) * 0.15 + 0.5
@@ -238,7 +238,7 @@ def _ball(rng: np.random.Generator, rgb: Field, x: float, y: float, radius: floa
 
 
 def town(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Buildings with rows of windows against a sky, by day or by night."""
+    """Draw buildings with rows of windows against a sky, by day or by night."""
     down, _ = _grid(rows, columns)
     night = often(rng, 0.4)
     top = _colour(rng, 0.03, 0.05, 0.14, spread=0.03) if night else _colour(rng, 0.4, 0.58, 0.8)
@@ -267,7 +267,7 @@ def town(rng: np.random.Generator, rows: int, columns: int) -> Field:
 
 
 def matter(rng: np.random.Generator, rows: int, columns: int) -> Field:
-    """Marble, water, cloth, rust, fur: 1/f fields bent by one another, through three colours."""
+    """Draw marble, water, cloth, rust, fur: 1/f fields bent by one another, through three colours."""
     bend = clouds(rng, rows, columns, falling=some(rng, 1.2, 1.9), coarse=some(rng, 1.5, 5))
     fine = clouds(rng, rows, columns, falling=some(rng, 0.6, 1.2), coarse=some(rng, 4, 20))
     down, across = _grid(rows, columns)
@@ -287,4 +287,4 @@ SCENES: dict[Scene, float] = {
     foliage: 2.5,
     matter: 2.0,
 }
-"""How often each subject comes."""
+"""Frequency of each subject."""

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 _WIDEST_SPACE = 3.0
-"""A justified line is left ragged where its spaces would grow to more than this many spaces."""
+"""Greatest space of a justified line, in normal spaces; a line that would need more is left ragged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """How running text is set."""
+    """Style of running text."""
 
     face: Face
     size_pt: float
@@ -32,17 +32,17 @@ class Style:
     """``left``, ``right``, ``centre`` or ``justified``."""
     indent_em: float = 0.0
     from_right: bool = False
-    """Words follow one another from right to left."""
+    """Whether words follow one another from right to left."""
 
     @property
     def line_mm(self) -> float:
-        """Distance of baselines. [mm]"""
+        """Return the distance of baselines. [mm]"""
         return self.size_pt * MM_PER_PT * self.leading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """Words of one line and how long they are without spaces. [em]"""
+    """Words of one line and their lengths without spaces. [em]"""
 
     words: Sequence[str]
     widths_em: Sequence[float]
@@ -51,28 +51,28 @@ class Line:
 
 
 def width_em(text: str, face: Face) -> float:
-    """Length of a line of type over its size."""
+    """Return the length of a line of type over its size."""
     return sum(map(face.advance, text))
 
 
 def broken(words: Iterable[str], style: Style, width_mm: float) -> list[Line]:
-    """Lines as full as they will go."""
+    """Break words into lines as full as they will go."""
     room = width_mm / (style.size_pt * MM_PER_PT)
     space = style.face.advance(" ")
     lines: list[Line] = []
-    held: list[str] = []
+    pending: list[str] = []
     widths: list[float] = []
     indent, used = style.indent_em, style.indent_em
     for word in words:
         wide = width_em(word, style.face)
-        if held and used + wide > room:
-            lines.append(Line(words=held, widths_em=widths, indent_em=indent, last=False))
-            held, widths, indent, used = [], [], 0.0, 0.0
-        held.append(word)
+        if pending and used + wide > room:
+            lines.append(Line(words=pending, widths_em=widths, indent_em=indent, last=False))
+            pending, widths, indent, used = [], [], 0.0, 0.0
+        pending.append(word)
         widths.append(wide)
         used += wide + space
-    if held:
-        lines.append(Line(words=held, widths_em=widths, indent_em=indent, last=True))
+    if pending:
+        lines.append(Line(words=pending, widths_em=widths, indent_em=indent, last=True))
     return lines
 
 
@@ -86,7 +86,7 @@ def set_paragraph(
     *,
     bottom: float | None = None,
 ) -> float:
-    """Words from the top edge y down, as far as ``bottom`` or the page's end; returns the lower edge. [mm]"""
+    """Set words from the top edge y down, as far as ``bottom`` or the page's end; return the lower edge. [mm]"""
     bottom = sheet.height_mm if bottom is None else bottom
     for line in broken(words, style, width):
         if y + style.line_mm > bottom:
@@ -133,7 +133,7 @@ def set_columns(
     gap: float = 6.0,
     rules: Ink | None = None,
 ) -> None:
-    """Paragraphs flowing through columns until they are full; ``rules``: lines between the columns."""
+    """Set paragraphs that flow through columns until they are full; ``rules``: lines between the columns."""
     each = (width - gap * (columns - 1)) / columns
     order = range(columns - 1, -1, -1) if style.from_right else range(columns)
     lines = (line for words in paragraphs for line in broken(words, style, each))
@@ -150,7 +150,7 @@ def set_columns(
 
 
 def cut(text: str, face: Face, size_pt: float, width_mm: float) -> str:
-    """As many letters of a line of type as fit."""
+    """Return as many letters of a line of type as fit."""
     room = width_mm / (size_pt * MM_PER_PT)
     for letters, letter in enumerate(text):
         room -= face.advance(letter)
@@ -160,5 +160,5 @@ def cut(text: str, face: Face, size_pt: float, width_mm: float) -> str:
 
 
 def fitted_pt(text: str, face: Face, width_mm: float, most_pt: float) -> float:
-    """The size at which a line just fits, at most ``most_pt``. [pt]"""
+    """Return the size at which a line just fits, at most ``most_pt``. [pt]"""
     return min(most_pt, width_mm / (MM_PER_PT * max(width_em(text, face), 0.1)))

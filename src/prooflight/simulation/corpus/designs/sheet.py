@@ -1,6 +1,7 @@
-"""A page being drawn: lengths in millimetres from its top-left corner, ink straight into the CMYK raster.
+"""Page being drawn: lengths in millimetres from its top-left corner, ink straight into the CMYK raster.
 
-A pixel is ink or paper: nothing is anti-aliased. Lines thinner than a pixel are drawn one pixel wide, as a RIP does.
+A pixel is ink or paper: nothing is anti-aliased. Lines thinner than a pixel are drawn one pixel wide, as a
+RIP does.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _LARGEST_COORDINATE = 2**26  # OpenCV's fixed point holds 32 bits
 
 
 class Sheet:
-    """A raster with what is needed to draw on it."""
+    """Raster with its drawing operations."""
 
     def __init__(self, *, width_mm: float, height_mm: float, dpi: float) -> None:
         self.width_mm, self.height_mm = width_mm, height_mm
@@ -40,18 +41,18 @@ class Sheet:
         return round(mm * self.per_mm)
 
     def _box(self, x: float, y: float, width: float, height: float) -> tuple[slice, slice]:
-        """Rows and columns on the page of a box; at least one pixel of what is not empty."""
+        """Return rows and columns on the page of a box; at least one pixel of a box that is not empty."""
         top, left = self._px(y), self._px(x)
         bottom, right = max(self._px(y + height), top + 1), max(self._px(x + width), left + 1)
         rows, columns = self.cmyk.shape[:2]
         return slice(max(top, 0), min(max(bottom, 0), rows)), slice(max(left, 0), min(max(right, 0), columns))
 
     def rect(self, x: float, y: float, width: float, height: float, ink: Ink) -> None:
-        """A filled rectangle."""
+        """Draw a filled rectangle."""
         self._packed[self._box(x, y, width, height)] = _pack(ink)
 
     def frame(self, x: float, y: float, width: float, height: float, ink: Ink, line_pt: float = 0.5) -> None:
-        """The outline of a rectangle, the line's middle on its edges."""
+        """Draw the outline of a rectangle, the line's middle on its edges."""
         line = line_pt * MM_PER_PT
         for top in (y, y + height):
             self.rect(x - line / 2, top - line / 2, width + line, line, ink)
@@ -59,23 +60,23 @@ class Sheet:
             self.upright(left, y, height, ink, line_pt)
 
     def rule(self, x: float, y: float, length: float, ink: Ink = BLACK, line_pt: float = 0.5) -> None:
-        """A level line to the right of (x, y)."""
+        """Draw a level line to the right of (x, y)."""
         line = line_pt * MM_PER_PT
         self.rect(x, y - line / 2, length, line, ink)
 
     def upright(self, x: float, y: float, length: float, ink: Ink = BLACK, line_pt: float = 0.5) -> None:
-        """A line down from (x, y)."""
+        """Draw a line down from (x, y)."""
         line = line_pt * MM_PER_PT
         self.rect(x - line / 2, y, line, length, ink)
 
     def polygon(self, points_mm: ArrayLike, ink: Ink) -> None:
-        """A filled polygon, points (n, 2)."""
+        """Draw a filled polygon, points (n, 2)."""
         cv2.fillPoly(self.cmyk, [self._fixed(points_mm)], ink, cv2.LINE_8, _SUBPIXEL_BITS)
 
     def line(
         self, points_mm: ArrayLike, ink: Ink = BLACK, line_pt: float = 0.5, *, closed: bool = False
     ) -> None:
-        """A line through points (n, 2), with round joints."""
+        """Draw a line through points (n, 2), with round joints."""
         weight = max(round(line_pt * MM_PER_PT * self.per_mm), 1)
         cv2.polylines(self.cmyk, [self._fixed(points_mm)], closed, ink, weight, cv2.LINE_8, _SUBPIXEL_BITS)
 
@@ -92,7 +93,7 @@ class Sheet:
         from_deg: float = 0.0,
         to_deg: float = 360.0,
     ) -> None:
-        """An ellipse of half axes ``across`` and ``down`` about (x, y), or a sector of it; line_pt 0: filled."""
+        """Draw an ellipse of half axes ``across`` and ``down`` about (x, y), or a sector of it; line_pt 0: filled."""
         angle = np.deg2rad(np.linspace(from_deg, to_deg, 73))
         ring = np.stack([across * np.cos(angle), down * np.sin(angle)], axis=1)
         turn = np.deg2rad(turn_deg)
@@ -104,7 +105,7 @@ class Sheet:
             self.polygon(points if whole else [*points.tolist(), (x, y)], ink)
 
     def disc(self, x: float, y: float, radius: float, ink: Ink) -> None:
-        """A filled disc."""
+        """Draw a filled disc."""
         self.ellipse(x, y, radius, radius, ink)
 
     def _fixed(self, points_mm: ArrayLike) -> NDArray[np.int32]:
@@ -121,7 +122,7 @@ class Sheet:
         *,
         round_: bool = False,
     ) -> None:
-        """An image (rows, columns, 4) stretched over a box: averaged where it shrinks, else interpolated."""
+        """Draw an image (rows, columns, 4) stretched over a box: averaged where it shrinks, else interpolated."""
         top, left = self._px(y), self._px(x)
         tall, wide = max(self._px(y + height) - top, 1), max(self._px(x + width) - left, 1)
         how = cv2.INTER_AREA if wide < cmyk.shape[1] else cv2.INTER_LINEAR
@@ -141,7 +142,7 @@ class Sheet:
     def blend(
         self, x: float, y: float, width: float, height: float, start: Ink, end: Ink, *, turn_deg: float = 90.0
     ) -> None:
-        """A gradient over a box; turn_deg 0 runs to the right, 90 down."""
+        """Draw a gradient over a box; turn_deg 0 runs to the right, 90 down."""
         turn = np.deg2rad(turn_deg)
         down, across = np.mgrid[0:65, 0:65].astype(np.float32) / 64 - 0.5
         share = across * np.cos(turn) + down * np.sin(turn)
@@ -167,9 +168,10 @@ class Sheet:
         align: str = "left",
         spread_em: float = 0.0,
     ) -> float:
-        """One line of type with its baseline at y; returns its length. [mm]
+        """Draw one line of type with its baseline at y and return its length. [mm]
 
-        align: where x is, ``left``, ``centre`` or ``right``. Type in black alone is printed over what lies below.
+        align: position of x, ``left``, ``centre`` or ``right``. Type in black alone is printed over what lies
+        below.
         """
         size_mm = size_pt * MM_PER_PT
         length = size_mm * (sum(map(face.advance, text)) + spread_em * max(len(text) - 1, 0))
@@ -185,7 +187,7 @@ class Sheet:
     def turned_words(
         self, x: float, y: float, text: str, face: Face, size_pt: float, ink: Ink = BLACK
     ) -> None:
-        """One line of type running up from (x, y), its baseline on the right."""
+        """Draw one line of type running up from (x, y), its baseline on the right."""
         size_mm = size_pt * MM_PER_PT
         size_px, packed, pen = size_mm * self.per_mm, _pack(ink), 0.0
         for letter in text:
@@ -195,11 +197,14 @@ class Sheet:
             pen += size_mm * face.advance(letter)
 
     def _set(self, letter: str, size_pt: float) -> str:
-        """The letter whose glyph is drawn in place of one of the text; whoever tries what a slip does draws another."""
+        """Return the letter whose glyph is drawn in place of one of the text.
+
+        A subclass that simulates a typo returns another.
+        """
         return letter
 
     def modules(self, x: float, y: float, side: float, dark: NDArray[np.bool_], ink: Ink = BLACK) -> None:
-        """A pattern of squares (rows, columns), each ``side`` wide; the light ones are left as they are."""
+        """Draw a pattern of squares (rows, columns), each ``side`` wide; the light ones are left as they are."""
         rows, columns = dark.shape
         edges_y = [self._px(y + row * side) for row in range(rows + 1)]
         edges_x = [self._px(x + column * side) for column in range(columns + 1)]
@@ -217,7 +222,7 @@ class Sheet:
             np.copyto(part, packed, where=mask)
 
     def dots(self, points_mm: NDArray[np.float64], radius: float, ink: Ink) -> None:
-        """Equal discs about points (n, 2)."""
+        """Draw equal discs about points (n, 2)."""
         for x, y in points_mm.tolist():
             self.disc(x, y, radius, ink)
 
@@ -225,7 +230,7 @@ class Sheet:
 def cells(
     columns: int, rows: int, left: float, top: float, step_x: float, step_y: float
 ) -> Iterator[tuple[float, float]]:
-    """Top-left corners of the cells of a grid, row by row. [mm]"""
+    """Yield the top-left corners of the cells of a grid, row by row. [mm]"""
     for place in range(columns * rows):
         yield left + place % columns * step_x, top + place // columns * step_y
 

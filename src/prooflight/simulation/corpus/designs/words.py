@@ -1,4 +1,4 @@
-"""Words of languages that do not exist, in real scripts: every design has its own vocabulary."""
+"""Words of invented languages in real scripts: every design has its own vocabulary."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCRIPTS = {
     "armenian": 2.0,
     "georgian": 2.0,
 }
-"""Shares of designs; assumed: mostly Latin, and enough of the others that no detector learns letters by heart."""
+"""Shares of designs; assumed: mostly Latin, and enough of the others that no detector overfits to letters."""
 FROM_RIGHT = ("arabic", "hebrew")
 _LETTERS = {  # onsets, vowels, codas; the empty string is one of them where syllables may lack that part
     "latin": (
@@ -76,30 +76,30 @@ _COMPUTER_MODERN_LACKS = str.maketrans("éöüå", "eoua")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Voice:
-    """What a design's words are made of and set in."""
+    """Vocabulary, script and faces of a design's words."""
 
     script: str
     words: tuple[str, ...]
-    """The vocabulary, the most frequent words first."""
+    """Vocabulary, the most frequent words first."""
     face: Face
     bold: Face
     italic: Face
     figures: Face
-    """For digits and codes."""
+    """Face for digits and codes."""
 
     @property
     def from_right(self) -> bool:
-        """Whether lines begin at the right."""
+        """Return whether lines begin at the right."""
         return self.script in FROM_RIGHT
 
     def some_words(self, rng: np.random.Generator, number: int) -> list[str]:
-        """Frequent words come often: Zipf's law, rank to the power of -1."""
+        """Draw words by Zipf's law, frequency in proportion to rank to the power of -1."""
         weights = 1.0 / np.arange(2, len(self.words) + 2)
         drawn = rng.choice(len(self.words), size=number, p=weights / weights.sum())
         return [self.words[place] for place in drawn]
 
     def prose(self, rng: np.random.Generator, number: int) -> list[str]:
-        """Sentences of altogether ``number`` words, now and then with a number in them."""
+        """Draw sentences of ``number`` words in all, now and then with a number in them."""
         words = self.some_words(rng, number)
         left = 0
         for place, word in enumerate(words):
@@ -114,19 +114,19 @@ class Voice:
         return words
 
     def title(self, rng: np.random.Generator, least: int = 1, most: int = 4) -> str:
-        """A few words for a heading."""
+        """Draw a few words for a heading."""
         drawn = rng.choice(len(self.words), size=count(rng, least, most), replace=False)
         words = [self.words[place] for place in drawn]
         words = [_capital(words[0]), *(_capital(word) if len(word) > 4 else word for word in words[1:])]
         return " ".join(reversed(words) if self.from_right else words)
 
     def number(self, rng: np.random.Generator) -> str:
-        """A number of one to six digits."""
+        """Draw a number of one to six digits."""
         return str(count(rng, 1, 10 ** count(rng, 1, 6) - 1))
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Voice:
-        """A script, a vocabulary and faces."""
+        """Draw a script, a vocabulary and faces."""
         script = pick_weighted(rng, SCRIPTS)
         if script == "ideographs":
             face = StrokeFace.draw(rng)
@@ -169,12 +169,12 @@ def _vocabulary(rng: np.random.Generator, script: str) -> tuple[str, ...]:
 
 
 def _part(rng: np.random.Generator, letters: Sequence[str], share: float) -> list[str]:
-    kept = [letter for letter in letters if rng.random() < share]
-    return kept or list(letters)
+    chosen = [letter for letter in letters if rng.random() < share]
+    return chosen or list(letters)
 
 
 def _arabic_word(rng: np.random.Generator) -> str:
-    """Shaped letters in the order of drawing, from the left: presentation forms, so no shaping engine is needed."""
+    """Return shaped letters in the order of drawing, from the left: presentation forms need no shaping engine."""
     letters = [
         pick(rng, _ARABIC_ENDING) if often(rng, 0.35) else pick(rng, _ARABIC_JOINING)
         for _ in range(count(rng, 2, 7))
@@ -189,5 +189,5 @@ def _arabic_word(rng: np.random.Generator) -> str:
 
 
 def _capital(word: str) -> str:
-    """With a capital; Georgian has none in the faces used, other scripts have none at all."""
+    """Return the word with a capital; Georgian has none in the faces used, other scripts have none at all."""
     return word if "\u10a0" <= word[:1] <= "\u10ff" else word[:1].upper() + word[1:]

@@ -1,1 +1,1 @@
-"""A print job that the project makes itself."""
+"""Print job that the project makes itself."""

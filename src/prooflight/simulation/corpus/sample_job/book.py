@@ -1,4 +1,4 @@
-"""The book of the sample job: cover, title page, contents, three chapters and a glossary."""
+"""Book of the sample job: cover, title page, contents, three chapters and a glossary."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ GLOSSARY_HEIGHT_MM = 136.0
 
 
 def cover(sheet: Sheet) -> None:
-    """Full-bleed photograph with the title in light type."""
+    """Draw a full-bleed photograph with the title in light type."""
     sheet.begin("Cover")
     covered = ((18.0, 116.0, 150.0, 76.0), (18.0, 268.0, 174.0, 12.0))
     sky = develop(Shot(name="hubble", centre=(0.404, 0.5), black_point=24, soften=0.8), WIDTH_MM, HEIGHT_MM)
@@ -48,7 +48,7 @@ def cover(sheet: Sheet) -> None:
 
 
 def title_page(sheet: Sheet) -> None:
-    """Half-title in black on paper with the imprint's mark: one square of each ink."""
+    """Draw the half-title in black on paper with the imprint's mark: one square of each ink."""
     sheet.begin("Title page")
     sheet.text(LEFT_MM, 84, "Ink, Light", faces.SERIF, 44, ink=inks.NIGHT)
     sheet.text(LEFT_MM, 101, "& Paper", faces.SERIF, 44, ink=inks.NIGHT)
@@ -68,7 +68,7 @@ def title_page(sheet: Sheet) -> None:
 
 
 def contents(sheet: Sheet, entries: Sequence[tuple[str, str, int]]) -> None:
-    """Contents and colophon; ``entries`` are (title, what it is, page)."""
+    """Draw contents and colophon; ``entries`` are (title, description, page)."""
     sheet.begin("Contents and colophon")
     sheet.text(LEFT_MM, 48, "Contents", faces.SERIF, 30, ink=inks.NIGHT)
     sheet.rule(LEFT_MM, 55, RIGHT_MM, 55, inks.NIGHT, 0.8)
@@ -89,7 +89,7 @@ def contents(sheet: Sheet, entries: Sequence[tuple[str, str, int]]) -> None:
 
 
 def chapter(sheet: Sheet, text: Chapter) -> None:
-    """Two pages: the opening with a drop cap and a footnote, then the rest beside a figure."""
+    """Draw two pages: the opening with a drop cap and a footnote, then the rest next to a figure."""
     story: list[Any] = [
         Paragraph(faces.raised(words, faces.body()), faces.body()) for words in text.paragraphs[1:]
     ]
@@ -104,7 +104,7 @@ def chapter(sheet: Sheet, text: Chapter) -> None:
 
     sheet.begin(f"Chapter {text.number.lower()}, continued")
     _running_head(sheet, text.title)
-    figures.beside(sheet, text, MARGIN_X_MM, TEXT_TOP_MM, MARGIN_MM)
+    figures.in_margin(sheet, text, MARGIN_X_MM, TEXT_TOP_MM, MARGIN_MM)
     sheet.flow(LEFT_MM, TEXT_TOP_MM, MEASURE_MM, TEXT_BOTTOM_MM - TEXT_TOP_MM, story)
     figures.below(sheet, text, LEFT_MM, TEXT_BOTTOM_MM, MEASURE_MM)
     refuse_overset(story, f"chapter {text.number} does not fit its two pages")
@@ -112,7 +112,7 @@ def chapter(sheet: Sheet, text: Chapter) -> None:
 
 
 def glossary(sheet: Sheet) -> None:
-    """Two columns of small type below a band of three textures."""
+    """Draw two columns of small type below a band of three textures."""
     sheet.begin("Glossary in two columns")
     _running_head(sheet, "Glossary")
     for place, name in enumerate(("brick", "gravel", "grass")):
@@ -131,7 +131,7 @@ def glossary(sheet: Sheet) -> None:
 
 
 def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
-    """Set a paragraph whose first letter is three lines tall; returns the lower edge. [mm]"""
+    """Set a paragraph whose first letter is three lines tall; return the lower edge. [mm]"""
     plain = faces.body(indent=False)
     # STIX capitals are 0.66 of the size tall.
     size_pt = (DROP_LINES - 1) * plain.leading / 0.66 + plain.fontSize
@@ -150,7 +150,7 @@ def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
 
 
 def _footnote(sheet: Sheet, words: str) -> float:
-    """Set a note at the foot of the text; returns the height of its rule. [mm]"""
+    """Set a note at the foot of the text; return the height of its rule. [mm]"""
     small = faces.style(size_pt=8.6, leading_pt=11.4, align="justified")
     block = Paragraph(faces.raised(words, small), small)
     _, height = block.wrap(MEASURE_MM * mm, HEIGHT_MM * mm)

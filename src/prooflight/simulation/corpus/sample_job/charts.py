@@ -22,7 +22,7 @@ _CHANNEL_INKS = (quay.TEAL, quay.APRICOT, quay.BEAN, quay.LEAF, inks.STRAW)
 
 
 def page(sheet: Sheet, rng: np.random.Generator) -> None:
-    """The year in figures."""
+    """Draw the year in figures."""
     sheet.begin("Charts")
     quay.letterhead(sheet)
     sheet.text(LEFT_MM, 50, "The year in figures", faces.SERIF, 24, ink=quay.TEAL)

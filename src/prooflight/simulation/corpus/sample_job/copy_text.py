@@ -1,4 +1,4 @@
-"""The words of the sample job, read from ``copy_text.toml``."""
+"""Text of the sample job, read from ``copy_text.toml``."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any, Final
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """One chapter of the book."""
+    """Chapter of the book."""
 
     number: str
     title: str
     summary: str
-    """One line for the table of contents."""
+    """Line for the table of contents."""
     paragraphs: list[str]
     note: str
-    """The footnote of its first page."""
+    """Footnote of its first page."""
 
 
 _TEXTS: Final[dict[str, Any]] = tomllib.loads(

@@ -39,7 +39,7 @@ _ALIGNMENTS = {"left": TA_LEFT, "right": TA_RIGHT, "centre": TA_CENTER, "justifi
 
 @cache
 def register() -> None:
-    """Make the faces known to reportlab, once a process."""
+    """Register the faces with reportlab, once a process."""
     import matplotlib
 
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -50,7 +50,7 @@ def register() -> None:
 
 
 def width_pt(text: str, face: str, size_pt: float) -> float:
-    """Length of a line of text. [pt]"""
+    """Return the length of a line of text. [pt]"""
     return float(pdfmetrics.stringWidth(text, face, size_pt))
 
 
@@ -64,7 +64,7 @@ def style(
     indent_pt: float = 0.0,
     after_pt: float = 0.0,
 ) -> Any:
-    """A reportlab paragraph style in CMYK; ``align`` is left, right, centre or justified."""
+    """Return a reportlab paragraph style in CMYK; ``align`` is left, right, centre or justified."""
     return ParagraphStyle(
         f"{face}-{size_pt}-{align}",
         fontName=face,
@@ -81,16 +81,16 @@ def style(
 
 
 def body(*, indent: bool = True) -> Any:
-    """Running text: justified, indented except after a heading."""
+    """Return the style of running text: justified, indented except after a heading."""
     return style(size_pt=11.8, leading_pt=17.0, align="justified", indent_pt=17.0 if indent else 0.0)
 
 
 def caption(ink: Ink = inks.GREY) -> Any:
-    """Notes beside a picture."""
+    """Return the style of notes next to a picture."""
     return style(ITALIC, 8.6, 11.0, ink=ink)
 
 
 def raised(words: str, style: Any) -> str:
-    """Markup with note marks (``<super>``) in a size that does not push the lines apart."""
+    """Return markup with note marks (``<super>``) in a size that does not push the lines apart."""
     size, rise = 0.64 * style.fontSize, 0.3 * style.fontSize
     return words.replace("<super>", f'<super size="{size:.1f}" rise="{rise:.1f}">')

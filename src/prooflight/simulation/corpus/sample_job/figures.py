@@ -1,4 +1,4 @@
-"""The figure beside the second page of each chapter."""
+"""Figure next to the second page of each chapter."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 
-def beside(sheet: Sheet, chapter: Chapter, x: float, y: float, width: float) -> None:
+def in_margin(sheet: Sheet, chapter: Chapter, x: float, y: float, width: float) -> None:
     """Draw the figure that belongs to a chapter into the margin column at (x, y). [mm]"""
     draw = {
         copy_text.LIGHT.number: light_in_paper,
@@ -32,7 +32,7 @@ def below(sheet: Sheet, chapter: Chapter, x: float, bottom: float, width: float)
 
 
 def light_in_paper(sheet: Sheet, x: float, y: float, width: float) -> None:
-    """Section through a sheet: a ray that enters beside a dot of ink and leaves through it."""
+    """Draw a section through a sheet: a ray that enters near a dot of ink and leaves through it."""
     surface, depth = y + 24, 17.0
     sheet.rect(x, surface, width, depth, inks.SAND)
     sheet.know(x, surface + depth - 2, width, 2, inks.SAND)
@@ -64,7 +64,7 @@ def light_in_paper(sheet: Sheet, x: float, y: float, width: float) -> None:
 
 
 def three_discs(sheet: Sheet, x: float, y: float, width: float) -> None:
-    """Cyan, magenta and yellow discs that overprint each other."""
+    """Draw cyan, magenta and yellow discs that overprint each other."""
     radius = 15.0
     middle, full = x + width / 2, inks.FULL
     discs = (
@@ -86,7 +86,7 @@ def three_discs(sheet: Sheet, x: float, y: float, width: float) -> None:
 
 
 def coins(sheet: Sheet, x: float, y: float, width: float) -> None:
-    """A photograph of things struck one at a time."""
+    """Draw a photograph of coins."""
     shot = Shot(
         name="coins", centre=(0.25, 0.3), zoom=1.5, tone=(1.1, 1.0, 0.82), black_point=20, white_point=235
     )
@@ -99,7 +99,7 @@ def coins(sheet: Sheet, x: float, y: float, width: float) -> None:
 
 
 def screens(sheet: Sheet, x: float, bottom: float, width: float) -> None:
-    """The dots of each ink at its angle, enlarged, and the four of them together."""
+    """Draw the dots of each ink at its angle, enlarged, and the four of them combined."""
     gap = 3.0
     side = (width - 4 * gap) / 5
     top = bottom - 11 - side
@@ -129,7 +129,7 @@ def _dots(sheet: Sheet, left: float, top: float, side: float, angle_deg: float, 
 
 
 def photographer(sheet: Sheet, x: float, bottom: float, width: float) -> None:
-    """A photograph across the measure."""
+    """Draw a photograph across the measure."""
     height = 76.0
     shot = Shot(name="camera", centre=(0.5, 0.3), tone=(1.05, 1.0, 0.93), gamma=1.1, soften=0.7)
     sheet.picture(x, bottom - height - 8, develop(shot, width, height))

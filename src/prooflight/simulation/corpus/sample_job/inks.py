@@ -1,6 +1,7 @@
-"""The inks of the sample job: process colours as the bytes that reach the press, and one spot colour.
+"""Inks of the sample job: process colours as the bytes that reach the press, and one spot colour.
 
-Bytes, not per cent, are the unit here: 50 % is no whole byte, and the sample job promises exact raster values.
+Bytes, not per cent, are the unit here: 50 % is no whole byte, and the sample job guarantees exact raster
+values.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ Ink = tuple[int, int, int, int]
 
 FULL = 255
 _NUDGE = 0.01
-"""Added to a byte before it is divided by 255: reportlab prints six decimals, and a RIP may round or truncate
-``value * 255``; a hundredth of a byte makes both arrive at the byte that was meant."""
+"""Amount added to a byte before it is divided by 255.
+
+reportlab prints six decimals, and a RIP may round or truncate ``value * 255``; a hundredth of a byte makes
+both arrive at the intended byte.
+"""
 
 
 def percent(cyan: float, magenta: float, yellow: float, black: float) -> Ink:
-    """Bytes nearest to area coverages in per cent.
+    """Return the bytes nearest to area coverages in per cent.
 
     >>> percent(0, 40, 100, 0)
     (0, 102, 255, 0)
@@ -29,12 +33,12 @@ def percent(cyan: float, magenta: float, yellow: float, black: float) -> Ink:
 
 
 def over(under: Ink, black: int = FULL) -> Ink:
-    """What is left when ``black`` overprints ``under``: the other three inks stay as they are."""
+    """Return the result of ``black`` overprinting ``under``: the other three inks stay as they are."""
     return under[0], under[1], under[2], max(under[3], black)
 
 
 def colour(ink: Ink) -> Any:
-    """The reportlab colour that a RIP turns into exactly these bytes."""
+    """Return the reportlab colour that a RIP turns into exactly these bytes."""
     return CMYKColor(*(_fraction(byte) for byte in ink))
 
 
@@ -49,12 +53,12 @@ of a fifth have whole bytes."""
 
 
 def spot_colour(fifths: int) -> Any:
-    """The spot colour at ``fifths`` / 5 of its full tint: a Separation with a tint transform to DeviceCMYK."""
+    """Return the spot colour at ``fifths`` / 5 of its full tint: a Separation with a tint transform to DeviceCMYK."""
     return CMYKColorSep(*(_fraction(byte) for byte in SPOT), spotName=SPOT_NAME, density=fifths / 5)
 
 
 def spot_equivalent(fifths: int) -> Ink:
-    """What a four-colour press prints for that tint.
+    """Return the ink that a four-colour press prints for that tint.
 
     >>> spot_equivalent(2)
     (0, 62, 102, 0)
@@ -67,9 +71,9 @@ PAPER: Ink = (0, 0, 0, 0)
 BLACK: Ink = (0, 0, 0, FULL)
 RICH_BLACK = percent(60, 40, 40, 100)
 NIGHT = percent(100, 76, 24, 46)
-"""The house blue: headings on paper, flats behind light text."""
+"""House blue: headings on paper, flats behind light text."""
 EMBER = percent(0, 72, 86, 2)
-"""The accent; one a page."""
+"""Accent colour; one a page."""
 STRAW = percent(2, 10, 40, 0)
 SAND = percent(2, 4, 10, 0)
 GREY = percent(0, 0, 0, 68)

@@ -1,4 +1,4 @@
-"""A run of invoices: one design, six addressees, amounts that add up, bar codes on the 0.1 mm grid."""
+"""Run of invoices: one design, six addressees, amounts that add up, bar codes on the 0.1 mm grid."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _QR_MODULES = 4 * _QR_VERSION + 17
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One position of an invoice."""
+    """Position of an invoice."""
 
     code: str
     what: str
@@ -37,16 +37,16 @@ class Line:
 
     @property
     def pence(self) -> int:
-        """Quantity times unit price."""
+        """Return quantity times unit price."""
         return self.quantity * self.unit_pence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Invoice:
-    """One copy of the run."""
+    """Copy of the run."""
 
     number: str
-    """As printed, and as in both bar codes."""
+    """Number as printed, and as in both bar codes."""
     addressee: tuple[str, str, str, str]
     customer: str
     day: str
@@ -55,27 +55,27 @@ class Invoice:
 
     @property
     def goods_pence(self) -> int:
-        """Sum of the lines."""
+        """Return the sum of the lines."""
         return sum(line.pence for line in self.lines)
 
     @property
     def carriage_pence(self) -> int:
-        """Free from 500 pounds."""
+        """Return the carriage, free from 500 pounds."""
         return 0 if self.goods_pence >= _CARRIAGE_FREE_PENCE else _CARRIAGE_PENCE
 
     @property
     def vat_pence(self) -> int:
-        """Value-added tax on goods and carriage, rounded half up."""
+        """Return the value-added tax on goods and carriage, rounded half up."""
         return ((self.goods_pence + self.carriage_pence) * VAT_PERCENT * 2 + 100) // 200
 
     @property
     def total_pence(self) -> int:
-        """What is to be paid."""
+        """Return the amount to be paid."""
         return self.goods_pence + self.carriage_pence + self.vat_pence
 
 
 def draw_up(lots: tuple[quay.Lot, ...], rng: np.random.Generator) -> tuple[Invoice, ...]:
-    """Six invoices with consecutive numbers."""
+    """Draw up six invoices with consecutive numbers."""
     first = int(rng.integers(2000, 9000))
     invoices = []
     for place, who in enumerate(rng.permutation(len(quay.CUSTOMERS))[:COPIES]):
@@ -109,7 +109,7 @@ def _line(lot: quay.Lot, rng: np.random.Generator) -> Line:
 
 
 def draw(sheet: Sheet, invoice: Invoice) -> None:
-    """One invoice on one page."""
+    """Draw one invoice on one page."""
     sheet.begin(f"Invoice {invoice.number}")
     quay.letterhead(sheet)
     _address(sheet, invoice)
@@ -206,7 +206,7 @@ def _slip(sheet: Sheet, invoice: Invoice) -> None:
 def _bar_code(
     sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 0.4, height_mm: float = 20.0
 ) -> None:
-    """Code 128 (ISO/IEC 15417) with its first bar at x and its top edge at y."""
+    """Draw Code 128 (ISO/IEC 15417) with its first bar at x and its top edge at y."""
     code = code128.Code128(
         words,
         barWidth=module_mm * mm,
@@ -219,7 +219,7 @@ def _bar_code(
 
 
 def _square_code(sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 1.1) -> float:
-    """QR code (ISO/IEC 18004) with its corner at (x, y), without quiet zone; returns its side. [mm]"""
+    """Draw a QR code (ISO/IEC 18004) with its corner at (x, y), without quiet zone; return its side. [mm]"""
     code = qrencoder.QRCode(_QR_VERSION, qrencoder.QRErrorCorrectLevel.M)
     code.addData(words)
     code.make()

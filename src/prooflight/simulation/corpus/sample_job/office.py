@@ -15,7 +15,7 @@ _PRICE_EDGES_MM = (LEFT_MM, 36.0, 86.0, 122.0, 134.0, 148.0, 162.0, 176.0, RIGHT
 
 
 def price_list(sheet: Sheet, lots: tuple[quay.Lot, ...]) -> None:
-    """Every lot in every bag, in 7 pt."""
+    """Draw every lot in every bag, in 7 pt."""
     sheet.begin("Price list")
     quay.letterhead(sheet)
     sheet.text(LEFT_MM, 50, "Spring price list", faces.SERIF, 24, ink=quay.TEAL)
@@ -47,7 +47,7 @@ def price_list(sheet: Sheet, lots: tuple[quay.Lot, ...]) -> None:
 
 
 def form(sheet: Sheet) -> None:
-    """An order form with boxes to fill in."""
+    """Draw an order form with boxes to fill in."""
     sheet.begin("Form to fill in")
     quay.letterhead(sheet)
     sheet.text(LEFT_MM, 50, "Standing order", faces.SERIF, 24, ink=quay.TEAL)
@@ -108,7 +108,7 @@ def _tick_box(sheet: Sheet, x: float, y: float, name: str) -> None:
 
 
 def letter(sheet: Sheet) -> None:
-    """A short letter: mostly white paper."""
+    """Draw a short letter: mostly white paper."""
     sheet.begin("Letter")
     quay.letterhead(sheet)
     quay.address(sheet, quay.CUSTOMERS[0])
@@ -123,7 +123,7 @@ def letter(sheet: Sheet) -> None:
 
 
 def _signature(sheet: Sheet, x: float, y: float) -> None:
-    """A pen stroke in blue ink."""
+    """Draw a pen stroke in blue ink."""
     strokes = (
         ((0, -2), (4, -12), (9, -9), (3, 4), (1, 7), (-3, 5), (6, 0)),
         ((6, 0), (10, -4), (9, 2), (12, 0), (15, -3), (14, 2), (18, 0)),

@@ -35,19 +35,19 @@ _SOURCES = {"hubble": "hubble_deep_field"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """How one photograph is used: its crop centre and tone."""
+    """Use of one photograph: its crop centre and tone."""
 
     name: str
     centre: tuple[float, float] = (0.5, 0.5)
-    """Where the crop sits in the original, (across, down), 0 to 1. [-]"""
+    """Centre of the crop in the original, (across, down), 0 to 1. [-]"""
     zoom: float = 1.0
-    """1 = the largest crop of the wanted shape. [-]"""
+    """Zoom; 1 = the largest crop of the wanted shape. [-]"""
     black_point: int = 0
     """Code value that becomes black. [0..255]"""
     white_point: int = 255
     """Code value that becomes paper. [0..255]"""
     gamma: float = 1.0
-    """Above 1 lightens the middle tones. [-]"""
+    """Gamma; above 1 lightens the middle tones. [-]"""
     soften: float = 0.5
     """Gaussian blur before enlarging, against noise and compression blocks. [original pixels]"""
     tone: tuple[float, float, float] | None = None
@@ -95,7 +95,7 @@ def _tone(image: NDArray[np.float32], shot: Shot) -> NDArray[np.float32]:
 
 
 BLACK_MAXIMUM = 0.95
-"""Black where the grey component is 1. [-] assumed: leaves the other inks to deepen it, as printers do"""
+"""Greatest black, where the grey component is 1. [-] assumed: leaves the other inks to deepen it, as printers do"""
 TOTAL_INK_LIMIT = 3.2
 """Largest sum of the four area coverages. [-] assumed: 320 %, an ordinary limit for coated sheets"""
 

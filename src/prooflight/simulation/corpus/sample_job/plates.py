@@ -40,7 +40,7 @@ _CONTACTS: tuple[tuple[str, Shot], ...] = (
 
 
 def single(sheet: Sheet) -> None:
-    """One large photograph on a white page."""
+    """Draw one large photograph on a white page."""
     sheet.begin("Plate: one large photograph")
     side = RIGHT_MM - LEFT_MM
     sheet.picture(LEFT_MM, 38, develop(Shot(name="retina", gamma=1.08, soften=0.6), side, side))
@@ -52,7 +52,7 @@ def single(sheet: Sheet) -> None:
 
 
 def contact_sheet(sheet: Sheet) -> None:
-    """Twelve small photographs with their names."""
+    """Draw twelve small photographs with their names."""
     sheet.begin("Plate: contact sheet")
     sheet.label(LEFT_MM, 32, "Plate 2", ink=inks.EMBER)
     sheet.text(LEFT_MM, 46, "Contact sheet", faces.SERIF, 22, ink=inks.NIGHT)
@@ -67,7 +67,7 @@ def contact_sheet(sheet: Sheet) -> None:
 
 
 def wrapped(sheet: Sheet) -> None:
-    """A photograph with text running round it in two columns."""
+    """Draw a photograph with text running round it in two columns."""
     sheet.begin("Plate: photograph with text around it")
     sheet.label(LEFT_MM, 32, "Plate 3", ink=inks.EMBER)
     sheet.text(LEFT_MM, 48, "A cat, for scale", faces.SERIF, 30, ink=inks.NIGHT)
@@ -87,7 +87,7 @@ def wrapped(sheet: Sheet) -> None:
 
 
 def brochure(sheet: Sheet) -> None:
-    """A roastery's leaflet: full-bleed photograph above three columns on a tint."""
+    """Draw a roastery's leaflet: full-bleed photograph above three columns on a tint."""
     sheet.begin("Brochure")
     sheet.rect(0, 0, 210, 297, quay.FOAM)
     sheet.know(0, 162, 18, 135, quay.FOAM)
@@ -119,7 +119,7 @@ def brochure(sheet: Sheet) -> None:
 
 
 def night_launch(sheet: Sheet) -> None:
-    """Light text on a dark flat, under a full-width photograph."""
+    """Draw light text on a dark flat, under a full-width photograph."""
     sheet.begin("Light text on a dark page")
     sheet.rect(0, 0, 210, 297, inks.NIGHT)
     sheet.know(0, 142, 18, 155, inks.NIGHT)

@@ -18,7 +18,7 @@ _SAND = inks.percent(0, 55, 100, 0)
 
 
 def spot_page(sheet: Sheet) -> None:
-    """The spot colour solid and in tints, with black overprinting it and knocked out of it."""
+    """Draw the spot colour solid and in tints, with black overprinting it and knocked out of it."""
     sheet.begin("Spot colour and overprint")
     sheet.spot(0, 0, 210, 150, 5, known=False)
     sheet.know(0, 0, 18, 150, inks.SPOT, "spot")
@@ -36,7 +36,7 @@ def spot_page(sheet: Sheet) -> None:
 
 
 def _pair(sheet: Sheet, first: int, words: str, name: str) -> None:
-    """Black bars and type over the spot colour and over process blue, overprinting or knocking out."""
+    """Draw black bars and type over the spot colour and over process blue, overprinting or knocking out."""
     x, width = column(first, 3)
     half = width / 2
     blue = inks.percent(100, 60, 0, 0)
@@ -64,7 +64,7 @@ def _black(sheet: Sheet, x: float, half: float) -> None:
 
 
 def poster(sheet: Sheet) -> None:
-    """Flat, saturated, full-bleed: a regatta."""
+    """Draw a flat, saturated, full-bleed poster of a regatta."""
     sheet.begin("Poster in flat colours")
     sheet.rect(0, 0, 210, 297, _SKY)
     sheet.know(0, 0, 210, 18, _SKY)

@@ -1,4 +1,4 @@
-"""The invented customer of the press: a coffee roastery, its house style and its stock."""
+"""Invented customer of the press: a coffee roastery, its house style and its stock."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CUSTOMERS = (
     ("Mx Robin Featherstonehaugh", "Five Loaves Bakery", "Unit 3, Gasworks Yard", "Thornby TB6 2PP"),
     ("Mrs Giulia D’Agostino", "Bar Centrale", "19 Market Place", "Little Ember GE2 8WS"),
 )
-"""Name, firm, street and town of those who buy of it."""
+"""Name, firm, street and town of its customers."""
 
 _ORIGINS: tuple[tuple[str, str, str, tuple[int, int], int], ...] = (
     # country, code, lots, altitude range [m], pence for 250 g of an ordinary lot
@@ -58,7 +58,7 @@ _PROCESSES = ("washed", "natural", "honey", "pulped natural", "anaerobic")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lot:
-    """One coffee on the price list."""
+    """Coffee on the price list."""
 
     code: str
     country: str
@@ -69,7 +69,7 @@ class Lot:
     pence_250g: int
 
     def pence(self, grams: int) -> int:
-        """Price of a bag; the larger the bag, the less a gram costs, to whole ten pence."""
+        """Return the price of a bag; the larger the bag, the less a gram costs, to whole ten pence."""
         discount = {250: 1.0, 1000: 0.92, 5000: 0.85, 15000: 0.79}[grams]
         return round(self.pence_250g * grams / 250 * discount / 10) * 10
 
@@ -78,7 +78,7 @@ BAGS_G = (250, 1000, 5000, 15000)
 
 
 def stock(rng: np.random.Generator) -> tuple[Lot, ...]:
-    """The season's lots, country by country."""
+    """Draw the season's lots, country by country."""
     lots = []
     for country, code, names, (low, high), pence in _ORIGINS:
         for place, name in enumerate(names.split("/")):
@@ -97,7 +97,7 @@ def stock(rng: np.random.Generator) -> tuple[Lot, ...]:
 
 
 def money(pence: int) -> str:
-    """Pounds with thousands set off by a comma.
+    """Return pounds with thousands set off by a comma.
 
     >>> money(123456)
     '1,234.56'
@@ -108,13 +108,13 @@ def money(pence: int) -> str:
 def mark(
     sheet: Sheet, x: float, y: float, size: float, ink: inks.Ink = TEAL, letter: inks.Ink = inks.PAPER
 ) -> None:
-    """The house mark, a reversed Q in a disc, with its box's corner at (x, y). [mm]"""
+    """Draw the house mark, a reversed Q in a disc, with its box's corner at (x, y). [mm]"""
     sheet.circle(x + size / 2, y + size / 2, size / 2, ink)
     sheet.text(x + size / 2, y + size * 0.72, "Q", faces.SERIF, size * 1.95, ink=letter, align="centre")
 
 
 def address(sheet: Sheet, lines: tuple[str, ...]) -> None:
-    """Where a window envelope shows it."""
+    """Set an address where a window envelope shows it."""
     for place, words in enumerate(lines):
         sheet.text(LEFT_MM, 63 + 5.2 * place, words, faces.SERIF, 11.4)
 
@@ -128,13 +128,13 @@ def row(
     size_pt: float,
     ink: inks.Ink,
 ) -> None:
-    """A row of a table: three columns of words, which begin at their edge, and numbers, which end at theirs."""
+    """Set a row of a table: three columns of words, which begin at their edge, and numbers, which end at theirs."""
     for place, (edge, words) in enumerate(zip(edges_mm, cells, strict=True)):
         sheet.text(edge, y, words, face, size_pt, ink=ink, align="left" if place < 3 else "right")
 
 
 def letterhead(sheet: Sheet) -> None:
-    """Mark and name on the left, address on the right, at the top of a commercial page."""
+    """Draw mark and name on the left, address on the right, at the top of a commercial page."""
     mark(sheet, LEFT_MM, TOP_MM, 14)
     sheet.text(LEFT_MM + 18, TOP_MM + 6.6, NAME, faces.SERIF, 15, ink=TEAL)
     sheet.label(LEFT_MM + 18, TOP_MM + 12, "Coffee since 1987")

@@ -1,7 +1,7 @@
-"""A print job that the project makes itself: thirty A4 pages a digital press would really print.
+"""Print job that the project makes itself: thirty A4 pages as a digital press would really print.
 
-Everything in it is DeviceCMYK but for one spot colour, and much of its raster is known beforehand, so that a RIP, a
-press and an inspector can be checked against what went in.
+Everything in it is DeviceCMYK but for one spot colour, and much of its raster is known beforehand, so that a
+RIP, a press and an inspector can be checked against the original values.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampleJob:
-    """The job as a file, and what is known about its pages."""
+    """Job as a file, with known properties of its pages."""
 
     path: Path
     page_count: int
     titles: tuple[str, ...]
-    """What each page is, in job order."""
+    """Title of each page, in job order."""
     known: tuple[KnownPatch | KnownPicture, ...]
-    """Flat areas and pictures with the CMYK values that went in."""
+    """Flat areas and pictures with their original CMYK values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A page to draw on in millimetres, which remembers what it knows about the raster it will become."""
+"""Page to draw on in millimetres, which records the known parts of its future raster."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.sample_job.inks import Ink
 
 Box = tuple[float, float, float, float]
-"""x, y, width, height from the page's top-left corner. [mm]"""
+"""Box as x, y, width, height from the page's top-left corner. [mm]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownPatch:
-    """A flat rectangle: every pixel that lies wholly inside it has one CMYK value, at any resolution.
+    """Flat rectangle: every pixel that lies wholly inside it has one CMYK value, at any resolution.
 
     (0, 0) is the page's top-left corner, x to the right, y down.
     """
 
     page: int
-    """Place in the job, from 1."""
+    """Number in the job, from 1."""
     x_mm: float
     y_mm: float
     width_mm: float
     height_mm: float
     cmyk: Ink
     what: str
-    """How the flat is made, e.g. ``process``, ``overprint``, ``spot``."""
+    """Origin of the flat, e.g. ``process``, ``overprint``, ``spot``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownPicture:
-    """A picture placed square to the page; its pixels lie on a 0.1 mm grid, so 254 dpi meets each of them."""
+    """Picture placed square to the page; its pixels lie on a 0.1 mm grid, so 254 dpi meets each of them."""
 
     page: int
     x_mm: float
@@ -58,11 +58,11 @@ class KnownPicture:
     width_mm: float
     height_mm: float
     cmyk: NDArray[np.uint8]
-    """(rows, columns, 4), C M Y K, 0 = no ink; row 0 is the top."""
+    """Ink (rows, columns, 4) of C, M, Y, K, 0 = no ink; row 0 is the top."""
     what: str
     """``photograph`` or ``gradient``."""
     covered: tuple[Box, ...] = ()
-    """Where type or another picture lies on top, in page coordinates."""
+    """Boxes in page coordinates that type or another picture covers."""
 
 
 WIDTH_MM, HEIGHT_MM = 210.0, 297.0  # A4, ISO 216
@@ -71,26 +71,29 @@ TOP_MM, BOTTOM_MM = 22.0, 277.0
 GUTTER_MM = 4.0
 COLUMNS = 6
 _NUDGE_MM = 0.0003
-"""Everything lies this much right of and below the 0.1 mm grid, and pictures end as much before it: a PDF states
-places to a ten-thousandth of a point, and a RIP that counts whole pixels must not see an edge just short of one."""
+"""Distance of everything to the right of and below the 0.1 mm grid; pictures end as much before it.
+
+A PDF states places to a ten-thousandth of a point, and a RIP that counts whole pixels must not see an edge
+just short of one.
+"""
 COLUMN_MM = (RIGHT_MM - LEFT_MM - (COLUMNS - 1) * GUTTER_MM) / COLUMNS  # 25 mm
 
 
 def column(first: int, count: int = 1) -> tuple[float, float]:
-    """Left edge and width of ``count`` grid columns from the ``first`` (0 to 5). [mm]"""
+    """Return left edge and width of ``count`` grid columns from the ``first`` (0 to 5). [mm]"""
     pitch = COLUMN_MM + GUTTER_MM
     return LEFT_MM + first * pitch, count * pitch - GUTTER_MM
 
 
 def halves() -> tuple[tuple[float, float], tuple[float, float]]:
-    """Left edge and width of two text columns, with twice the gutter between them. [mm]"""
+    """Return left edge and width of two text columns, with twice the gutter between them. [mm]"""
     (left, width), (right, _) = column(0, 3), column(3, 3)
     inset = GUTTER_MM / 2
     return (left, width - inset), (right + inset, width - inset)
 
 
 class Sheet:
-    """The job being drawn, one A4 page after another.
+    """Job being drawn, one A4 page after another.
 
     (0, 0) is the page's top-left corner, x to the right, y down. [mm]
     """
@@ -111,7 +114,7 @@ class Sheet:
 
     @property
     def number(self) -> int:
-        """Place of the page being drawn, from 1."""
+        """Return the number of the page being drawn, from 1."""
         return len(self.titles)
 
     def begin(self, title: str) -> None:
@@ -131,7 +134,7 @@ class Sheet:
         self.canvas.save()
 
     def know(self, x: float, y: float, width: float, height: float, ink: Ink, what: str = "process") -> None:
-        """Promise that a rectangle is flat. Nothing drawn later may touch it."""
+        """Record that a rectangle is flat. Nothing drawn later may touch it."""
         self.known.append(
             KnownPatch(
                 page=self.number, x_mm=x, y_mm=y, width_mm=width, height_mm=height, cmyk=ink, what=what
@@ -139,7 +142,7 @@ class Sheet:
         )
 
     def rect(self, x: float, y: float, width: float, height: float, ink: Ink, *, known: bool = False) -> None:
-        """A flat; ``known`` promises that it stays as it is."""
+        """Draw a flat; ``known`` records that it stays as it is."""
         self.canvas.setFillColor(inks.colour(ink))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
         if known:
@@ -148,7 +151,7 @@ class Sheet:
     def spot(
         self, x: float, y: float, width: float, height: float, fifths: int, *, known: bool = True
     ) -> None:
-        """A flat in the spot colour at ``fifths`` / 5 of its full tint."""
+        """Draw a flat in the spot colour at ``fifths`` / 5 of its full tint."""
         self.canvas.setFillColor(inks.spot_colour(fifths))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
         if known:
@@ -156,7 +159,7 @@ class Sheet:
 
     @contextmanager
     def overprinting(self) -> Iterator[None]:
-        """Inks of zero leave what lies below as it is (PDF overprint mode 1)."""
+        """Let inks of zero leave what lies below as it is (PDF overprint mode 1)."""
         self.canvas.saveState()
         self.canvas.setOverprintMask(1)
         self.canvas.setFillOverprint(True)
@@ -166,7 +169,7 @@ class Sheet:
     def outline(
         self, x: float, y: float, width: float, height: float, ink: Ink, width_pt: float = 0.5
     ) -> None:
-        """A frame, its line centred on the edge."""
+        """Draw a frame, its line centred on the edge."""
         self.canvas.setStrokeColor(inks.colour(ink))
         self.canvas.setLineWidth(width_pt)
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=1, fill=0)
@@ -174,18 +177,18 @@ class Sheet:
     def rule(
         self, x: float, y: float, to_x: float, to_y: float, ink: Ink = inks.BLACK, width_pt: float = 0.5
     ) -> None:
-        """A straight line."""
+        """Draw a straight line."""
         self.canvas.setStrokeColor(inks.colour(ink))
         self.canvas.setLineWidth(width_pt)
         self.canvas.line(x * mm, _up(y), to_x * mm, _up(to_y))
 
     def circle(self, x: float, y: float, radius: float, ink: Ink) -> None:
-        """A filled disc around (x, y)."""
+        """Draw a filled disc around (x, y)."""
         self.canvas.setFillColor(inks.colour(ink))
         self.canvas.circle(x * mm, _up(y), radius * mm, stroke=0, fill=1)
 
     def path(self, points: Sequence[tuple[float, float]], *, closed: bool = True) -> Any:
-        """A reportlab path through points, for ``canvas.drawPath``."""
+        """Return a reportlab path through points, for ``canvas.drawPath``."""
         path = self.canvas.beginPath()
         path.moveTo(points[0][0] * mm, _up(points[0][1]))
         for x, y in points[1:]:
@@ -195,7 +198,7 @@ class Sheet:
         return path
 
     def polygon(self, points: Sequence[tuple[float, float]], ink: Ink) -> None:
-        """A filled polygon."""
+        """Draw a filled polygon."""
         self.canvas.setFillColor(inks.colour(ink))
         self.canvas.drawPath(self.path(points), stroke=0, fill=1)
 
@@ -211,7 +214,7 @@ class Sheet:
         align: str = "left",
         spread_pt: float = 0.0,
     ) -> None:
-        """One line with its baseline at y; ``spread_pt`` is added after each letter but the last."""
+        """Set one line with its baseline at y; ``spread_pt`` is added after each letter but the last."""
         width = faces.width_pt(words, face, size_pt) + spread_pt * (len(words) - 1)
         start = x * mm - {"left": 0.0, "centre": width / 2, "right": width}[align]
         line = self.canvas.beginText(start, _up(y))
@@ -223,26 +226,26 @@ class Sheet:
         self.canvas.drawText(line)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """The same point in PDF's coordinates, for direct use of ``canvas``. [pt]"""
+        """Return the same point in PDF's coordinates, for direct use of ``canvas``. [pt]"""
         return float(x * mm), _up(y)
 
     def label(self, x: float, y: float, words: str, *, ink: Ink = inks.GREY, align: str = "left") -> None:
-        """A small spaced line of capitals above a thing that it names."""
+        """Set a small spaced line of capitals above the object that it names."""
         self.text(x, y, words.upper(), faces.SANS, 6.2, ink=ink, align=align, spread_pt=0.7)
 
     def paragraph(self, x: float, y: float, width: float, words: str, style: Any) -> float:
-        """Text from the top edge y down; returns its lower edge. [mm]"""
+        """Set text from the top edge y down; return its lower edge. [mm]"""
         block = Paragraph(words, style)
         _, height = block.wrap(width * mm, HEIGHT_MM * mm)
         block.drawOn(self.canvas, x * mm, _up(y) - height)
         return float(y + height / mm)
 
     def folio(self) -> None:
-        """The page's number, at its foot."""
+        """Set the page's number at its foot."""
         self.text(RIGHT_MM, BOTTOM_MM + 3, str(self.number), faces.SERIF, 9.4, align="right")
 
     def flow(self, x: float, y: float, width: float, height: float, story: list[Any]) -> None:
-        """Fill a column from ``story``, taking out of it what was set."""
+        """Fill a column from ``story``, and remove the set part from it."""
         frame = Frame(x * mm, _up(y + height), width * mm, height * mm, 0, 0, 0, 0, showBoundary=0)
         frame.addFromList(story, self.canvas)
         if story:
@@ -260,7 +263,10 @@ class Sheet:
         what: str = "photograph",
         covered: tuple[Box, ...] = (),
     ) -> None:
-        """A picture with its top-left corner at (x, y), a pixel every ``PIXEL_MM``; ``covered`` is drawn over later."""
+        """Place a picture with its top-left corner at (x, y), a pixel every ``PIXEL_MM``.
+
+        ``covered`` is drawn over later.
+        """
         rows, columns = cmyk.shape[:2]
         width, height = columns * PIXEL_MM, rows * PIXEL_MM
         self.canvas.saveState()
@@ -307,12 +313,12 @@ class Sheet:
 
 
 def _up(y: float) -> float:
-    """Height above the page's lower edge, where PDF counts from. [pt]"""
+    """Return the height above the page's lower edge, the origin of PDF's coordinates. [pt]"""
     return float((HEIGHT_MM - y) * mm)
 
 
 def refuse_overset(story: list[Any], what: str, *, parts: str = "paragraphs") -> None:
-    """ValueError if ``flow`` left anything of a story."""
+    """Raise ValueError if ``flow`` left anything of a story."""
     if story:
         message = f"{what}: {len(story)} {parts} are left"
         raise ValueError(message)
@@ -330,7 +336,7 @@ def _only_cmyk(wanted: object) -> object:
 
 
 def _png_rows(cmyk: NDArray[np.uint8]) -> bytes:
-    """Predicted and deflated rows: the IDAT chunks of the image written as a four-channel PNG (RFC 2083)."""
+    """Return predicted and deflated rows: the IDAT chunks of the image written as a four-channel PNG (RFC 2083)."""
     png = imagecodecs.png_encode(np.ascontiguousarray(cmyk), level=4)
     chunks: list[bytes] = []
     place = 8

@@ -36,7 +36,7 @@ def _head(sheet: Sheet, title: str, lead: str) -> None:
 
 
 def wedges(sheet: Sheet) -> None:
-    """Tint steps of each ink and of their overprints, and fine detail."""
+    """Draw tint steps of each ink and of their overprints, and fine detail."""
     sheet.begin("Test form: tints and fine detail")
     lead = "Each ink alone, each pair, all three. The two palest steps go first when a head clogs."
     _head(sheet, "Step wedges", lead)
@@ -55,7 +55,7 @@ def wedges(sheet: Sheet) -> None:
 
 
 def _fine_lines(sheet: Sheet, y: float) -> None:
-    """Line pairs that halve in width, dark on paper and paper on dark."""
+    """Draw line pairs that halve in width, dark on paper and paper on dark."""
     sheet.text(LEFT_MM, y, "Lines, mm", faces.SANS, 7.4)
     x = LEFT_MM + 26
     for width in (0.1, 0.2, 0.3, 0.5):
@@ -85,7 +85,7 @@ def _small_type(sheet: Sheet, y: float) -> None:
 
 
 def gradients(sheet: Sheet) -> None:
-    """Smooth ramps with known values, one smooth shading, and the grey-balance square."""
+    """Draw smooth ramps with known values, one smooth shading, and the grey-balance square."""
     sheet.begin("Test form: gradients and grey balance")
     lead = "Ramps from paper to full ink, then between colours. Look for steps and stripes."
     _head(sheet, "Gradients", lead)
@@ -112,14 +112,14 @@ def gradients(sheet: Sheet) -> None:
 
 
 def ramp(start: Ink, end: Ink, *, rows: int, columns: int) -> NDArray[np.uint8]:
-    """A linear ramp across, from one ink mixture to another -> (rows, columns, 4) bytes, rounded to nearest."""
+    """Return a linear ramp across, from one ink mixture to another -> (rows, columns, 4) bytes, rounded to nearest."""
     share = np.linspace(0.0, 1.0, columns)[:, None]
     line = np.rint((1 - share) * np.array(start) + share * np.array(end)).astype(np.uint8)
     return np.repeat(line[None], rows, axis=0)
 
 
 def _shading(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
-    """A PDF axial shading: what layout programs write, not an image."""
+    """Draw a PDF axial shading, as layout programs write it, not an image."""
     sheet.canvas.saveState()
     clip = sheet.path([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
     sheet.canvas.clipPath(clip, stroke=0, fill=0)
@@ -130,7 +130,7 @@ def _shading(sheet: Sheet, x: float, y: float, width: float, height: float) -> N
 
 
 def _grey_balance(sheet: Sheet, y: float) -> None:
-    """Cyan fixed at 50 %, magenta and yellow from 32 to 48 %: the neutral one lies near the middle."""
+    """Draw cyan fixed at 50 %, magenta and yellow from 32 to 48 %: the neutral one lies near the middle."""
     sheet.text(LEFT_MM, y, "Grey balance", faces.SERIF, 16, ink=inks.NIGHT)
     recipe = "cyan 50 %, on a ground of 40 % black"
     sheet.text(RIGHT_MM, y, recipe, faces.ITALIC, 10, ink=inks.GREY, align="right")
@@ -152,7 +152,7 @@ def _grey_balance(sheet: Sheet, y: float) -> None:
 
 
 def two_blacks(sheet: Sheet) -> None:
-    """A page of rich black with a panel of black ink alone."""
+    """Draw a page of rich black with a panel of black ink alone."""
     sheet.begin("Rich black")
     sheet.rect(0, 0, 210, 297, inks.RICH_BLACK)
     sheet.know(0, 0, 210, 20, inks.RICH_BLACK)

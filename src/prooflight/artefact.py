@@ -14,22 +14,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_BYTES: Final = 1 << 30
-"""Of a file; assumed: a press's tables take 10 MiB a sensor, the forests of a large study some hundred."""
+"""Greatest size of a file; assumed: a press's tables take 10 MiB a sensor, the forests of a large study some
+hundred."""
 MOST_HEADER_BYTES: Final = 8 << 20
-"""Of names, shapes and texts, which are read before anything is known of them."""
+"""Greatest size of names, shapes and texts, which are read before anything else is checked."""
 KINDS: Final = frozenset({"F64", "F32", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8"})
-"""Of numbers that numpy has as well."""
+"""Types of numbers that NumPy has as well."""
 
 
 class Damaged(Exception):
-    """No such file, or one that is cut off or longer than it says."""
+    """Raised for a file of another format, or one that is truncated or longer than its header states."""
 
 
 class Tensors:
-    """An open file: its texts first, its arrays when they are asked for."""
+    """An open file whose texts are read at once, and its arrays on request."""
 
     def __init__(self, path: Path) -> None:
-        """Damaged: it is no such file. Misfit: it is larger than any of ours."""
+        """Open a file; Damaged: it has another format. Misfit: it is larger than any of the project's."""
         size = path.stat().st_size
         if size > MOST_BYTES:
             raise Misfit("file", f"is of {size >> 20} MiB, must be of {MOST_BYTES >> 20} at most")
@@ -45,14 +46,14 @@ class Tensors:
         self._path = path
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of them, by name; they take no more memory than the file. Damaged, Misfit: as above."""
-        found: dict[str, NDArray[Any]] = {}
+        """Return all arrays by name; they take no more memory than the file. Damaged, Misfit: as above."""
+        tensors: dict[str, NDArray[Any]] = {}
         try:
             with safe_open(self._path, framework="numpy") as file:
                 for name in file.keys():  # noqa: SIM118 - not a dict
                     if (kind := file.get_slice(name).get_dtype()) not in KINDS:
                         raise Misfit(name, f"is of {kind}, which nothing of ours is")
-                    found[name] = file.get_tensor(name)
+                    tensors[name] = file.get_tensor(name)
         except (SafetensorError, OverflowError, TypeError) as error:
             raise Damaged from error
-        return found
+        return tensors

@@ -1,4 +1,4 @@
-"""The process inks, in the order in which every raster and every axis of inks has them."""
+"""The process inks, in the order of every raster and every axis of inks."""
 
 from __future__ import annotations
 

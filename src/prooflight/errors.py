@@ -1,4 +1,4 @@
-"""Every error this package raises on purpose.
+"""Errors that this package raises on purpose.
 
 Which one when:
 
@@ -21,30 +21,30 @@ import re
 from typing import Final
 
 QUOTED_MAX: Final = 200
-"""Characters of a path, a name or a value that a message repeats."""
-TOLD_MAX: Final = 800
-"""Characters that a message says of what is wrong, or of what would be right."""
+"""Greatest length of a path, a name or a value in a message. [characters]"""
+MESSAGE_MAX: Final = 800
+"""Greatest length of what a message states as wrong, or as right. [characters]"""
 _LONG = re.compile(rf"""(['"`])[^'"`]{{{QUOTED_MAX + 1},}}\1|\S{{{QUOTED_MAX + 1},}}""")
 
 
 def visible(text: object) -> str:
-    """Text with what cannot be printed as escapes: a terminal shows it and obeys none of it.
+    """Escape all characters that cannot be printed, so that a terminal displays the text and obeys none of it.
 
-    Control characters, marks of direction and halves of characters would move the cursor, colour what follows, hide
+    Control characters, direction marks and lone surrogates would move the cursor, colour later text, hide
     letters, or not be written at all.
     """
     return "".join(one if one.isprintable() else _escaped(one) for one in str(text))
 
 
 def plain(text: object, *, longest: int = QUOTED_MAX) -> str:
-    """A name or value for a message: ``visible``, on one line, its middle cut out where it is long."""
+    """Return a name or value for a message: ``visible``, on one line, with its middle cut out where it is long."""
     return _cut(visible(_cut(str(text), longest)), longest)
 
 
 def sentence(text: object) -> str:
-    """What is said in words, on one line: as ``plain``, line breaks are spaces, and long values in it are cut."""
-    words = " ".join(_cut(str(text), 100 * TOLD_MAX).split())
-    return plain(_LONG.sub(lambda found: _cut(found[0], QUOTED_MAX), words), longest=TOLD_MAX)
+    """Return prose for a message: as ``plain``, with spaces for line breaks, and with long values in it cut."""
+    one_line = " ".join(_cut(str(text), 100 * MESSAGE_MAX).split())
+    return plain(_LONG.sub(lambda match: _cut(match[0], QUOTED_MAX), one_line), longest=MESSAGE_MAX)
 
 
 def _cut(text: str, longest: int) -> str:
@@ -59,11 +59,11 @@ def _escaped(one: str) -> str:
 
 
 class ProoflightError(Exception):
-    """Base of everything raised on purpose; its text is one line for a person."""
+    """Base of all errors raised on purpose; its text is one line for a person."""
 
 
 class InputError(ProoflightError, ValueError):
-    """Input that cannot be used: where it is wrong, what is wrong, and what would be right."""
+    """Input that cannot be used; it states where it is wrong, what is wrong, and what would be right."""
 
     def __init__(self, where: object, what: str, *, remedy: str) -> None:
         self.where, self.what, self.remedy = str(where), what, remedy

@@ -1,32 +1,34 @@
-"""Random numbers: every generator of the product and of its studies begins here, in ``stream``.
+"""Random number streams: every generator of the product and of its studies is made by ``stream``.
 
-A stream is named by what is drawn from it. ``PURPOSES`` gives the seed sequence of each name, with all its fixed
-numbers. Published figures were drawn from these sequences, so they stay as they are, to the bit.
+A stream is named by what is drawn from it. ``PURPOSES`` gives the seed sequence of each name, with all its
+fixed numbers. Published figures were drawn from these sequences, so they stay the same to the bit.
 
-NumPy fills a seed sequence with zeros to four words, so ``[seed, design, 0]`` is ``[seed, design]``, and an index may
-be what another purpose has as a fixed number. So purposes can meet (``KNOWN_SHARED`` in ``tests/test_rng.py``):
+NumPy fills a seed sequence with zeros to four words, so ``[seed, design, 0]`` is ``[seed, design]``, and an
+index may equal another purpose's fixed number. Purposes can therefore coincide (``KNOWN_SHARED`` in
+``tests/test_rng.py``):
 
-- at ``[seed]``, which is ``[seed, 0]``: what takes a seed alone, and number 0 of what takes one index;
-- at ``[seed, n]``: number n of what takes one index, and what has n as its fixed number;
-- at ``[seed, n, k]``: the k-th of several things of one design, page or sheet;
+- at ``[seed]``, which is ``[seed, 0]``: a purpose with a seed alone, and number 0 of one with one index;
+- at ``[seed, n]``: number n of a purpose with one index, and one with n as its fixed number;
+- at ``[seed, n, k]``: the k-th of several items of one design, page or sheet;
 - at ``[seed, 0, 0, 0, 1]``: the second child of ``[seed]``, and a press day that begins with design 0.
 
-That matters where one run draws both with one seed. These runs do:
+This matters where one run draws both with one seed, as these runs do:
 
-- ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of costs
-  and design 2;
+- ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of
+  costs and design 2;
 - ``study press``: the resampling of costs and designs 6 to 8;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
-- ``study ink``: the folds and the noise whose median is said;
+- ``study ink``: the folds and the noise whose median is stated;
 - ``watch``: the faults of its drum and sheet 9;
-- the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of ``design``,
-  ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the first piece of
-  ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the misprints and
-  sheet 0 of ``demo``, sheet 0 of ``watch``.
+- the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of
+  ``design``, ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the
+  first piece of ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the
+  misprints and sheet 0 of ``demo``, sheet 0 of ``watch``.
 
-The same bits then make two things, such as a layout and a noise. Whether a published figure hangs on that has not been
-measured. A new purpose meets none if its second word is fixed, and a number after ``FREE`` that is not taken.
+The same bits then determine two quantities, such as a layout and a noise. Whether a published figure depends
+on that has not been measured. A new purpose coincides with none if its second word is fixed, and a number
+after ``FREE`` that is not taken.
 """
 
 from __future__ import annotations
@@ -52,28 +54,29 @@ class From:
 
 @dataclass(frozen=True, slots=True)
 class Purpose:
-    """What a stream is for."""
+    """Use and seed sequence of a stream."""
 
     draws: str
-    """What is drawn from it."""
+    """Quantities drawn from the stream."""
     layout: tuple[int | str | From, ...]
-    """Its seed sequence: fixed numbers, and names of what ``stream`` is given. The seed, given or fixed, is first."""
+    """Seed sequence: fixed numbers, and names of the arguments of ``stream``. The seed, given or fixed, is
+    first."""
 
     @property
     def seeded(self) -> bool:
-        """Whether it takes a seed; if not, its draws are the same in every run."""
+        """Whether the stream takes a seed; if not, its draws are the same in every run."""
         return self.layout[0] == SEED
 
     @property
     def indices(self) -> tuple[str, ...]:
-        """What it takes beside the seed."""
-        names = (word.name if isinstance(word, From) else word for word in self.layout)
+        """Names of the stream's indices."""
+        names = (item.name if isinstance(item, From) else item for item in self.layout)
         return tuple(name for name in names if isinstance(name, str) and name != SEED)
 
 
 SEED: Final = "seed"
 FREE: Final = 2**31
-"""No index reaches it: as a second word it, and each number after it, is of one purpose alone."""
+"""Number above every index; as a second word, it and each number after it belong to one purpose alone."""
 
 PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
     {
@@ -198,20 +201,28 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "zones-trial": Purpose("page, day and print of a defect in a zone", (SEED, FREE + 63, "print")),
     }
 )
-"""By name, in the order of names."""
+"""Purposes of the streams by name, in the order of names."""
 
 
 def stream(seed: int | None, purpose: str, *indices: int) -> np.random.Generator:
-    """The random numbers of one purpose: the same whatever else is drawn, and in whatever order.
+    """Return the generator of one purpose, whose numbers do not depend on other draws or their order.
 
-    seed: the user's, from 0; None for a purpose whose seed is fixed. indices: those that ``PURPOSES`` names, from 0.
-    ValueError: there is no such purpose, or it does not take these numbers.
+    Parameters
+    ----------
+    seed : the user's, from 0; None for a purpose whose seed is fixed
+    purpose : a name in ``PURPOSES``
+    indices : those that ``PURPOSES`` names, from 0
+
+    Raises
+    ------
+    ValueError
+        if there is no such purpose, or it does not take these numbers
     """
     return np.random.default_rng(seed_sequence(seed, purpose, *indices))
 
 
 def seed_sequence(seed: int | None, purpose: str, *indices: int) -> list[int]:
-    """The words that seed a stream; arguments and errors as of ``stream``."""
+    """Return the seed sequence of a stream; arguments and errors as of ``stream``."""
     if purpose not in PURPOSES:
         raise ValueError(f"there is no stream {purpose!r}: choose of {', '.join(PURPOSES)}")
     wanted = PURPOSES[purpose]
@@ -224,8 +235,8 @@ def seed_sequence(seed: int | None, purpose: str, *indices: int) -> list[int]:
     if any(number < 0 for number in numbers):
         raise ValueError(f"stream {purpose!r} counts from 0: {numbers}")
     given = iter(numbers)
-    return [word if isinstance(word, int) else _first(word) + next(given) for word in wanted.layout]
+    return [item if isinstance(item, int) else _first(item) + next(given) for item in wanted.layout]
 
 
-def _first(word: str | From) -> int:
-    return word.first if isinstance(word, From) else 0
+def _first(item: str | From) -> int:
+    return item.first if isinstance(item, From) else 0

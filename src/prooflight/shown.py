@@ -1,7 +1,7 @@
-"""How results show themselves to a person, in a notebook or at a prompt.
+"""Display of results in a notebook or at a prompt.
 
-The room that draws them, ``reporting``, lies above the rooms that they come from; so the package as a whole says who
-draws (``prooflight/__init__.py``), and nothing is loaded before something is to be shown.
+``reporting``, which draws them, lies above the packages that they come from, so ``prooflight/__init__.py``
+sets the renderer, and nothing is loaded before a result is displayed.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ if TYPE_CHECKING:
 
 
 class Renderer(Protocol):
-    """Draws results; ``reporting.notebook`` is one."""
+    """Interface for drawing results; ``reporting.notebook`` implements it."""
 
     def html(self, result: Any) -> str:
-        """A result as HTML that stands anywhere, its texts escaped."""
+        """Return a result as HTML that is valid anywhere, with its texts escaped."""
         ...
 
     def sentence(self, result: Any) -> str:
-        """A result in one line."""
+        """Return a result in one line."""
         ...
 
     def picture(self, inspection: Any) -> Image:
-        """What an inspection rests on."""
+        """Return a picture of the evidence of an inspection."""
         ...
 
 
 class Shown:
-    """Shows itself."""
+    """Mixin for results that display themselves."""
 
     __slots__ = ()
     renderer: ClassVar[Callable[[], Renderer]]
 
     def _repr_html_(self) -> str:
-        """What notebooks show of a cell's last value."""
+        """Return the HTML that notebooks show for a cell's last value."""
         return Shown.renderer().html(self)
 
     def show(self) -> None:
-        """Show it now: in a notebook as a cell's last value would be, elsewhere in one line of text."""
+        """Show the result: in a notebook as a cell's last value would be, elsewhere in one line of text."""
         notebook = sys.modules.get("IPython")
         # A shell in a terminal has no kernel, and shows no pictures.
         if notebook is not None and hasattr(notebook.get_ipython(), "kernel"):

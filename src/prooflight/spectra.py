@@ -1,7 +1,7 @@
-"""The wavelength grid, illuminants, the eye, and integrals over the spectrum.
+"""Wavelength grid, illuminants, colour matching functions, and integrals over the spectrum.
 
-Everything spectral in this package lives on one grid: 36 bands, 380 to 730 nm in steps of 10 nm (paper, section 3).
-Band integrals are plain sums times the step, as ISET forms them.
+Everything spectral in this package is on one grid: 36 bands, 380 to 730 nm in steps of 10 nm (paper, section
+3). Band integrals are plain sums times the step, as ISET forms them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def on_grid(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64
 
 
 def resample(wave_nm: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
-    """Bring spectra measured on any increasing wavelengths to the grid by linear interpolation.
+    """Resample spectra measured at any increasing wavelengths to the grid by linear interpolation.
 
     wave_nm (n,) [nm]; values (..., n). Returns (..., 36). ValueError if the data does not cover 380..730 nm.
     """
@@ -64,7 +64,7 @@ def resample(wave_nm: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
 
 @cache
 def illuminant(name: str) -> NDArray[np.float64]:
-    """Relative power of a CIE illuminant on the grid (36,), e.g. D65, D50, A, FL2.
+    """Return the relative power of a CIE illuminant on the grid (36,), e.g. D65, D50, A, FL2.
 
     Values: CIE 015:2018 as tabulated by colour-science. KeyError if there is no such illuminant.
     """
@@ -76,7 +76,7 @@ def illuminant(name: str) -> NDArray[np.float64]:
 
 @cache
 def luminous_efficiency() -> NDArray[np.float64]:
-    """V(lambda), CIE 1924 photopic, on the grid (36,)."""
+    """Return V(lambda), CIE 1924 photopic, on the grid (36,)."""
     import colour
 
     table = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
@@ -85,7 +85,7 @@ def luminous_efficiency() -> NDArray[np.float64]:
 
 @cache
 def colour_matching() -> NDArray[np.float64]:
-    """CIE 1931 2-degree colour matching functions on the grid (36, 3)."""
+    """Return the CIE 1931 2-degree colour matching functions on the grid (36, 3)."""
     import colour
 
     table = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
@@ -93,23 +93,23 @@ def colour_matching() -> NDArray[np.float64]:
 
 
 def photons_per_joule() -> NDArray[np.float64]:
-    """Photons in one joule at each band (36,): lambda / (h c)."""
+    """Return the number of photons in one joule at each band (36,): lambda / (h c)."""
     return WAVE_NM * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
 
 
 def xyz(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.float64]:
-    """Tristimulus values of reflectances (..., 36) -> (..., 3), Y = 1 for a perfect diffuser (CIE 015, 2 degrees)."""
+    """Return the XYZ of reflectances (..., 36) -> (..., 3); Y = 1 for a perfect diffuser (CIE 015, 2 deg.)."""
     weights = illuminant(light)[:, None] * colour_matching()
     return np.asarray(reflectance @ (weights / weights[:, 1].sum()), dtype=np.float64)
 
 
 def white_xyz(light: str = "D50") -> NDArray[np.float64]:
-    """Tristimulus values of the perfect diffuser under ``light`` (3,), by the same sums as ``xyz``."""
+    """Return tristimulus values of the perfect diffuser under ``light`` (3,), by the same sums as ``xyz``."""
     return xyz(np.ones(BANDS), light)
 
 
 def lab(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.float64]:
-    """CIELAB of reflectances (..., 36) -> (..., 3) under ``light`` for the 2-degree observer (CIE 015)."""
+    """Return CIELAB of reflectances (..., 36) -> (..., 3) under ``light`` for the 2-degree observer (CIE 015)."""
     ratio = xyz(reflectance, light) / white_xyz(light)
     root = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio * (29 / 6) ** 2 / 3 + 4 / 29)
     x, y, z = np.moveaxis(root, -1, 0)
@@ -117,7 +117,7 @@ def lab(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.flo
 
 
 def delta_e00(lab_a: ArrayLike, lab_b: ArrayLike) -> NDArray[np.float64]:
-    """CIEDE2000 colour difference of CIELAB values (..., 3) -> (...) (CIE 142; colour-science's implementation)."""
+    """Return the CIEDE2000 difference of CIELAB values (..., 3) -> (...) (CIE 142; colour-science's implementation)."""
     import colour
 
     return np.asarray(
@@ -126,11 +126,11 @@ def delta_e00(lab_a: ArrayLike, lab_b: ArrayLike) -> NDArray[np.float64]:
 
 
 def srgb_encoded(light: NDArray[Real]) -> NDArray[Real]:
-    """Codes 0..1 that sRGB gives light over white's, which is bounded to 0..1 (IEC 61966-2-1)."""
+    """Encode light relative to white, clipped to 0..1, as sRGB codes 0..1 (IEC 61966-2-1)."""
     linear = np.clip(light, 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def srgb_light(code: NDArray[Real]) -> NDArray[Real]:
-    """Light over white's of sRGB codes 0..1: the inverse of ``srgb_encoded``."""
+    """Decode sRGB codes 0..1 to light relative to white, the inverse of ``srgb_encoded``."""
     return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)

@@ -51,7 +51,7 @@ def test_noise_is_white_in_one_world_and_what_is_printed_stands_out_in_the_other
     least = error_colours(np.float32([-5.0, 5.0])).min()
     assert (pixels(white.picture).min(axis=2) >= least - 1).all()
     assert (pixels(off.picture).min(axis=2) < least - 1).mean() > 0.05
-    assert f"score {pale.verdict.score:,.0f}" in off.told
+    assert f"score {pale.verdict.score:,.0f}" in off.caption
     squares = pixels(blocks.picture)
     assert len(np.unique(squares.reshape(-1, 3), axis=0)) <= np.prod([side // 8 + 1 for side in WINDOW])
 

@@ -1,1 +1,1 @@
-"""Files: whole or not there, bounded before they are read, and what may stand in them."""
+"""File handling: atomic writing, bounded reading, and the schema of file contents."""

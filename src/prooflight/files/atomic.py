@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path``: takes its name when the block ends well, vanishes when it does not.
+    """Yield a temporary file beside ``path`` that is renamed to it when the block succeeds and removed when it fails.
 
-    Who may read it is what the process's umask says, as of any file that is made. OSError names ``path``, also where
-    what broke off was a write, which by itself names no file.
+    Its permissions follow the process's umask, like those of any new file. OSError names ``path``, also for a
+    failed write, which by itself names no file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}.part")

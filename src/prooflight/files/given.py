@@ -1,4 +1,4 @@
-"""Files that a user names, read whole: ordinary files only, no larger than their kind ever is, and text as text."""
+"""Bounded reading of files that a user names: regular files only, of limited size, and text decoded as text."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ _UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenFiles:
-    """A kind of file, and what is said of one that cannot be of that kind."""
+    """A kind of file, with the error that is raised for a file that cannot be of that kind."""
 
     error: type[InputError]
     remedy: str
     largest_mb: float
-    """Far more than such a file ever has; what it becomes in memory is some 30 times as large."""
+    """Size far above that of any such file; in memory it takes some 30 times as much."""
 
     def read(self, path: Path) -> bytes:
-        """All bytes. ``error``: no ordinary file (a pipe would be waited for, a device never ends), or too large.
+        """Return all bytes.
 
-        OSError: the system cannot open it.
+        ``error``: not a regular file (a pipe would block, a device never ends), or too large. OSError: the
+        system cannot open it.
         """
         try:
             descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -46,20 +47,20 @@ class GivenFiles:
         return self.bounded(data, where=path)
 
     def bounded(self, data: bytes, *, where: object) -> bytes:
-        """``data``, if it is no larger than such a file ever is; ``error`` otherwise."""
+        """Return ``data`` if it is within the size limit; ``error`` otherwise."""
         if len(data) > self.most_bytes:
             raise self.error(where, f"is larger than {self.largest_mb:g} MB", remedy=self.remedy)
         return data
 
     def read_text(self, path: Path, *, any_encoding: bool = False) -> str:
-        r"""All text, lines ending in ``\n``; see ``text``."""
+        r"""Return all text, with lines ending in ``\n``; see ``text``."""
         return self.text(self.read(path), where=path, any_encoding=any_encoding)
 
     def text(self, data: bytes, *, where: object, any_encoding: bool = False) -> str:
-        """UTF-8, with or without a mark; ``error`` if it is something else or holds NUL.
+        """Decode UTF-8 with or without a byte order mark; ``error`` if it is something else or contains NUL.
 
-        any_encoding: UTF-16 that says so as well, and Latin-1 else, which older programs write and in which any byte is
-        a letter.
+        any_encoding: also decode UTF-16 with a byte order mark, and Latin-1 otherwise, which older programs
+        write and in which any byte is a letter.
         """
         try:
             text = data.decode("utf-16" if any_encoding and data.startswith(_UTF16_MARKS) else "utf-8-sig")
@@ -73,10 +74,10 @@ class GivenFiles:
 
     @property
     def most_bytes(self) -> int:
-        """No file of this kind has more."""
+        """Size limit in bytes."""
         return int(self.largest_mb * 1_000_000)
 
 
 def shortly(text: str) -> str:
-    """What a file or an argument holds, for a message: its beginning will do."""
+    """Shorten the contents of a file or an argument for a message to their beginning."""
     return text if len(text) <= 60 else f"{text[:60]}..."

@@ -1,4 +1,4 @@
-"""The arrays of every kind of ink model, wherever they are kept: in a file of their own or in a press artefact."""
+"""Array schema of every kind of ink model, whether in a file of its own or in a press artefact."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ if TYPE_CHECKING:
 
 OF_MODEL, OF_SPREAD = "model.", "spread."
 MOST_RECIPES: Final = 20_000
-"""assumed: charts have 2,000 patches; each costs a kilobyte of every chunk of recipes predicted."""
+"""Greatest number of recipes. assumed: charts have 2,000 patches; each costs a kilobyte of every chunk of
+recipes predicted."""
 MOST_LEVELS: Final = 9
-"""Of an ink's cells; ours have three."""
+"""Greatest number of levels of an ink's cells; the product's models have three."""
 MOST_FACTOR: Final = 10.0
-"""Of what reflects: brightened paper has 1.2."""
+"""Greatest reflectance factor: brightened paper has 1.2."""
 STEEPEST: Final = 0.25
-"""Tone value increase and skew together: up to here curves rise."""
+"""Limit of tone value increase and skew together, below which curves rise."""
 
 
 class ScoreFacts(Block):
-    """``selection.Score``."""
+    """Schema of ``selection.Score``."""
 
     mean_delta_e00: NotNegative
     median_delta_e00: NotNegative
@@ -100,9 +101,9 @@ MODELS: Final[Mapping[str, Mapping[str, Kept]]] = {
     "neugebauer": _NEUGEBAUER,
     "cellular-neugebauer": _NEUGEBAUER,
     "radial-basis": _RADIAL,
-    "hybrid": _RADIAL | {f"trend.{name}": kept for name, kept in _NEUGEBAUER.items()},
+    "hybrid": _RADIAL | {f"trend.{name}": spec for name, spec in _NEUGEBAUER.items()},
 }
-"""By the model's name; ``inks.selection.MODELS`` makes models of them."""
+"""Arrays of each model by its name; ``inks.selection.MODELS`` constructs models from them."""
 SPREAD: Final = {
     "cmyk": _RECIPES,
     "squared": _array("recipes", BANDS, low=0),
@@ -111,10 +112,13 @@ SPREAD: Final = {
 
 
 def check_inks(model: str, arrays: Mapping[str, NDArray[Any]], *, spread: bool, under: str = "") -> None:
-    """Misfit unless ``arrays`` are those of such a model. spread: and of how sure it is. under: where they stand."""
+    """Raise Misfit unless ``arrays`` are those of such a model.
+
+    spread: whether those of its uncertainty must be there as well. under: prefix of their names in messages.
+    """
     if model not in MODELS:
         raise Misfit(f"{under}model", f"is {model!r}, which is unknown")
-    table = {OF_MODEL + name: kept for name, kept in MODELS[model].items()}
+    table = {OF_MODEL + name: spec for name, spec in MODELS[model].items()}
     sizes = check_arrays(
         {name: array for name, array in arrays.items() if not name.startswith(OF_SPREAD)},
         table,
@@ -132,5 +136,5 @@ def check_inks(model: str, arrays: Mapping[str, NDArray[Any]], *, spread: bool, 
 
 
 def check_score(text: str, *, under: str = "") -> None:
-    """Misfit unless a text is a score, as JSON."""
+    """Raise Misfit unless a text is a score, as JSON."""
     checked(ScoreFacts, parsed(text), under=f"{under}score.")

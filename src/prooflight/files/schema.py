@@ -1,6 +1,6 @@
-"""What a file of ours may hold: numbers of its document by pydantic, its arrays by a table, nothing else beside them.
+"""Validation of the project's files: documents by pydantic, arrays by a table, with nothing else beside them.
 
-Each part of the program that is kept in a file has its own document and table next to where it is read.
+Each part of the program that is stored in a file has its own document and table next to where it is read.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Rule = Callable[[NDArray[Any]], str]
-    """What is wrong with an array beyond shape and range; empty: nothing."""
+    """Rule that returns what is wrong with an array beyond shape and range; empty if nothing is."""
 
 FAR: Final = 1e9
-"""No number of ours is larger, but for counts of pages and variances."""
+"""Limit of all numbers except counts of pages and variances."""
 
 # Strict: text and booleans are no numbers.
 Number = Annotated[float, Field(strict=True, ge=-FAR, le=FAR, allow_inf_nan=False)]
@@ -29,13 +29,13 @@ Positive = Annotated[float, Field(strict=True, gt=0, le=FAR, allow_inf_nan=False
 NotNegative = Annotated[float, Field(strict=True, ge=0, le=FAR, allow_inf_nan=False)]
 Share = Annotated[float, Field(strict=True, ge=0, le=1, allow_inf_nan=False)]
 Chance = Annotated[float, Field(strict=True, gt=0, lt=1, allow_inf_nan=False)]
-"""A probability of what may happen and may not."""
+"""Probability strictly between 0 and 1."""
 Count = Annotated[int, Field(strict=True, ge=0, le=10**9)]
 Name = Annotated[str, Field(strict=True, min_length=1, max_length=255)]
 
 
 class Misfit(ValueError):
-    """What a file holds and must not; ``field`` is where, ``what`` goes on from there."""
+    """Content that a file must not have; ``field`` is where, and ``what`` continues the sentence."""
 
     def __init__(self, field: str, what: str) -> None:
         self.field, self.what = field, what
@@ -43,7 +43,7 @@ class Misfit(ValueError):
 
 
 class Block(BaseModel):
-    """A part of a document: every field known, none changed by being read."""
+    """A part of a document with known fields only, none of them converted by reading."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -52,7 +52,7 @@ Document = TypeVar("Document", bound=Block)
 
 
 def parsed(text: str) -> Any:
-    """What JSON says; Misfit: it is none."""
+    """Parse JSON; Misfit if it is invalid."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -60,7 +60,7 @@ def parsed(text: str) -> Any:
 
 
 def checked(kind: type[Document], raw: Any, *, under: str = "") -> Document:
-    """A document as ``kind`` knows it; Misfit names the first field that is wrong. under: where it stands."""
+    """Validate a document as ``kind``; Misfit names the first wrong field. under: prefix of its name."""
     try:
         # From JSON, as it was written: there a list is as good as a tuple.
         return kind.model_validate_json(json.dumps(raw))
@@ -76,34 +76,34 @@ def checked(kind: type[Document], raw: Any, *, under: str = "") -> Document:
             case "json_invalid":  # a lone surrogate: Python's own reader lets it pass
                 raise Misfit(field, "is not JSON") from error
             case _:
-                raise Misfit(field, _said(fault)) from error
+                raise Misfit(field, _message(fault)) from error
     except (ValueError, RecursionError) as error:
         raise Misfit(under + "document", "is not JSON") from error
 
 
-def _said(fault: Any) -> str:
+def _message(fault: Any) -> str:
     text = fault["msg"].removeprefix("Value error, ").removeprefix("Input ").replace("should", "must")
     given = fault["input"]
-    told = "" if isinstance(given, dict | list) else f", not {str(given)[:40]!r}"
-    return f"{text[0].lower()}{text[1:]}{told}"
+    suffix = "" if isinstance(given, dict | list) else f", not {str(given)[:40]!r}"
+    return f"{text[0].lower()}{text[1:]}{suffix}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kept:
-    """What one array must be; finite it must be anyway."""
+    """Required type, shape and range of one array, which must also be finite."""
 
     dtype: str
     shape: tuple[int | str, ...]
-    """An extent, or the name of one that is the same wherever it stands."""
+    """Extents, or names of extents that must be equal wherever they occur."""
     low: float = -FAR
     high: float = FAR
     above: float | None = None
     """It must be greater than this."""
     rule: Rule | None = None
     absent: bool = False
-    """Whether it may be."""
+    """Whether the array may be missing."""
     empty: bool = False
-    """Whether it may be."""
+    """Whether the array may be empty."""
 
 
 def check_arrays(
@@ -113,45 +113,45 @@ def check_arrays(
     *,
     under: str = "",
 ) -> dict[str, int]:
-    """Misfit unless arrays are those of ``table``; returns the extents, those that only the arrays told among them.
+    """Raise Misfit unless arrays are those of ``table``; return the extents, those taken from the arrays included.
 
-    sizes: extents by name, as far as they are known.
+    sizes: known extents by name.
     """
-    known = dict(sizes)
+    extents = dict(sizes)
     for name in arrays:
         if name not in table:
             raise Misfit(under + name, "is not known here")
-    for name, kept in table.items():
+    for name, spec in table.items():
         if name in arrays:
-            _check_array(under + name, arrays[name], kept, known)
-        elif not kept.absent:
+            _check_array(under + name, arrays[name], spec, extents)
+        elif not spec.absent:
             raise Misfit(under + name, "is missing")
-    return known
+    return extents
 
 
-def _check_array(name: str, array: NDArray[Any], kept: Kept, known: dict[str, int]) -> None:
-    if array.dtype.name != kept.dtype:
-        raise Misfit(name, f"is of {array.dtype.name}, must be of {kept.dtype}")
-    fits = array.ndim == len(kept.shape) and all(
-        extent == (known.setdefault(wanted, extent) if isinstance(wanted, str) else wanted)
-        for extent, wanted in zip(array.shape, kept.shape, strict=True)
+def _check_array(name: str, array: NDArray[Any], spec: Kept, extents: dict[str, int]) -> None:
+    if array.dtype.name != spec.dtype:
+        raise Misfit(name, f"is of {array.dtype.name}, must be of {spec.dtype}")
+    fits = array.ndim == len(spec.shape) and all(
+        extent == (extents.setdefault(wanted, extent) if isinstance(wanted, str) else wanted)
+        for extent, wanted in zip(array.shape, spec.shape, strict=True)
     )
     if not fits:
-        raise Misfit(name, f"has {_times(array.shape)} numbers, must have {_worded(kept.shape, known)}")
+        raise Misfit(name, f"has {_times(array.shape)} numbers, must have {_worded(spec.shape, extents)}")
     if not array.size:
-        if kept.empty:
+        if spec.empty:
             return
         raise Misfit(name, "is empty")
     # NaN goes through either.
     low, high = float(array.min()), float(array.max())
     if not (np.isfinite(low) and np.isfinite(high)):
         raise Misfit(name, "holds a value that is not a finite number")
-    if kept.above is not None and low <= kept.above:
-        raise Misfit(name, f"holds {low:.6g}, must be above {kept.above:g}")
-    if low < kept.low or high > kept.high:
-        wrong = low if low < kept.low else high
-        raise Misfit(name, f"holds {wrong:.6g}, must lie between {kept.low:g} and {kept.high:g}")
-    if kept.rule is not None and (what := kept.rule(array)):
+    if spec.above is not None and low <= spec.above:
+        raise Misfit(name, f"holds {low:.6g}, must be above {spec.above:g}")
+    if low < spec.low or high > spec.high:
+        wrong = low if low < spec.low else high
+        raise Misfit(name, f"holds {wrong:.6g}, must lie between {spec.low:g} and {spec.high:g}")
+    if spec.rule is not None and (what := spec.rule(array)):
         raise Misfit(name, what)
 
 
@@ -159,17 +159,17 @@ def _times(extents: Iterable[int | str]) -> str:
     return " x ".join(map(str, extents)) or "one of"
 
 
-def _worded(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
+def _worded(shape: tuple[int | str, ...], sizes: Mapping[str, int]) -> str:
     named = dict.fromkeys(one for one in shape if isinstance(one, str))
-    told = f" ({', '.join(named)})" if named else ""
-    return _times(known.get(one, one) if isinstance(one, str) else one for one in shape) + told
+    suffix = f" ({', '.join(named)})" if named else ""
+    return _times(sizes.get(one, one) if isinstance(one, str) else one for one in shape) + suffix
 
 
 def part_of(arrays: Mapping[str, NDArray[Any]], under: str) -> dict[str, NDArray[Any]]:
-    """Arrays whose names begin with ``under``, by the rest of their names."""
+    """Return the arrays whose names begin with ``under``, by the rest of their names."""
     return {name.removeprefix(under): array for name, array in arrays.items() if name.startswith(under)}
 
 
 def rising(array: NDArray[Any]) -> str:
-    """A rule: values must not fall along the last axis."""
+    """Return the fault of values that fall along the last axis; empty if none does."""
     return "must rise from value to value" if (np.diff(array) < 0).any() else ""

@@ -1,1 +1,1 @@
-"""Numbers without light: the page's raster looked up, filtered and sampled as the camera would (paper, section 3.4)."""
+"""Prediction of a scan: a page's raster is looked up, filtered and sampled as by the camera (paper, section 3.4)."""

@@ -1,4 +1,4 @@
-"""A prediction in 16-bit integers: what the compiled comparison reads."""
+"""Prediction in 16-bit integers, as the compiled comparison reads it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ if TYPE_CHECKING:
 
 MOST = 65535
 MOST_BITS = 25
-"""Of mean and inverse together: their product, shifted by one word, must still hold z to a 1024th."""
+"""Greatest number of bits of mean and inverse together: their product, shifted by 16, must still hold z to a
+1024th."""
 ALONG_X = np.float32(0.7548776662466927)
 ALONG_Y = np.float32(0.5698402909980532)
-"""Two powers of 1 / 1.3247..., whose multiples fill the unit interval most evenly in both directions (Roberts 2018,
-"The unreasonable effectiveness of quasirandom sequences", R2)."""
+"""Two powers of 1 / 1.3247..., whose multiples fill the unit interval most evenly in both directions (Roberts
+2018, "The unreasonable effectiveness of quasirandom sequences", R2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,14 +29,14 @@ class Scale:
     """Fixed-point scales of one sensor's prediction."""
 
     mean_bits: int
-    """Bits below 1 DN of the mean: 4 for a 12-bit camera, 0 for 16 bits."""
+    """Bits of the mean below 1 DN: 4 for a 12-bit camera, 0 for 16 bits."""
     inverse_bits: int
-    """1/sigma is stored times 2^inverse_bits. [DN]"""
+    """Exponent of the scale 2^inverse_bits of the stored 1/sigma. [DN]"""
     top_code_dn: int
 
     @classmethod
     def of(cls, *, top_code_dn: int, least_variance_dn2: float) -> Scale:
-        """The finest scales at which no mean up to the top code and no sigma down to the least overflows."""
+        """Return the finest scales at which no mean up to the top code and no sigma down to the least overflows."""
         least_sigma = math.sqrt(max(least_variance_dn2, ROUNDING_VARIANCE_DN2))
         mean_bits = 16 - int(top_code_dn).bit_length()
         return cls(
@@ -46,16 +47,16 @@ class Scale:
 
 
 class Lines(NamedTuple):
-    """An image as its memory lies, for compiled loops: what is cut out of a scan need not be copied for them."""
+    """An image by its memory layout, so that compiled loops read parts of a scan without a copy."""
 
     values: NDArray[Any]
-    """(n,) from the first pixel to the last."""
+    """Pixels from the first to the last, (n,)."""
     step: int
-    """From the beginning of one line to the next."""
+    """Distance between the starts of consecutive lines."""
 
     @classmethod
     def of(cls, image: NDArray[Any]) -> Self:
-        """Of (lines, pixels), not empty; copied only if the pixels of a line do not lie side by side."""
+        """Return the layout of (lines, pixels), not empty; copied only if the pixels of a line are not adjacent."""
         each = image.itemsize
         if image.strides[1] != each or image.strides[0] % each or image.strides[0] < 0:
             image = np.ascontiguousarray(image)
@@ -66,10 +67,10 @@ class Lines(NamedTuple):
 
 @inner_kernel(error_model="numpy")
 def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
-    """One line of one sensor: mean [DN], variance [DN^2] (pixels,) float32 -> codes (pixels,) uint16.
+    """Encode one line of one sensor: mean [DN], variance [DN^2] (pixels,) float32 -> codes (pixels,) uint16.
 
-    line: of the page, 0 at its top: the pattern of rounding depends on it and on the pixel alone. All (pixels,) and
-    contiguous. ``compact`` says what the codes mean.
+    line: of the page, 0 at its top; the pattern of rounding depends on it and on the pixel alone. All arrays
+    are (pixels,) and contiguous. ``compact`` defines the codes.
     """
     scale = np.float32(1 << mean_bits)
     of_rounding = np.float32(1) / (scale * scale)
@@ -95,7 +96,7 @@ def compact_row(mean, variance, line, mean_bits, inverse_bits, mean_out, inverse
     "inverse_out (L, P)"
 )
 def compact_lines(mean, variance, first_line, mean_bits, inverse_bits, mean_out, inverse_out):  # type: ignore[no-untyped-def]
-    """``compact_row`` for each line of a band, ``Lines`` -> (lines, pixels); its first is first_line of the page."""
+    """Run ``compact_row`` on each line of a band, ``Lines`` -> (lines, pixels); its first is first_line of the page."""
     pixels = mean_out.shape[1]
     for line in range(mean_out.shape[0]):
         compact_row(
@@ -116,15 +117,17 @@ def compact(
     *,
     first_line: int = 0,
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Some lines of one sensor's prediction, (lines, pixels), in integers: mean and inverse, (lines, pixels) each.
+    """Encode some lines of one sensor's prediction, (lines, pixels), as integers: mean and inverse, (lines,
+    pixels) each.
 
     expected_dn: between 0 and the top code [DN]; first_line: of the page, 0 at its top.
 
-    Both codes are rounded up or down by an even pattern over the page, so that no place of it is off by a rounding:
-    mean = floor(2^mean_bits expected + u), inverse = floor(2^inverse_bits / sigma + v), at most 65535, with u and v in
-    [0, 1). A mean is less than 2^-mean_bits DN off and an inverse less than 1, in both directions; over 8 x 8 equal
-    pixels the mean of the means is less than a fourth of that off. sigma^2 is the prediction's variance plus what this
-    rounding of the mean adds to a pixel, f (1 - f) / 4^mean_bits, f the fraction rounded away.
+    Both codes are rounded up or down by an even pattern over the page, so that rounding is unbiased
+    everywhere: mean = floor(2^mean_bits expected + u), inverse = floor(2^inverse_bits / sigma + v), at most
+    65535, with u and v in [0, 1). A mean is less than 2^-mean_bits DN off and an inverse less than 1, in both
+    directions; over 8 x 8 equal pixels the mean of the means is less than a fourth of that off. sigma^2 is
+    the prediction's variance plus the variance that this rounding of the mean adds to a pixel, f (1 - f) /
+    4^mean_bits, with f the fraction rounded away.
     """
     mean, inverse = np.empty((2, *expected_dn.shape), np.uint16)
     expected, variance = Lines.of(expected_dn), Lines.of(variance_dn2)

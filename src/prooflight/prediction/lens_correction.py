@@ -1,4 +1,4 @@
-"""Light as short separable footprints saw it -> light as the lens gives it."""
+"""Correction of light filtered by short separable footprints for the rest of the lens's point spread function."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ LINES_PER_BAND = 256
 
 
 def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, threads: int = 1) -> None:
-    """Correct light (lines, pixels), measured from the backing's level so that it is 0 beyond the scan, in place.
+    """Correct light (lines, pixels) in place; it is relative to the backing's level, so that it is 0 beyond the scan.
 
-    Working space is a sixteenth of the light's.
+    Working memory is a sixteenth of the light's.
     """
     if correction.is_identity:
         return
@@ -53,7 +53,7 @@ def correct_light(light: NDArray[np.float32], correction: LensCorrection, *, thr
 
 
 def far_light(light: NDArray[np.float32], correction: LensCorrection) -> NDArray[np.float32]:
-    """What reaches each block of pixels from blocks around it and far away; light (lines, pixels) is not changed."""
+    """Return the light that reaches each block from other blocks; light (lines, pixels) is not changed."""
     blocks = _means(light)
     large = _means(blocks)
     far, farther = np.empty_like(blocks), np.empty_like(large)
@@ -70,7 +70,7 @@ def _means(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _lines(light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-    """A copy of ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; whole ones lie above it or within."""
+    """Copy ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; no block may begin above the scan and end within."""
     lines = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
     there = light[max(first, 0) : max(first + NEAR_REACH, 0)]
     lines[: len(there)] = there

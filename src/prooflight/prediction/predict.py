@@ -1,4 +1,4 @@
-"""A page's raster -> the lines the camera must see, and how sure that is."""
+"""Prediction of a scan from a page's raster: expected lines and their variance."""
 
 from __future__ import annotations
 
@@ -39,17 +39,18 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 BANDS_A_WORKER = 3
-"""Few, for each begins with rows that its neighbour filters too; and more than one, for a worker may be held up."""
+"""Number of bands a worker: few, since each begins with rows that its neighbour filters too, but more than
+one, since a worker may be delayed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """What a good scan of one page must show."""
+    """Expected good scan of one page."""
 
     expected_dn: NDArray[np.float32]
-    """(sensors, lines, pixels), unrounded. [DN]"""
+    """Expected values, unrounded, (sensors, lines, pixels). [DN]"""
     variance_dn2: NDArray[np.float32]
-    """(sensors, lines, pixels), temporal, the 1/12 DN^2 of rounding included. [DN^2]"""
+    """Temporal variance, the 1/12 DN^2 of rounding included, (sensors, lines, pixels). [DN^2]"""
 
 
 def predict(
@@ -60,15 +61,17 @@ def predict(
     placement: Placement = IN_PLACE,
     threads: int | None = None,
 ) -> Prediction:
-    """Expected lines of a whole page that lies as ``placement`` says, as designed or with its planes apart.
+    """Predict all lines of a page at ``placement``, as designed or with its planes displaced.
 
-    The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not the signal
-    of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row across, at the columns
-    it is seen at, then those rows along. The footprint goes where the page does, sheared by its turn but not stretched
-    by its stretch. Displacements are linear between nodes 16 camera pixels apart (``sampling_grid``).
-    threads: bands of lines run at once, default one a core.
+    The raster is looked up at its own resolution (a pixel at a letter's edge is the mean of two signals, not
+    the signal of half-strength ink), then filtered and area-sampled at the camera's pixels: each raster row
+    across, at the columns at which it is seen, then those rows along. The footprint moves with the page and
+    is sheared by its turn, but not stretched by its stretch. Displacements are linear between nodes 16 camera
+    pixels apart (``sampling_grid``).
+
+    threads: number of bands of lines that run at once; by default one a core.
     """
-    page, planes = _laid(page, placement)
+    page, planes = _raster_and_planes(page, placement)
     shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
     light, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -96,8 +99,11 @@ def predict(
     return Prediction(expected_dn=light, variance_dn2=spread)
 
 
-def _laid(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
-    """A raster and its planes (4, 2) as ``PrintedPage`` has them; only pages that lie anyhow are composed by rows."""
+def _raster_and_planes(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
+    """Return a raster and its planes (4, 2) as in ``PrintedPage``.
+
+    A page that is only shifted is composed as a whole, any other row by row.
+    """
     if isinstance(page, PrintedPage):
         if not placement.is_shift:
             return page.page, page.planes
@@ -114,9 +120,10 @@ def predict_light(
     geometry: ScanGeometry,
     sign: int = 1,
 ) -> None:
-    """What bare columns without a lens's far light see of a page in its place, of each table over CMYK.
+    """Predict the signals of bare columns, without a lens's far light, of a page at its nominal place.
 
-    Beyond the page they see 0. Written: (lines, pixels) each [the table's units], at least 0, times ``sign``.
+    Each of ``tables`` over CMYK gives one (lines, pixels) of ``out`` [the table's units], at least 0, times
+    ``sign``. Beyond the page the signal is 0.
     """
     if not tables:
         return
@@ -128,11 +135,11 @@ def predict_light(
 def relit(
     prediction: Prediction, sensors: Sequence[SensorModel], now: Sequence[SensorModel]
 ) -> Prediction | None:
-    """A prediction by ``sensors`` as it is by the same ones with other column gains; None: it has to be made again."""
+    """Return a prediction by ``sensors`` for other column gains; None if it has to be computed again."""
     expected = np.empty_like(prediction.expected_dn)
     variance = np.empty_like(prediction.variance_dn2)
     for index, (sensor, changed) in enumerate(zip(sensors, now, strict=True)):
-        known = relight(
+        is_relit = relight(
             sensor.column_offset_dn,
             changed.column_gain / sensor.column_gain,
             np.float32(sensor.dark_variance_dn2),
@@ -142,13 +149,13 @@ def relit(
             expected[index],
             variance[index],
         )
-        if not known:
+        if not is_relit:
             return None
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
-    """Its part of some lines and columns."""
+    """Cut a prediction to some lines and columns."""
     part = (slice(None), *area)
     return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
 
@@ -156,7 +163,7 @@ def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
 def looked_up(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
+    """Return mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
     packed = np.zeros(-(-max(len(cmyk), 1) // AT_ONCE) * AT_ONCE, np.uint32)
     packed[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
     mean, variance = np.empty((2, packed.size), np.float32)
@@ -171,12 +178,12 @@ def looked_up(
 
 @lru_cache(maxsize=128)
 def shot_slope(sensor: SensorModel) -> float:
-    """``SensorModel.shot_slope``, found once: it looks through both tables."""
+    """Return ``SensorModel.shot_slope``, computed once, since it searches both tables."""
     return sensor.shot_slope()
 
 
 def levels_of(sensor: SensorModel) -> ColumnLevels:
-    """What kernels take of a sensor's columns."""
+    """Return a sensor's column parameters as kernels take them."""
     return ColumnLevels(
         column_offset=sensor.column_offset_dn,
         column_gain=sensor.column_gain,
@@ -189,7 +196,7 @@ def levels_of(sensor: SensorModel) -> ColumnLevels:
 
 
 def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) -> None:
-    """Run ``works`` for all lines, in bands on all workers; a band begins by filtering rows that others do too."""
+    """Run ``works`` on all lines, in bands on all workers; adjacent bands filter some of the same rows."""
     band = lines if workers == 1 else -(-lines // (BANDS_A_WORKER * workers))
     tasks = [
         partial(work, line_from=start, line_to=min(start + band, lines))
@@ -208,7 +215,7 @@ def _filtering(
     backing: float,
     light: NDArray[np.float32],
 ) -> Callable[..., None]:
-    """The filtering kernel with everything set but the lines to do."""
+    """Return the filtering kernel with all arguments but the range of lines."""
     if where.still:
         return _filtering_still(page, sensor.footprint, where, [table], [backing], [light])
     across, along = where.passes(sensor.footprint, page.pixel_mm)
@@ -236,7 +243,7 @@ def _filtering_still(
     *,
     sign: int = 0,
 ) -> Callable[..., None]:
-    """The same of a page that is only shifted, for several tables at once."""
+    """Return the same for a page that is only shifted, for several tables at once."""
     return partial(
         filter_lines,
         page.packed,

@@ -1,4 +1,4 @@
-"""A page as a print shows it, whose ink planes lie apart."""
+"""Printed page whose ink planes are out of register."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrintedPage:
-    """A design, and where its planes came to lie: prediction composes its rows as it comes to them."""
+    """A design and the displacements of its planes; prediction composes its rows as it needs them."""
 
     page: Page
     planes: NDArray[np.int64]
-    """(4, 2) how many raster pixels each plane, CMYK, lies too far right and too far down; bare beyond."""
+    """Raster pixels by which each plane, CMYK, lies too far right and too far down, (4, 2); it is bare
+    beyond."""
 
     def composed(self) -> Page:
-        """The raster written out, where one is needed as a whole."""
+        """Return the composed raster, where one is needed as a whole."""
         return displaced(self.page, self.planes)

@@ -1,8 +1,8 @@
-"""Where camera pixels look on a page that lies a little off its place, in raster pixels, at a few nodes.
+"""Positions of camera pixels on a page that is slightly displaced, in raster pixels, at a few nodes.
 
-Prediction filters in two passes: every raster row across, then those rows along. The first needs, for a raster row
-and a camera column, the raster column that is seen where the two meet; the second, for a line and a column, the raster
-row. Both vary slowly, so they are tabulated at nodes and are linear between.
+Prediction filters in two passes: every raster row across, then those rows along. The first needs the raster
+column seen at each raster row and camera column; the second needs the raster row seen at each line and
+column. Both vary slowly, so they are tabulated at nodes and interpolated linearly.
 """
 
 from __future__ import annotations
@@ -26,45 +26,49 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 NODE_PITCH: Final = 16
-"""Lines, raster rows and columns from node to node; 1.7 mm at the paper's pitch, where warps span 25 mm."""
+"""Lines, raster rows and columns between nodes; 1.7 mm at the paper's pitch, where warps span 25 mm."""
 MOST_COLUMNS: Final = 256
-"""From node to node where places are straight: single precision then holds them to 1e-4 raster pixels."""
+"""Greatest distance of nodes where places are linear: single precision then holds them to 1e-4 raster
+pixels."""
 BEND_PIXELS: Final = 0.001
-"""How far places may lie off the line between nodes for those to be left out. [camera pixels]"""
+"""Greatest deviation of places from the line between nodes at which nodes between are left out. [camera
+pixels]"""
 PHASES: Final = 4096
-"""At least so many to a camera pixel: the nearest is off by at most 1/8192, and weights by 0.01 % of an edge."""
+"""Least number of phases of a camera pixel: the nearest is off by at most 1/8192, and weights by 0.01 % of an
+edge."""
 _ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nodes:
-    """One coordinate of what is seen, in raster pixels from the page's corner (a pixel's centre lies at its half)."""
+    """One coordinate of the points seen, in raster pixels from the page's corner (a pixel's centre is at its half)."""
 
     places: NDArray[np.float64]
-    """(nodes down, nodes across): at node rows, and at columns 0, segment, 2 segment, ... [raster pixels]"""
+    """Coordinates at node rows, and at columns 0, segment, 2 segment, ..., (nodes down, nodes across).
+    [raster pixels]"""
     pitch: int
-    """Rows (raster rows, or lines) from node to node."""
+    """Rows (raster rows, or lines) between nodes."""
     segment: int
-    """Columns from node to node."""
+    """Columns between nodes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SamplingGrid:
-    """The two coordinates that the two passes need."""
+    """Coordinates for the two filter passes."""
 
     across: Nodes
     """Raster columns, at raster rows and camera columns."""
     along: Nodes
     """Raster rows, at lines and camera columns."""
     still: bool
-    """Whether what is seen at a column is the same in every row, but for the row's own place."""
+    """Whether the point seen at a column is the same in every row, but for the row's own place."""
     stride: int
-    """Whole raster pixels from one camera column to the next; 0 if they are no whole number."""
+    """Raster pixels between camera columns if that is a whole number, else 0."""
     phase_bits: int
-    """A raster pixel has 2^phase_bits phases."""
+    """Logarithm of the number of phases of a raster pixel: 2^phase_bits."""
 
     def passes(self, footprint: Footprint, pixel_mm: float) -> tuple[FilterPass, FilterPass]:
-        """Across and then along, as a footprint filters a raster with pixels of that size."""
+        """Return the passes across and along by which a footprint filters a raster with pixels of that size."""
         step = float((footprint.across.size - 1) / (2 * footprint.reach_mm) * pixel_mm)
         across, along = (
             FilterPass(
@@ -80,7 +84,7 @@ class SamplingGrid:
 
 
 def sampling_grid(page: Page, geometry: ScanGeometry, placement: Placement) -> SamplingGrid:
-    """What the camera sees of ``page`` where ``placement`` puts it."""
+    """Return the points of ``page`` that the camera sees where ``placement`` puts it."""
     rows, lines = page.cmyk.shape[0], geometry.lines(page.height_mm)
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(lines)
     pixel_mm = page.pixel_mm
@@ -129,9 +133,10 @@ def _nodes(
     bend: float,
     still: bool,
 ) -> Nodes:
-    """Nodes as coarse as bends allow.
+    """Return nodes as coarse as the curvature of places allows.
 
-    still: what is seen at a column is the same, but for the row's own place, in every row; one cell down then does.
+    still: the point seen at a column is the same in every row, but for the row's own place, so one cell down
+    is enough.
     """
     pitch = max(rows, 1) if still else NODE_PITCH
     down = np.arange(-(-rows // pitch) + 1, dtype=np.float64) * pitch
@@ -146,6 +151,6 @@ def _nodes(
 
 
 def _straight(places: NDArray[np.float64], bend: float) -> bool:
-    """Whether every second node may be left out: it lies on the line between its neighbours, to ``bend``."""
+    """Return whether every second node lies on the line between its neighbours, to ``bend``, and may be left out."""
     bends = np.diff(places, 2, axis=1)
     return bool(max(bends.max(initial=0.0), -bends.min(initial=0.0)) <= 2 * bend)

@@ -1,4 +1,4 @@
-"""What prediction needs of one sensor: two tables over CMYK, its footprint, its columns."""
+"""Parameters of one sensor for prediction: two tables over CMYK, its footprint, its columns."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from prooflight.pages.sampling import Footprint
 
 STRAIGHT = 1e-3
-"""Share of a variance that it may lie off the line and still be taken from it: 0.05 % of sigma."""
+"""Relative deviation of a variance from a straight line that is neglected: 0.05 % of sigma."""
 EVERY = 2
 SLOPE_NODES = (NODES - 1) // EVERY + 1
-"""17 nodes an ink: byte values 0, 16, ..., 256."""
+"""Number of nodes an ink: byte values 0, 16, ..., 256."""
 
 
 def node_fractions() -> NDArray[np.float64]:
-    """Ink fractions at the nodes of one axis, (33,): 0, 8/255, ..., 256/255; the last lies just beyond full ink."""
+    """Return ink fractions at the nodes of one axis, (33,): 0, 8/255, ..., 256/255, the last just beyond full ink."""
     return np.arange(NODES, dtype=np.float64) * (NODE_STEP / 255)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorModel:
-    """One sensor as prediction sees it.
+    """Model of one sensor for prediction.
 
     Expected DN of a column = offset + gain x mean(CMYK); its temporal variance = dark variance + gain x
     (variance(CMYK) - dark variance), which is exact for shot noise.
@@ -37,28 +37,28 @@ class SensorModel:
 
     name: str
     mean_dn: NDArray[np.float32]
-    """(33, 33, 33, 33) light signal at each node, above dark, column gain 1. [DN]"""
+    """Light signal at each node, above dark, column gain 1, (33, 33, 33, 33). [DN]"""
     variance_dn2: NDArray[np.float32]
-    """(33, 33, 33, 33) temporal variance at each node, rounding included, column gain 1. [DN^2]"""
+    """Temporal variance at each node, rounding included, column gain 1, (33, 33, 33, 33). [DN^2]"""
     footprint: Footprint
     column_offset_dn: NDArray[np.float32]
-    """(pixels,) what each column gives without light: dark, DSNU, black level. [DN]"""
+    """Signal of each column without light: dark, DSNU, black level, (pixels,). [DN]"""
     column_gain: NDArray[np.float32]
-    """(pixels,) lamp, cos^4 and PRNU, 1 where the tables were made. [-]"""
+    """Gain of each column: lamp, cos^4 and PRNU, 1 where the tables were measured, (pixels,). [-]"""
     dark_variance_dn2: float
     """Temporal variance without light, rounding included. [DN^2]"""
     backing_dn: float
-    """Light signal of what lies beyond the page. [DN]"""
+    """Light signal of the backing beyond the page. [DN]"""
     backing_variance_dn2: float
     top_code_dn: int
     """Greatest digital number. [DN]"""
     correction: LensCorrection = field(default_factory=LensCorrection.none)
-    """What the footprint misses of the lens."""
+    """Part of the lens's point spread function that the footprint lacks."""
 
     def shot_slope(self) -> float:
-        """Slope of variance over mean [DN] if that is a straight line, as shot noise has it, backing included; else 0.
+        """Return the slope of variance over mean [DN] if that is linear, as for shot noise, backing included; else 0.
 
-        Then variance need not be filtered: it follows from the mean.
+        Variance then need not be filtered, since it follows from the mean.
         """
         low, high = (
             np.unravel_index(find(self.mean_dn), self.mean_dn.shape) for find in (np.argmin, np.argmax)
@@ -80,7 +80,7 @@ class SensorModel:
 
 
 class SameArray:
-    """An array as a key: the same one, not an equal one."""
+    """A key of an array by identity, not by equality."""
 
     def __init__(self, array: NDArray[np.float32]) -> None:
         self.array = array
@@ -93,19 +93,20 @@ class SameArray:
 
 
 def mean_slopes(mean_dn: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Slope of a mean by each ink at 17 nodes an ink, (17, 17, 17, 17, 4) [DN per whole ink], at column gain 1.
+    """Return slopes of a mean by each ink at 17 nodes an ink, (17, 17, 17, 17, 4) [DN per whole ink], at column gain 1.
 
-    How the expected signal answers to a little more of one ink (paper, section 3.4). Central differences over two steps
-    of the mean table, 16 byte values; at an axis's ends the one-sided parabola through three nodes. Not stored: slopes
-    at all 33^4 nodes would be 19 MB a sensor, and the table gives these 1.3 MB in a fraction of a second.
+    They are the response of the expected signal to a little more of one ink (paper, section 3.4). Central
+    differences over two steps of the mean table, 16 byte values; at an axis's ends the one-sided parabola
+    through three nodes. Not stored: slopes at all 33^4 nodes would be 19 MB a sensor, and the table gives
+    these 1.3 MB in a fraction of a second.
     """
     step = NODE_STEP / 255
     slopes = np.empty((*(SLOPE_NODES,) * 4, 4), np.float32)
-    kept = slice(None, None, EVERY)
+    coarse = slice(None, None, EVERY)
     for ink in range(4):
         along = np.moveaxis(mean_dn, ink, 0)
         other = np.moveaxis(slopes[..., ink], ink, 0)
-        thin = along[:, kept, kept, kept].astype(np.float64)
+        thin = along[:, coarse, coarse, coarse].astype(np.float64)
         other[1:-1] = (thin[EVERY + 1 :: EVERY] - thin[EVERY - 1 : -EVERY : EVERY]) / (2 * step)
         other[0] = (4 * thin[1] - thin[2] - 3 * thin[0]) / (2 * step)
         other[-1] = (3 * thin[-1] + thin[-3] - 4 * thin[-2]) / (2 * step)

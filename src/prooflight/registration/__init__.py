@@ -1,1 +1,1 @@
-"""Where a page lies: landmarks of a design, a coarse search, tiles measured, and the smooth field through them."""
+"""Registration of a page: landmarks of its design, a coarse search, measured tiles and a smooth field through them."""

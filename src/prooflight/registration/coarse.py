@@ -1,4 +1,4 @@
-"""Where a page lies to about a pixel, however far it is off: its picture at an eighth of the camera's resolution."""
+"""Coarse registration to about a pixel over the whole search range, at an eighth of the camera's resolution."""
 
 from __future__ import annotations
 
@@ -22,45 +22,47 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 EDGE_LIMIT: Final = 0.15
-"""Steeper edges count as this: a page's edge against the backing must not drown its content. [white/coarse pixel]"""
+"""Limit of the slopes: a page's edge against the backing must not drown its content. [white/coarse pixel]"""
 PAD: Final = 20
-"""Coarse pixels of nothing around the picture, so that a shift of 12 mm does not wrap around."""
+"""Width of the frame of zeros around the picture, so that a shift of 12 mm does not wrap around. [coarse
+pixels]"""
 LEAST_EDGE: Final = 0.01
 MOST_POINTS: Final = 2048
 POINTS_PER_ROW: Final = 256
 STEPS: Final = 5
 SPREAD: Final = 0.03
-"""What two good pictures of one page differ by at flat places: gain of ink and lamp. [white]"""
+"""Difference of two good pictures of one page in flat areas, from the gain of ink and lamp. [white]"""
 START_SD: Final = np.array([0.5, 0.5, 0.005, 5e-4, 5e-4, 0.1, 0.1])
-"""Of what a start may be wrong by, all steps together: pose, level and gain. [mm, radian, -, white, -]"""
+"""Standard deviations of the error of a start, all steps together: pose, level and gain. [mm, radian, -,
+white, -]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoarsePage:
-    """A design as the coarse search needs it."""
+    """A design in the form that the coarse search uses."""
 
     picture: NDArray[np.float32]
-    """(rows, columns) light signal as a share of white, sensors averaged."""
+    """Light signal as a share of white, mean over the sensors, (rows, columns)."""
     spectrum: NDArray[np.complex64]
-    """Conjugate Fourier transform of its edges, across + i along."""
+    """Conjugate Fourier transform of the picture's edges, across + i along."""
     energy: float
-    """Of its edges."""
+    """Energy of the picture's edges."""
     pitch_mm: tuple[float, float]
-    """Of its pixels, across and along."""
+    """Pitch of the coarse pixels, across and along."""
     first_mm: tuple[float, float]
-    """Centre of the first of them, x and y from the page's centre."""
+    """Centre of the first coarse pixel, x and y from the page's centre."""
     points: NDArray[np.int64]
-    """(points,) flat indices of pixels at edges."""
+    """Flat indices of pixels at edges, (points,)."""
     points_mm: NDArray[np.float64]
-    """(2, points) their x and y, from the page's centre."""
+    """Their x and y from the page's centre, (2, points)."""
     model: NDArray[np.float64]
-    """(points, 7) how the signal there changes with the pose's five numbers, and with level and gain."""
+    """Derivatives of the signal there by the pose's five numbers, and by level and gain, (points, 7)."""
 
 
 def shrunk(
     images: NDArray[np.uint16] | NDArray[np.float32], sensors: Sequence[SensorModel]
 ) -> NDArray[np.float32]:
-    """Means over 8 x 8 pixels of (sensors, lines, pixels) [DN] as a share of white, columns evened out."""
+    """Return means over 8 x 8 pixels of images (sensors, lines, pixels) [DN], columns corrected. [share of white]"""
     rows, columns = (extent // SHRINK for extent in images.shape[1:])
     total = np.zeros((rows, columns), np.float32)
     for image, sensor in zip(images, sensors, strict=True):
@@ -81,7 +83,7 @@ def coarse_page(
     page_width_mm: float,
     page_height_mm: float,
 ) -> CoarsePage:
-    """What the search needs of a prediction of the page in its place."""
+    """Return what the coarse search needs of a page, from its prediction at its nominal place."""
     picture = shrunk(prediction.expected_dn, sensors)
     edges = _edges(picture, picture.shape)
     across, along = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
@@ -110,7 +112,7 @@ def coarse_page(
 
 
 def _edges(picture: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.complex64]:
-    """Slopes across + i along, limited, in a frame of zeros around the first ``shape`` of the picture."""
+    """Return the slopes across + i along, limited, of the first ``shape`` of the picture in a frame of zeros."""
     picture = picture[: shape[0], : shape[1]]
     across = np.clip(np.gradient(picture, axis=1), -EDGE_LIMIT, EDGE_LIMIT)
     along = np.clip(np.gradient(picture, axis=0), -EDGE_LIMIT, EDGE_LIMIT)
@@ -122,9 +124,10 @@ def _edges(picture: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.c
 def peaks(
     page: CoarsePage, scan: NDArray[np.float32], *, reach_mm: float, turn: float, most: int
 ) -> list[tuple[float, Pose]]:
-    """The greatest maxima of the correlation of edges (1 for the very same) within ``reach_mm``, best first.
+    """Return the greatest maxima of the correlation of edges within ``reach_mm``, best first.
 
-    With each the pose of a page that is turned so much, and lies there.
+    Each comes with its height (1 for identical pictures) and with the pose of a page that is turned by
+    ``turn`` and lies at the maximum.
     """
     edges = _edges(scan, page.picture.shape)
     likeness = fft.ifft2(fft.fft2(edges) * page.spectrum).real
@@ -132,19 +135,19 @@ def peaks(
     pitch_x, pitch_y = page.pitch_mm
     far_x, far_y = (min(int(np.ceil(reach_mm / pitch)), PAD - 2) for pitch in (pitch_x, pitch_y))
     near = np.roll(likeness, (far_y + 1, far_x + 1), axis=(0, 1))[: 2 * far_y + 3, : 2 * far_x + 3]
-    found: list[tuple[float, Pose]] = []
+    maxima: list[tuple[float, Pose]] = []
     inner = near[1:-1, 1:-1]
     summit = inner >= cv2.dilate(near, np.ones((3, 3), np.uint8))[1:-1, 1:-1]
     for row, column in sorted(np.argwhere(summit), key=lambda at: -inner[at[0], at[1]])[:most]:
         x = column - far_x + _vertex(near[row + 1, column : column + 3])
         y = row - far_y + _vertex(near[row : row + 3, column + 1])
         pose = Pose(x_mm=float(x) * pitch_x, y_mm=float(y) * pitch_y, turn=turn)
-        found.append((float(inner[row, column]), pose))
-    return found
+        maxima.append((float(inner[row, column]), pose))
+    return maxima
 
 
 def _vertex(three: NDArray[np.float32]) -> float:
-    """Place of the maximum of a parabola through three values, from the middle one."""
+    """Return the position of the maximum of a parabola through three values, relative to the middle one."""
     bend = 2 * three[1] - three[0] - three[2]
     return float(np.clip((three[2] - three[0]) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
 
@@ -152,10 +155,17 @@ def _vertex(three: NDArray[np.float32]) -> float:
 def refined(
     page: CoarsePage, scan: NDArray[np.float32], pose: Pose, *, holed: NDArray[np.bool_] | None = None
 ) -> Pose:
-    """A pose made to fit edge by edge. holed: (rows,) rows of the scan that say nothing; None: none.
+    """Refine a pose on the pixels at edges.
 
-    Inverse compositional Lucas-Kanade (Baker and Matthews 2004) of pose, level and gain with Cauchy weights; the scan
-    is read between its pixels here, for this is only a search.
+    Inverse compositional Lucas-Kanade (Baker and Matthews 2004) of pose, level and gain with Cauchy weights.
+    The scan is interpolated linearly, which is enough for a search.
+
+    Parameters
+    ----------
+    page : the design
+    scan : (rows, columns) coarse picture of the scan, as a share of white
+    pose : where to start
+    holed : (rows,) whether a row of the scan is missing and is left out; None if none is
     """
     if page.points.size < 8:
         return pose
@@ -187,7 +197,7 @@ def refined(
 def _read(
     scan: NDArray[np.float32], columns: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """The coarse scan between its pixels, linear; beyond it, its edge."""
+    """Interpolate the coarse scan linearly; beyond its border, the value at the border holds."""
     short = -columns.size % POINTS_PER_ROW
     maps = [
         np.pad(axis, (0, short)).astype(np.float32).reshape(-1, POINTS_PER_ROW) for axis in (columns, rows)

@@ -1,4 +1,4 @@
-"""From tiles that err a little each to where every point of the page lies: pose and smooth field in one estimate."""
+"""Joint estimate of pose and smooth displacement field from noisy tile displacements."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NEGLIGIBLE: Final = 1e-2
-"""Waves of which a field holds less than this share of what it holds of the longest are left out."""
+"""Waves whose amplitude is less than this share of the longest wave's are left out."""
 FAR: Final = 3.0
-"""Tiles further off than so many standard deviations weigh less (Huber)."""
+"""Residual beyond which a tile's weight decreases (Huber). [standard deviations]"""
 HOPELESS: Final = 8.0
-"""Tiles further off than so many count for nothing: they show something else."""
+"""Residual beyond which a tile has no weight, as it shows something else. [standard deviations]"""
 POSE: Final = 5
 SMOOTH: Final = 13
-"""The unknowns begin with the pose, then the planes; from here on they are waves."""
+"""Index of the first wave among the unknowns, which begin with the pose and the planes."""
 SHIFT_SD_MM: Final = 1.0
-"""Of where a page lies: no bound where any edge tells, which is known to hundredths."""
+"""Standard deviation of a page's shift; it is no bound where any edge is seen, which fixes the shift to
+hundredths."""
 UPRIGHT: Final = Pose()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """What a good print may do, before it has been looked at; standard deviations.
+    """Prior of the displacements of a good print, as standard deviations.
 
-    By default a good office-class press (assumed); our detector says what its own press does (``PrintPrior.of_place``).
-    Half of the field's variance along the travel is the whole web's.
+    The defaults are those of a good office-class press (assumed); the matched filter learns those of its own
+    press (``PrintPrior.of_place``). Half of the field's variance along the travel is common to the whole web.
     """
 
     turn_deg: float = 0.2
@@ -40,47 +41,47 @@ class Prior:
     warp_across_um: float = 30.0
     warp_along_um: float = 41.0
     line_share: float = 0.5
-    """Of the variance along the travel that depends on the line alone: the whole web slips."""
+    """Share of the variance along the travel that depends on the line alone, since the whole web slips."""
     plane_um: float = 48.0
-    """Of every ink plane, across and along, on the page."""
+    """Standard deviation of every ink plane, across and along, on the page."""
     smooth_mm: float = 25.0
     """Distance over which the field's correlation falls to 1/e."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waves:
-    """Smooth random fields as sums of cosines with independent amplitudes, on the page.
+    """Smooth random fields on the page as sums of cosines with independent amplitudes.
 
-    A Gaussian correlation exp(-d^2 / (2 l^2)) has the spectrum sqrt(2 pi) l exp(-(l k)^2 / 2) along each axis; on a
-    rectangle that is larger than the page by smooth_mm on all sides it is as good as that of the cosines with zero
-    slope at its ends (Solin and Saerkkae 2020). Longest waves first.
+    A Gaussian correlation exp(-d^2 / (2 l^2)) has the spectrum sqrt(2 pi) l exp(-(l k)^2 / 2) along each
+    axis. On a rectangle larger than the page by smooth_mm on all sides it is well approximated by the cosines
+    with zero slope at the rectangle's ends (Solin and Saerkkae 2020). The longest waves come first.
     """
 
     numbers_x: NDArray[np.int64]
-    """(waves,) half periods across the rectangle."""
+    """Half periods across the rectangle, (waves,)."""
     numbers_y: NDArray[np.int64]
     share: NDArray[np.float64]
-    """(waves,) what a field holds of each, of what it holds of the longest. [-]"""
+    """Amplitude of each wave relative to the longest, (waves,). [-]"""
     size_mm: tuple[float, float]
     variance: NDArray[np.float64]
-    """(waves,) of the amplitudes of a field of variance 1."""
+    """Variances of the amplitudes of a field of variance 1, (waves,)."""
     line_variance: NDArray[np.float64]
-    """(waves,) of a field of variance 1 that depends on the line alone."""
+    """Variances of the amplitudes of a field of variance 1 that depends on the line alone, (waves,)."""
 
     @classmethod
     def over(
         cls, width_mm: float, height_mm: float, smooth_mm: float, negligible: float = NEGLIGIBLE
     ) -> Waves:
-        """Waves of a field on a page."""
+        """Return the waves of a field on a page."""
         scale = smooth_mm / np.sqrt(2)
         size = (width_mm + 2 * smooth_mm, height_mm + 2 * smooth_mm)
-        held, powers = [], []
+        amplitudes, powers = [], []
         for extent in size:
             count = int(np.sqrt(-2 * np.log(negligible)) * extent / (np.pi * scale)) + 1
             k = np.pi * np.arange(count) / extent
-            held.append(np.exp(-((scale * k) ** 2) / 2))
-            powers.append(np.sqrt(2 * np.pi) * scale * held[-1] * np.where(k > 0, 2, 1) / extent)
-        share = np.multiply.outer(held[1], held[0])
+            amplitudes.append(np.exp(-((scale * k) ** 2) / 2))
+            powers.append(np.sqrt(2 * np.pi) * scale * amplitudes[-1] * np.where(k > 0, 2, 1) / extent)
+        share = np.multiply.outer(amplitudes[1], amplitudes[0])
         rows, columns = np.nonzero(share >= negligible)
         order = np.argsort(-share[rows, columns], kind="stable")
         rows, columns = rows[order], columns[order]
@@ -96,7 +97,10 @@ class Waves:
     def cosines(
         self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating], times: int = 1
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(points, numbers) across and along, at points from the page's centre; numbers up to ``times`` the largest."""
+        """Return the cosines (points, numbers) across and along at points measured from the page's centre.
+
+        Numbers run up to ``times`` the largest one.
+        """
         x, y = (
             np.cos(np.pi * np.outer(at / extent + 0.5, np.arange(times * int(numbers.max()) + 1)))
             for at, extent, numbers in zip(
@@ -106,32 +110,33 @@ class Waves:
         return x, y
 
     def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(points, waves) at points measured from the page's centre."""
+        """Return the waves (points, waves) at points measured from the page's centre."""
         x, y = self.cosines(x_mm, y_mm)
         return x[:, self.numbers_x] * y[:, self.numbers_y]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """What fits of one design's tiles have in common."""
+    """Terms that all fits of one design's tiles share."""
 
     points_mm: NDArray[np.float64]
-    """(tiles, 2) from the page's centre."""
+    """Tiles' centres from the page's centre, (tiles, 2)."""
     waves: Waves
     cosines: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(tiles, numbers) across and along, to twice the largest number."""
+    """Cosines (tiles, numbers) across and along, to twice the largest number."""
     at: NDArray[np.float64]
-    """(tiles, waves)."""
+    """Waves at the tiles, (tiles, waves)."""
     fixed: NDArray[np.float64]
-    """(2, tiles, 5) how displacements across and along answer to the pose."""
+    """Derivatives of displacements across and along by the pose, (2, tiles, 5)."""
     scale: NDArray[np.float64]
-    """(13 + waves + waves,) standard deviations of pose, planes, waves across and waves along. [mm and the like]"""
+    """Standard deviations of pose, planes, waves across and waves along, (13 + waves + waves,). [mm and the
+    like]"""
 
     @classmethod
     def of(
         cls, points_mm: NDArray[np.float64], page_width_mm: float, page_height_mm: float, prior: Prior
     ) -> Basis:
-        """Of tiles at points (n, 2) from the page's centre."""
+        """Return the basis of tiles at points (n, 2) measured from the page's centre."""
         waves = Waves.over(page_width_mm, page_height_mm, prior.smooth_mm)
         across_mm2, along_mm2 = (1e-3 * prior.warp_across_um) ** 2, (1e-3 * prior.warp_along_um) ** 2
         free, lines = (1 - prior.line_share) * waves.variance, prior.line_share * waves.line_variance
@@ -150,35 +155,36 @@ class Basis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Field:
-    """What was found: steps of the pose and amplitudes of the waves, with their covariance."""
+    """Result of a fit: steps of the pose and amplitudes of the waves, with their covariance."""
 
     basis: Basis
     count: int
-    """Waves in it, of all the basis has."""
+    """Number of the basis's waves that were fitted, longest first."""
     solution: NDArray[np.float64]
-    """(13 + waves + waves,): pose, planes (4, 2), across, along."""
+    """Estimates (13 + waves + waves,): pose, planes (4, 2), waves across, waves along."""
     mean: NDArray[np.float64]
-    """(5,) of the pose's steps before tiles are seen: what takes the page back to its place."""
+    """Prior mean of the pose's steps, (5,): the steps that take the page back to its nominal place."""
     root: NDArray[np.float64]
     """Lower Cholesky factor of the precision of the unknowns, each divided by its scale."""
     weight: NDArray[np.float64]
-    """(tiles,) share that each tile kept."""
+    """Weight of each tile, (tiles,)."""
     left_mm: NDArray[np.float64]
-    """(tiles, 2) how far each lies off what was found."""
+    """Residuals of the tiles, (tiles, 2)."""
 
     @property
     def step(self) -> NDArray[np.float64]:
-        """(5,) of the pose."""
+        """Steps of the pose, (5,)."""
         return self.solution[:POSE]
 
     @property
     def planes_mm(self) -> NDArray[np.float64]:
-        """(4, 2) how far each ink plane lies too far right and down on the page."""
+        """Displacement of each ink plane to the right and down on the page, (4, 2)."""
         return self.solution[POSE:SMOOTH].reshape(4, 2)
 
     def cost(self, precision: NDArray[np.float64]) -> float:
-        """Minus the logarithm of the likelihood of tiles of such precision (tiles, 2, 2), and of what was found before
-        they were seen. [1/mm^2, -]
+        """Return minus the logarithm of the likelihood of the tiles times the prior of the estimates.
+
+        precision: (tiles, 2, 2) of the tiles. [1/mm^2, -]
         """
         misfit = np.einsum("n,ni,nij,nj->", self.weight, self.left_mm, precision, self.left_mm)
         off = self.solution.copy()
@@ -187,13 +193,13 @@ class Field:
         return float(misfit + unlikely) / 2
 
     def moves_mm(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(tiles, 2) field and planes at all tiles, without the pose; shares (tiles, 2, 4)."""
+        """Return all tiles' displacements by field and planes, without the pose, (tiles, 2); shares (tiles, 2, 4)."""
         amplitudes = self.solution[SMOOTH:].reshape(2, self.count)
         smooth = self.basis.at[:, : self.count] @ amplitudes.T
         return np.asarray(smooth + np.einsum("nap,pa->na", shares, self.planes_mm))
 
     def warp_mm(self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(rows, columns, 2) the field alone on a grid of columns at x_mm and rows at y_mm, from the page's centre."""
+        """Return the field alone, (rows, columns, 2), at columns x_mm and rows y_mm measured from the page's centre."""
         waves = self.basis.waves
         across, along = waves.cosines(x_mm, y_mm)
         numbers = waves.numbers_y[: self.count], waves.numbers_x[: self.count]
@@ -205,7 +211,7 @@ class Field:
         return np.stack(both, axis=-1)
 
     def sd_mm(self, tiles: NDArray[np.intp], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 2) standard deviation of where tiles (n,) lie that are printed in shares (n, 2, 4) of inks. [mm]"""
+        """Return the standard deviation (n, 2) of the place of tiles (n,) with shares (n, 2, 4) of inks. [mm]"""
         rows = np.zeros((2, tiles.size, self.solution.size))
         rows[:, :, :SMOOTH] = _fixed(self.basis.fixed[:, tiles], shares)
         for axis in range(2):
@@ -214,7 +220,7 @@ class Field:
         return np.array([[self._sd(row) for row in by_tile] for by_tile in rows]).T
 
     def turn_sd(self) -> float:
-        """Standard deviation of the pose's turn. [radian]"""
+        """Return the standard deviation of the pose's turn. [radian]"""
         row = np.zeros(self.solution.size)
         row[2] = 1
         return self._sd(row)
@@ -231,7 +237,7 @@ def _scale(basis: Basis, count: int) -> NDArray[np.float64]:
 
 
 def _fixed(pose: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How displacements across and along answer to pose and planes, (2, n, 13)."""
+    """Return the derivatives of displacements across and along by pose and planes, (2, n, 13)."""
     planes = np.zeros((2, len(shares), 4, 2))
     planes[0, :, :, 0], planes[1, :, :, 1] = shares[:, 0], shares[:, 1]
     return np.concatenate([pose, planes.reshape(2, -1, 8)], axis=2)
@@ -248,12 +254,19 @@ def fitted(
     negligible: float = NEGLIGIBLE,
     weight: NDArray[np.float64] | None = None,
 ) -> Field:
-    """Pose and field from ``tiles`` (n,) off by moves (n, 2) with precision (n, 2, 2) and shares (n, 2, 4) of inks.
+    """Fit pose, planes and field to measured tiles.
 
-    moves: from where a page of that ``pose`` has them. The basis says what a page does, not what one more step may do:
-    what no tile tells then stays as it is on good prints, however many steps are taken. The most likely amplitudes
-    under the basis's prior: a Gaussian process written in waves. weight (n,): of tiles; by default Huber weights about
-    a first such field. [mm, 1/mm^2]
+    The result is the most likely set of amplitudes under the basis's prior: a Gaussian process written in
+    waves. The prior is one of the whole displacement, not of one more step, so what no tile determines stays
+    as it is on good prints, however many steps are taken.
+
+    Parameters
+    ----------
+    tiles : (n,) indices of the tiles
+    moves_mm : (n, 2) displacements from where a page of that ``pose`` has them [mm]
+    precision : (n, 2, 2) of these [1/mm^2]
+    shares : (n, 2, 4) of inks in the tiles' edges
+    weight : (n,) of the tiles; by default Huber weights about a first such field
     """
     waves = basis.waves
     count = int((waves.share >= negligible).sum())
@@ -285,6 +298,6 @@ def fitted(
 def trust(
     left_mm: NDArray[np.float64], precision: NDArray[np.float64], *, hopeless: float = HOPELESS
 ) -> NDArray[np.float64]:
-    """Huber weights (n,) of tiles that lie left (n, 2) off a field; 0 beyond ``hopeless`` standard deviations."""
+    """Return Huber weights (n,) of tiles with residuals (n, 2); 0 beyond ``hopeless`` standard deviations."""
     far = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", left_mm, precision, left_mm), 0))
     return np.minimum(1, FAR / np.maximum(far, 1e-9)) * (far < hopeless)

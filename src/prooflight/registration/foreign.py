@@ -1,7 +1,8 @@
-"""How much of what a scan shows its design does not foretell: what tells another page from one that lacks something.
+"""Print in a scan that its design does not predict, which distinguishes another page from one with missing content.
 
-Tiles are chosen where the design has edges, so they say what is not there, and a page without its black lacks as many
-of them as another page does. Here the scan's own print is looked at, square by square, on the coarse pictures.
+Tiles are chosen where the design has edges, so they show what is missing, and a page without its black lacks
+as many of them as another page does. Here the scan's own print is analysed, square by square, on the coarse
+pictures.
 """
 
 from __future__ import annotations
@@ -19,45 +20,49 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 SURROUND: Final = 9
-"""Detail is light minus its mean over so many coarse pixels square, 8 mm: type, rules and edges."""
+"""Side of the square whose mean is subtracted from the light to get type, rules and edges, 8 mm. [coarse
+pixels]"""
 DETAIL_LIMIT: Final = 0.2
-"""Stronger detail counts as this, so that a few heavy edges do not drown type. [white]"""
+"""Limit of the detail, so that a few heavy edges do not drown type. [white]"""
 SQUARE: Final = 8
-"""Coarse pixels in a side of the squares that are compared, 7 mm: some words."""
+"""Side of the squares that are compared, 7 mm, a few words. [coarse pixels]"""
 FAINT: Final = 0.02
-"""Detail of a square, rms, from which something is printed there: clouds of the paper make 0.002. [white]"""
+"""Detail of a square, rms, above which it is printed; the paper's cloudiness makes 0.002. [white]"""
 UNTOLD: Final = 0.4
-"""Share of a square's detail that the design leaves unexplained, from which on it is foreign (energy)."""
+"""Share of a square's detail (energy) that the design leaves unexplained, above which the square is
+foreign."""
 REACH: Final = 4
-"""Coarse pixels that the page is looked for off its place, 3.4 mm; further off it is a wrong page anyway."""
+"""Search range about the page's place, 3.4 mm; a page further off is a wrong page anyway. [coarse pixels]"""
 MARGIN: Final = 3
-"""Coarse pixels inside the sheet's edges that do not count: edges move with the sheet, not with the print."""
+"""Margin inside the sheet's edges that is left out, since edges move with the sheet, not with the print.
+[coarse pixels]"""
 BARE: Final = 0.9
 """Light above which nothing is printed. [white]"""
 BARE_PLACE: Final = 13
-"""Side of a place on which nothing is printed, 11 mm: no space between words or lines. [coarse pixels]"""
+"""Side of the smallest unprinted area that counts, 11 mm, wider than spaces between words or lines. [coarse
+pixels]"""
 DAMPING: Final = 1e-4
-"""Holds the fit of a square on which the design has nothing. [white^2]"""
+"""Regularisation of the fit of a square in which the design has nothing. [white^2]"""
 
 
 class Foreign(NamedTuple):
-    """Squares of a scan whose print the design does not foretell."""
+    """Share of squares whose print the design does not predict."""
 
     of_print: float
-    """As a share of those on which the scan has print. [-]"""
+    """Share of the squares on which the scan has print. [-]"""
     of_page: float
-    """As a share of the page. [-]"""
+    """Share of the page's squares. [-]"""
     of_width: float
-    """Share of the page's width that has one somewhere: little of it for a streak. [-]"""
+    """Share of the page's width with a foreign square somewhere; it is small for a streak. [-]"""
 
 
 def detail(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What type, rules and edges add to the light about them (rows, columns) [white]."""
+    """Return what type, rules and edges add to the light around them (rows, columns) [white]."""
     return np.clip(light - cv2.blur(light, (SURROUND, SURROUND)), -DETAIL_LIMIT, DETAIL_LIMIT)
 
 
 def coarse_inside(geometry: ScanGeometry, width_mm: float, height_mm: float) -> tuple[slice, slice]:
-    """Rows and columns of a coarse picture that lie inside a page in its place, ``MARGIN`` from its edges."""
+    """Return the rows and columns of a coarse picture inside a page at its place, ``MARGIN`` from its edges."""
     lines, columns = geometry.on_page(width_mm, height_mm)
     rows, across = (
         slice(-(-part.start // SHRINK) + MARGIN, max(part.stop // SHRINK - MARGIN, 0))
@@ -69,10 +74,15 @@ def coarse_inside(geometry: ScanGeometry, width_mm: float, height_mm: float) -> 
 def foreign_print(
     seen: NDArray[np.float32], design: NDArray[np.float32], inside: tuple[slice, slice]
 ) -> Foreign:
-    """What ``seen`` shows that ``design`` does not foretell; coarse pictures (rows, columns) [white], its ``inside``.
+    """Measure the print in a scan that its design does not predict.
 
-    Each square of the design may have any strength, and lie up to a coarse pixel aside: what is missing, weak or out
-    of register is foretold all the same. Only what the scan shows is asked about, not what it lacks.
+    Each square of the design may have any strength and be shifted by up to a coarse pixel, so missing, weak
+    or misregistered print is still explained. Only what the scan shows is tested, not what it lacks.
+
+    Parameters
+    ----------
+    seen, design : (rows, columns) coarse pictures of scan and design [white]
+    inside : rows and columns to compare
     """
     rows = min(len(seen), len(design))
     if min(design[:rows][inside].shape) < SQUARE:
@@ -100,7 +110,7 @@ def foreign_print(
 def _aligned(
     seen: NDArray[np.float32], design: NDArray[np.float32], inside: tuple[slice, slice]
 ) -> tuple[NDArray[np.float32], int, int]:
-    """A scan's detail inside the page where it is likest, and how far that lies right and down. [coarse pixels]"""
+    """Return a scan's detail inside the page at the best match, and its offset right and down. [coarse pixels]"""
     framed = np.pad(detail(seen)[inside], REACH)
     expected = np.ascontiguousarray(detail(design)[inside])
     likeness = cv2.matchTemplate(framed, expected, cv2.TM_CCORR_NORMED)
@@ -112,7 +122,7 @@ def _aligned(
 def _less(
     design: NDArray[np.float32], seen: NDArray[np.float32], right: int, down: int
 ) -> NDArray[np.float32]:
-    """The design without what is missing wherever the scan is bare, so that the edge of a gap is not foreign."""
+    """Return the design with all content removed where the scan is bare, so that the edge of a gap is not foreign."""
     matrix = np.array([[1, 0, -right], [0, 1, -down]], np.float32)
     moved = cv2.warpAffine(seen, matrix, seen.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     place = np.ones((BARE_PLACE, BARE_PLACE), np.uint8)
@@ -121,13 +131,13 @@ def _less(
 
 
 def _without_stripes(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Without what goes all across or all along: bands and streaks are no page's print."""
+    """Subtract row and column medians: bands and streaks are no page's print."""
     across, along = np.median(picture, axis=1, keepdims=True), np.median(picture, axis=0, keepdims=True)
     return np.asarray(picture - across - along, np.float32)
 
 
 def _squares(picture: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Whole squares of a picture, (squares, pixels)."""
+    """Return the whole squares of a picture, (squares, pixels)."""
     rows, columns = (extent // SQUARE for extent in picture.shape)
     cut = picture[: rows * SQUARE, : columns * SQUARE].astype(np.float64)
     return cut.reshape(rows, SQUARE, columns, SQUARE).swapaxes(1, 2).reshape(rows * columns, SQUARE**2)

@@ -1,4 +1,4 @@
-"""What of a page's design tells where the page lies; found once a design, ahead of its scans."""
+"""Landmarks of a design by which its page is registered; computed once a design, ahead of its scans."""
 
 from __future__ import annotations
 
@@ -29,36 +29,39 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 TILE_MM: Final = 4.0
-"""Side of the tiles that are measured: a word or two, over which a warp smooth over 25 mm is constant ..."""
+"""Side of the tiles that are measured: a word or two, over which a warp smooth over 25 mm is constant."""
 TILE_PIXELS: Final = (16, 32)
-"""... but at least and at most so many pixels: fewer are hardly more than an edge's blur, more cost time."""
+"""Least and greatest side of a tile: fewer pixels are hardly more than an edge's blur, more cost time."""
 CELL_MM: Final = 10.0
-"""One tile for each direction of edges is taken from every cell of so much each way, so that they lie spread out; on
-small pages from smaller ones. (Eight designs of their own at 0.254 mm: edges leave 0.34 of the variance that they were
-taken to leave, 0.56 with tiles of 8 mm from cells of 16, 0.30 with every tile.)"""
+"""Side of the cells from each of which one tile is taken for each direction of edges, so that tiles are
+spread out. Small pages have smaller cells. (Eight designs of their own at 0.254 mm: edges leave 0.34 of the
+variance that they were taken to leave, 0.56 with tiles of 8 mm from cells of 16, 0.30 with every tile.)"""
 LEAST_CELLS: Final = 150
 REACH_PIXELS: Final = 1.5
-"""How much of a footprint is rendered; it holds 99 % of the light (prototype camera)."""
+"""Half width of the rendered part of a footprint; it holds 99 % of the light (prototype camera)."""
 MARGIN_PIXELS: Final = 3
-"""An edge so near a tile's border tells nothing: it is half outside, and what it is made of as well."""
+"""Distance from a tile's border within which edges are not used: they, and the inks that make them, are half
+outside."""
 TILE_SD_PIXELS: Final = 0.03
-"""Of a tile's displacement beyond its noise: what the page does within a tile (assumed)."""
+"""Standard deviation of a tile's displacement beyond its noise, from the page's warp within a tile
+(assumed)."""
 MIX_SD_PIXELS: Final = 0.12
-"""The same where planes off register share edges: an ink hidden by another tells when it looks out on one side, not on
-the other, which shares cannot say. Times the root of sum s (1 - s) over a tile's shares; on designs used in development
-tiles lay 0.1 to 0.25 pixels off."""
+"""Standard deviation of a tile's displacement where planes out of register share edges. An ink hidden by
+another shows only where it emerges on one side, which shares cannot describe. It is multiplied by the root of
+sum s (1 - s) over a tile's shares; on designs used in development tiles lay 0.1 to 0.25 pixels off."""
 PHASES: Final = 256
 GRADIENT_NOISE: Final = 0.02
-"""Variance by the squared gradient: as if every edge were 0.14 pixels off (register of planes, jitter)."""
+"""Variance per squared gradient, as if every edge were 0.14 pixels off (register of planes, jitter)."""
 SIGNAL_NOISE: Final = 0.015
 """Standard deviation of a print's signal, as a share of it (ink gain, lamp)."""
 LEAST_INFORMATION: Final = 100.0
-"""Of a tile in one direction, for it to be chosen: it then tells its place to 0.1 pixels. [1/pixel^2]"""
+"""Least information of a tile in one direction to be chosen; it then has its place to 0.1 pixels.
+[1/pixel^2]"""
 
 
 PLENTY: Final = 2000.0
-"""Of a tile in both directions, for it to do for its cell: it then tells its place to 0.02 pixels, less than the page
-moves within it. [1/pixel^2]"""
+"""Information of a tile in both directions that makes it enough for its cell: it then has its place to 0.02
+pixels, less than the page moves within it. [1/pixel^2]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,35 +73,35 @@ class Landmarks:
     page_width_mm: float
     page_height_mm: float
     ratio: tuple[float, float]
-    """Raster pixels in a camera pixel, across and along."""
+    """Raster pixels per camera pixel, across and along."""
     tile_pixels: int
     """Side of the tiles."""
     lines: NDArray[np.int64]
-    """(tiles,) first line of each tile, the page in its place."""
+    """First line of each tile with the page at its place, (tiles,)."""
     columns: NDArray[np.int64]
-    """(tiles,) first column."""
+    """First column of each tile, (tiles,)."""
     shares: NDArray[np.float64]
-    """(tiles, 2, 4) how far each tile seems to go across and along where an ink plane goes by 1: that ink's part of its
-    edges. What is missing to 1 is the part of the page's own edge. [-]"""
+    """Displacement of each tile across and along when an ink plane moves by 1, (tiles, 2, 4): that ink's part
+    of its edges. The remainder to 1 is the part of the page's own edge. [-]"""
     beyond: NDArray[np.float64]
-    """(tiles, 2) variance of a tile's displacement across and along beyond its noise. [pixels^2]"""
+    """Variance of a tile's displacement across and along beyond its noise, (tiles, 2). [pixels^2]"""
     windows: NDArray[np.float32]
-    """(sensors, tiles, height, width) signal of the raster under each tile. [DN]"""
+    """Signal of the raster under each tile, (sensors, tiles, height, width). [DN]"""
     origins: NDArray[np.float64]
-    """(tiles, 2) x, y of each tile's first footprint's beginning in its window. [raster pixels]"""
+    """Start of each tile's first footprint in its window, x and y, (tiles, 2). [raster pixels]"""
     taps: tuple[SensorTaps, ...]
     coarse: CoarsePage
     basis: Basis
     ignored: NDArray[np.bool_] | None = None
-    """(rows, columns) pixels of the coarse picture of which nothing is known; None: none."""
+    """Pixels of the coarse picture that are left out, (rows, columns); None if none is."""
 
     @property
     def pitch_mm(self) -> NDArray[np.float64]:
-        """(2,) pixel and line pitch. [mm]"""
+        """Pixel and line pitch, (2,). [mm]"""
         return np.array([self.geometry.pixel_pitch_mm, self.geometry.line_pitch_mm])
 
     def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
-        """How far a page that lies so displaces ``tiles`` (n,): (n, 2) [pixels]."""
+        """Return the displacement of ``tiles`` (n,) by a page of that pose, (n, 2). [pixels]"""
         points = self.basis.points_mm[tiles]
         return np.stack(pose.displacement_mm(points[:, 0], points[:, 1]), axis=1) / self.pitch_mm
 
@@ -112,16 +115,20 @@ def prepare(
     prior: Prior | None = None,
     ignored: NDArray[np.bool_] | None = None,
 ) -> Landmarks:
-    """Landmarks of a page from its ``prediction`` in its place.
+    """Choose the landmarks of a page from its ``prediction`` at its nominal place.
 
-    ignored: pixels of its coarse picture, of ``SHRINK`` camera pixels a side, in which no landmark may lie.
+    Tiles are chosen where edges carry most information given ``GRADIENT_NOISE`` and the like; page edges
+    count as any others.
 
-    Tiles are chosen where edges tell most, by ``GRADIENT_NOISE`` and the like; page edges count as any others.
+    Parameters
+    ----------
+    ignored : (rows, columns) pixels of the coarse picture, of ``SHRINK`` camera pixels a side,
+        in which no landmark may be
     """
     size = tile_pixels(geometry)
     information = _information(prediction, sensors, size)
     if ignored is not None:
-        information[_held(ignored, information.shape[:2], size // SHRINK)] = 0
+        information[_ignored_tiles(ignored, information.shape[:2], size // SHRINK)] = 0
     rows, columns = _chosen(information, round(CELL_MM / (size * geometry.pixel_pitch_mm)))
     lines, left = rows * size, columns * size
     pitch = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
@@ -137,7 +144,7 @@ def prepare(
         quantised, backing = quantised_table(sensor.mean_dn), np.float32(sensor.backing_dn)
         tile_signals(packed, corners[:, 1], corners[:, 0], quantised, backing, window)
     shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio, size)
-    apart = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
+    mix_variance = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
     centres = first + (size - 1) / 2 * pitch
     from_centre = centres - np.array([page.width_mm, page.height_mm]) / 2
     return Landmarks(
@@ -150,7 +157,7 @@ def prepare(
         lines=lines,
         columns=left,
         shares=shares,
-        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(apart, 0, 1),
+        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(mix_variance, 0, 1),
         windows=windows,
         origins=begin - corners,
         taps=taps,
@@ -161,12 +168,12 @@ def prepare(
 
 
 def tile_pixels(geometry: ScanGeometry) -> int:
-    """Side of tiles: ``TILE_MM`` or about, for kernels take eight pixels at once."""
+    """Return the side of tiles: about ``TILE_MM``, a multiple of the eight pixels that kernels process at once."""
     return int(np.clip(EIGHT * round(TILE_MM / (EIGHT * geometry.pixel_pitch_mm)), *TILE_PIXELS))
 
 
-def _held(ignored: NDArray[np.bool_], tiles: tuple[int, ...], side: int) -> NDArray[np.bool_]:
-    """Tiles (tile rows, tile columns) that hold any of these coarse pixels, ``side`` of which make a tile's."""
+def _ignored_tiles(ignored: NDArray[np.bool_], tiles: tuple[int, ...], side: int) -> NDArray[np.bool_]:
+    """Return which tiles (tile rows, tile columns) contain an ignored coarse pixel; ``side`` of these make a tile."""
     rows, columns = tiles
     cut = ignored[: rows * side, : columns * side].reshape(rows, side, columns, side)
     return np.asarray(cut.any(axis=(1, 3)))
@@ -175,10 +182,17 @@ def _held(ignored: NDArray[np.bool_], tiles: tuple[int, ...], side: int) -> NDAr
 def raster_windows(
     first_mm: NDArray[np.float64], size: int, pixel_mm: float, ratio: NDArray[np.float64], taps: SensorTaps
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[int, int]]:
-    """The raster that squares of ``size`` camera pixels see, their first pixels at x, y, first_mm (n, 2) on the page.
+    """Return the windows of the raster under squares of ``size`` camera pixels.
 
-    Where their first footprints begin and the windows' corners, (n, 2) x, y each; width and height of the windows, with
-    room for a camera pixel's displacement and the width as ``render_tile`` wants it. [raster pixels]
+    Parameters
+    ----------
+    first_mm : (n, 2) x, y of the squares' first pixels on the page [mm]
+
+    Returns
+    -------
+    begin, corners : (n, 2) x, y each of the first footprints' starts and of the windows' corners [raster pixels]
+    size : width and height of the windows, with room for a displacement by a camera pixel, and with the width padded as
+        ``render_tile`` needs it [raster pixels]
     """
     begin = first_mm / pixel_mm - REACH_PIXELS * ratio
     corners = np.floor(begin - ratio).astype(np.int64)
@@ -190,8 +204,9 @@ def raster_windows(
 
 
 def _information(prediction: Prediction, sensors: Sequence[SensorModel], size: int) -> NDArray[np.float32]:
-    """What tiles of ``size`` pixels tell of a displacement across and along, (tile rows, tile columns, 2) [1/pixel^2],
-    sensors added.
+    """Return the Fisher information of tiles about a displacement across and along, summed over the sensors.
+
+    The result is (tile rows, tile columns, 2) for tiles of ``size`` pixels. [1/pixel^2]
     """
     rows, columns = (extent // size for extent in prediction.expected_dn.shape[1:])
     total = np.zeros((rows, columns, 2), np.float32)
@@ -237,7 +252,7 @@ def _shares(
 
 
 def light_left(sensor: SensorModel) -> NDArray[np.float64]:
-    """Share of the light that an ink alone leaves, (4, 256) by its byte."""
+    """Return the share of the light that each ink alone leaves, (4, 256) by its byte."""
     mean = sensor.mean_dn
     solids = np.stack([mean[:, 0, 0, 0], mean[0, :, 0, 0], mean[0, 0, :, 0], mean[0, 0, 0, :]])
     ramps = np.array([np.interp(np.arange(256), NODE_STEP * np.arange(NODES), ramp) for ramp in solids])
@@ -245,11 +260,11 @@ def light_left(sensor: SensorModel) -> NDArray[np.float64]:
 
 
 def _chosen(information: NDArray[np.float32], most_side: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the best tile of each cell for either direction, where it tells enough.
+    """Return rows and columns of the best tile of each cell for either direction, if its information is sufficient.
 
-    most_side: of cells. [tiles]
+    One tile is enough for both directions where its information is ``PLENTY`` in the other as well.
 
-    One tile is enough for both directions where it tells ``PLENTY`` of the other as well.
+    most_side: greatest side of cells. [tiles]
     """
     tile_rows, tile_columns = information.shape[:2]
     side = int(np.clip(np.sqrt(tile_rows * tile_columns / LEAST_CELLS), 1, max(most_side, 1)))
@@ -266,8 +281,8 @@ def _chosen(information: NDArray[np.float32], most_side: int) -> tuple[NDArray[n
         enough = cells[cell, best, axis] >= LEAST_INFORMATION
         chosen[cell[enough], best[enough]] = True
     grid = chosen.reshape(rows, columns, side, side).transpose(0, 2, 1, 3).reshape(framed.shape[:2])
-    found = np.nonzero(grid)
-    return found[0].astype(np.int64), found[1].astype(np.int64)
+    indices = np.nonzero(grid)
+    return indices[0].astype(np.int64), indices[1].astype(np.int64)
 
 
 def _sensor_taps(
@@ -298,7 +313,7 @@ def _taps(
     pixel_mm: float,
     pitch_mm: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Weights of one axis by phase, and their slopes by the page's displacement [1/pixel]; (PHASES, taps) each."""
+    """Return one axis's weights by phase, and their slopes by displacement [1/pixel], (PHASES, taps) each."""
     reach_mm = REACH_PIXELS * pitch_mm
     low, high = np.interp([-reach_mm, reach_mm], offsets_mm, cumulative)
     edges = np.arange(int(np.ceil(2 * REACH_PIXELS * per_pixel)) + 2) - REACH_PIXELS * per_pixel

@@ -1,4 +1,4 @@
-"""Where on a design ink planes share their edges, so that their register shows in fringes; found ahead of its scans."""
+"""Patches of a design where ink planes share edges, so that misregister shows as fringes; found ahead of its scans."""
 
 from __future__ import annotations
 
@@ -19,52 +19,57 @@ if TYPE_CHECKING:
     from prooflight.registration.landmarks import Landmarks
 
 PATCH_PIXELS: Final = 8
-"""Side of the patches that are rendered: two millimetres at 0.254 mm, a letter, over which a print moves as one."""
+"""Side of the patches that are rendered: two millimetres at 0.254 mm, a letter, which moves as one."""
 MOST_PATCHES: Final = 48
 LEAST_PATCHES: Final = 6
-"""Fewer could all be one misprint's."""
+"""Least number of patches; fewer could all belong to one misprint."""
 LEAST_SHARED: Final = 0.1
-"""Of a patch, for it to be chosen: as much as ten pixels of an edge where either ink takes a tenth of white."""
+"""Least score of a patch to be chosen: ten pixels of an edge where either ink takes a tenth of white."""
 REGIONS: Final = (9, 6)
-"""Rows and columns of the page from each of which the best patch for each pair of planes may be chosen."""
+"""Rows and columns of regions of the page, from each of which the best patch for each pair of planes may be
+chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Overlaps:
-    """Patches of a design where planes share edges, as bytes of ink: what they show depends on where planes lie."""
+    """Patches of a design where planes share edges.
+
+    They are kept as bytes of ink, since their signal depends on the planes' register.
+    """
 
     lines: NDArray[np.int64]
-    """(patches,) first line of each, the page in its place."""
+    """First line of each patch with the page at its place, (patches,)."""
     columns: NDArray[np.int64]
     packed: NDArray[np.uint32]
-    """(patches, height + 2 margin, width + 2 margin) raster under each patch, a word a recipe, cyan lowest."""
+    """Raster under each patch, a uint32 a recipe, cyan lowest, (patches, height + 2 margin, width + 2
+    margin)."""
     margin: int
-    """Raster pixels about each, one more than planes may be displaced by."""
+    """Raster pixels around each window, one more than planes may be displaced by."""
     origins: NDArray[np.float64]
-    """(patches, 2) x, y of the first footprint's beginning within the margin. [raster pixels]"""
+    """Start of the first footprint within the margin, x and y, (patches, 2). [raster pixels]"""
     inks: tuple[int, ...]
     """Planes that have edges on the page."""
-    told: NDArray[np.bool_]
-    """(4,) whether a plane has edges in the patches."""
+    has_edges: NDArray[np.bool_]
+    """Whether a plane has edges in the patches, (4,)."""
     good_mm: float
-    """Planes of good prints are off by no more."""
+    """Greatest displacement of planes on good prints."""
     pixel_mm: float
-    """Of the raster."""
+    """Pitch of the raster."""
 
     @property
     def reach(self) -> int:
-        """How far planes may be displaced. [raster pixels]"""
+        """Greatest displacement of a plane. [raster pixels]"""
         return self.margin - 1
 
     def planes_mm(self, steps: tuple[int, ...]) -> NDArray[np.float64]:
-        """(4, 2) how far planes lie too far right and down that lie so many raster pixels off, as ``Steps``."""
+        """Return the displacement of the planes to the right and down, (4, 2), from raster pixels as in ``Steps``."""
         return np.array(steps, np.float64).reshape(2, INKS).T * self.pixel_mm
 
 
 def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:
-    """The patches of a page; None where no two planes share enough edges for fringes to be seen.
+    """Return the patches of a page, or None where no two planes share enough edges for fringes to be seen.
 
-    good_mm: planes of good prints are off by no more.
+    good_mm: greatest displacement of planes on good prints.
     """
     scores = shared_scores(page, landmarks)
     rows, columns = _chosen(scores)
@@ -82,8 +87,8 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
         np.array(landmarks.ratio),
         landmarks.taps[0],
     )
-    apart = round(2 * good_mm / page.pixel_mm)  # two planes of one print, to the raster pixel
-    margin = max(math.ceil(apart / 2), 1) + 1
+    separation = round(2 * good_mm / page.pixel_mm)  # two planes of one print, to the raster pixel
+    margin = max(math.ceil(separation / 2), 1) + 1
     width, height = width + 2 * margin, height + 2 * margin
     packed = [_cut(page.packed, y - margin, x - margin, height, width) for x, y in corners.tolist()]
     of_planes = scores[..., PAIRS:].max(axis=2) > LEAST_SHARED
@@ -94,14 +99,14 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
         margin=margin,
         origins=begin - corners,
         inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
-        told=of_planes[rows, columns].any(axis=0),
+        has_edges=of_planes[rows, columns].any(axis=0),
         good_mm=good_mm,
         pixel_mm=page.pixel_mm,
     )
 
 
 def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
-    """How strong edges are that planes share, (rows, columns, 2, EDGES) of patches; 0 at the border."""
+    """Return the strength of the edges that planes share, (rows, columns, 2, EDGES) of patches; 0 at the border."""
     stride_x, stride_y = _strides(landmarks)
     rows = page.cmyk.shape[0] // (PATCH_PIXELS * stride_y)
     columns = page.cmyk.shape[1] // (PATCH_PIXELS * stride_x)
@@ -115,12 +120,12 @@ def shared_scores(page: Page, landmarks: Landmarks) -> NDArray[np.float64]:
 
 
 def _cut(packed: NDArray[np.uint32], top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
-    """A window of the raster; bare where it reaches beyond."""
-    found = np.zeros((height, width), np.uint32)
+    """Cut a window from the raster; it is bare beyond the raster's border."""
+    window = np.zeros((height, width), np.uint32)
     above, aside = max(-top, 0), max(-left, 0)
     within = packed[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
-    found[above : above + within.shape[0], aside : aside + within.shape[1]] = within
-    return found
+    window[above : above + within.shape[0], aside : aside + within.shape[1]] = within
+    return window
 
 
 def _strides(landmarks: Landmarks) -> NDArray[np.int64]:
@@ -128,7 +133,7 @@ def _strides(landmarks: Landmarks) -> NDArray[np.int64]:
 
 
 def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of patches: for each pair of planes and direction of edges in turn the best of a region."""
+    """Return rows and columns of patches: for each pair of planes and edge direction in turn, the best of a region."""
     lists = [_best(scores[:, :, axis, pair]) for axis in range(2) for pair in range(PAIRS)]
     chosen: list[tuple[int, int]] = []
     for turn in range(max(len(one) for one in lists)):
@@ -140,12 +145,12 @@ def _chosen(scores: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 def _best(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Of every region the patch with most, most first, where that is enough; scores (rows, columns)."""
-    found = []
+    """Return the patch with the highest score of every region, best first, if high enough; scores (rows, columns)."""
+    best = []
     for rows in np.array_split(np.arange(scores.shape[0]), REGIONS[0]):
         for columns in np.array_split(np.arange(scores.shape[1]), REGIONS[1]):
             part = scores[np.ix_(rows, columns)]
             if part.size and part.max() > LEAST_SHARED:
                 row, column = np.unravel_index(part.argmax(), part.shape)
-                found.append((float(part.max()), int(rows[row]), int(columns[column])))
-    return [(row, column) for _, row, column in sorted(found, reverse=True)]
+                best.append((float(part.max()), int(rows[row]), int(columns[column])))
+    return [(row, column) for _, row, column in sorted(best, reverse=True)]

@@ -1,4 +1,4 @@
-"""What patches of one scan say against planes lying in one place or another: rendered, compared, weighed."""
+"""Likelihood of one scan's patches given the displacements of the ink planes, by rendering and comparison."""
 
 from __future__ import annotations
 
@@ -33,63 +33,67 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 Steps = tuple[int, ...]
-"""How many raster pixels each plane lies too far right, CMYK, and then how many too far down."""
+"""Displacement of each plane to the right, CMYK, and then down. [raster pixels]"""
 IN_REGISTER: Final[Steps] = (0,) * (2 * INKS)
 
 PLANE_SD_MM: Final = 0.048
-"""Of each plane, across and along, on good prints (worlds.toml)."""
+"""Standard deviation of each plane, across and along, on good prints (worlds.toml)."""
 HALFTONE_MM: Final = 0.03 * 0.254
 """Contrast of halftones times the pixel's pitch (worlds.toml)."""
 SLOPE_NOISE: Final = 0.05**2
-"""Variance by the squared slope: what edges are off by beyond what is fitted (assumed). [pixels^2]"""
+"""Variance per squared slope, from displacements of edges beyond those fitted (assumed). [pixels^2]"""
 LEVEL_SD: Final = 0.03
-"""Of a patch's light, in shares of white, and of its contrast: lamp, paper, gain of inks, tables (worlds.toml)."""
+"""Standard deviation of a patch's light, in shares of white: lamp, paper, gain of inks, tables
+(worlds.toml)."""
 GAIN_SD: Final = 0.1
+"""Standard deviation of a patch's contrast. [-]"""
 OWN_SD: Final = 0.08
-"""Of where a patch lies beside where registration has it (0.02 to 0.1 on good prints). [pixels]"""
+"""Standard deviation of a patch's place about the registered one (0.02 to 0.1 on good prints). [pixels]"""
 COMMON_SD: Final = 0.15
-"""Of where all do: registration's placement is of the planes as their edges count, which is not as they show here."""
+"""Standard deviation of the place common to all patches: the registered placement weights planes by their
+edges on the whole page, which differ from those in the patches."""
 MOST_COSTS: Final = 6.0
-"""Patches' median cost at which a patch counts half."""
+"""Cost at which a patch counts half, in units of the patches' median cost."""
 TEMPER: Final = 8.0
-"""Pixels that err together (assumed: a letter's stem, 2 x 4)."""
+"""Number of pixels with a common error (assumed: a letter's stem, 2 x 4)."""
 LEAST_COST: Final = 0.05
-"""Of a pixel: noise is never less."""
+"""Least cost of a pixel: noise is never less."""
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Patches:
-    """Patches of one scan, and what they cost wherever planes may lie."""
+    """Patches of one scan, and their cost as a function of the planes' displacements."""
 
     overlaps: Overlaps
     landmarks: Landmarks
     parts: NDArray[np.float64]
-    """(2, 4) how much each plane counts in the placement."""
+    """Weight of each plane in the placement, (2, 4)."""
     displaced: NDArray[np.float64]
-    """(every patch of the design, 2) how far the placement displaces it. [pixels]"""
+    """Displacement by the placement of every patch of the design, (patches of the design, 2). [pixels]"""
     lines: int
-    """Of the scan."""
+    """Lines of the scan."""
     packed: NDArray[np.uint32]
-    """As ``Overlaps`` has them, of the patches that are seen."""
+    """Raster as in ``Overlaps`` of the patches inside the scan."""
     origins: NDArray[np.float64]
     light: NDArray[np.float32]
-    """(sensors, patches, side, side) the scan's, columns evened out. [DN]"""
+    """Light of the scan, columns corrected, (sensors, patches, side, side). [DN]"""
     moves: NDArray[np.float64]
-    """(patches, 2) how far the page is displaced beyond the whole pixels at which light was taken. [raster pixels]"""
+    """Fraction of the displacement beyond the whole pixels at which light was taken, (patches, 2). [raster
+    pixels]"""
     base: NDArray[np.float32]
-    """As light: inverse variance, of planes in register. [1/DN^2]"""
+    """Inverse variance with planes in register, in the shape of light. [1/DN^2]"""
     most: float = np.inf
     """Cost at which a patch counts half."""
     threads: int = 1
-    """That share patches out."""
+    """Number of threads that render patches."""
     scale: float = 1.0
-    """Of costs, so that their differences are logarithms of odds."""
+    """Divisor of the costs that makes their differences logarithms of odds."""
     misfit: float = 0.0
-    """Cost of a pixel of most patches where planes lie best. [-]"""
+    """Cost of a pixel of the median patch at the best displacements. [-]"""
     left: dict[Steps, NDArray[np.float64]] = field(default_factory=dict)
-    """What was rendered: ``without_light``."""
-    known: dict[Steps, tuple[float, float, float]] = field(default_factory=dict)
-    """Costs, and the common displacement that they ask for [pixels]."""
+    """Results of ``without_light`` by displacement."""
+    cached_costs: dict[Steps, tuple[float, float, float]] = field(default_factory=dict)
+    """Costs by displacement, each with the common displacement at which it is attained [pixels]."""
 
     @classmethod
     def of(
@@ -97,16 +101,19 @@ class Patches:
         overlaps: Overlaps,
         landmarks: Landmarks,
         scan: NDArray[np.uint16],
-        found: Registration,
+        registration: Registration,
         *,
         lost: NDArray[np.bool_] | None = None,
         threads: int = 1,
     ) -> Self | None:
-        """The patches that a scan shows of a page found there; None if they are too few.
+        """Return the patches that a scan shows of a page registered there, or None if they are too few.
 
-        lost (sensors, lines): lines that were not seen; no patch that lies on one counts.
+        Parameters
+        ----------
+        lost : (sensors, lines) missing lines; a patch on one of them is left out
+        threads : number of threads that render patches
         """
-        moves = _moves(overlaps, landmarks, found.placement, scan.shape[1])
+        moves = _moves(overlaps, landmarks, registration.placement, scan.shape[1])
         whole = np.rint(moves).astype(np.int64)
         left, top = overlaps.columns + whole[:, 0], overlaps.lines + whole[:, 1]
         seen = (left >= 0) & (left + PATCH_PIXELS <= scan.shape[2])
@@ -124,7 +131,7 @@ class Patches:
         self = cls(
             overlaps=overlaps,
             landmarks=landmarks,
-            parts=found.plane_parts,
+            parts=registration.plane_parts,
             displaced=moves,
             lines=scan.shape[1],
             packed=overlaps.packed[seen],
@@ -138,57 +145,57 @@ class Patches:
         return self
 
     def costs(self, many: Sequence[Steps]) -> list[float]:
-        """Minus the logarithm of the likelihood that planes lie so, and of that beforehand, each way. [-]"""
-        self._look_at(many)
-        return [self.known[steps][0] for steps in many]
+        """Return minus the logarithm of likelihood times prior of each set of displacements. [-]"""
+        self._evaluate(many)
+        return [self.cached_costs[steps][0] for steps in many]
 
-    def likeliest(self, many: Sequence[Steps]) -> Steps:
-        """The first that costs least."""
+    def most_likely(self, many: Sequence[Steps]) -> Steps:
+        """Return the first set of displacements with the least cost."""
         return many[int(np.argmin(self.costs(many)))]
 
     def further_pixels(self, steps: Steps, placement: Placement) -> NDArray[np.float64]:
-        """(2,) by how much they lie further right and down than a placement has them, if planes lie so."""
-        self._look_at([steps])
-        further = self._centred([steps])[0] / self.landmarks.ratio + self.known[steps][1:]
+        """Return the patches' mean displacement right and down of a placement, (2,), with planes at ``steps``."""
+        self._evaluate([steps])
+        further = self._centred([steps])[0] / self.landmarks.ratio + self.cached_costs[steps][1:]
         there = _moves(self.overlaps, self.landmarks, placement, self.lines)
         return np.asarray((self.displaced - there).mean(axis=0) + further)
 
     def _centred(self, many: Sequence[Steps]) -> NDArray[np.float64]:
-        """Where the page lies if the placement, which is of planes as they count, is right. (k, 2) [raster pixels]"""
+        """Return the page's offsets (k, 2) that keep the weighted mean of the planes in place. [raster pixels]"""
         return -np.asarray((self.parts * np.array(many).reshape(-1, 2, INKS)).sum(axis=2))
 
-    def _look_at(self, many: Sequence[Steps]) -> None:
-        """Know what all of these cost."""
+    def _evaluate(self, many: Sequence[Steps]) -> None:
+        """Compute and store the costs of all these displacements."""
         if new := [steps for steps in dict.fromkeys(many) if steps not in self.left]:
             self.left.update(zip(new, self._rendered(new), strict=True))
-        if new := [steps for steps in dict.fromkeys(many) if steps not in self.known]:
-            found, _ = self._shared(new)
+        if new := [steps for steps in dict.fromkeys(many) if steps not in self.cached_costs]:
+            shared, _ = self._shared(new)
             off = np.array(new) * (self.overlaps.pixel_mm / PLANE_SD_MM)
-            costs = found[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
-            moves = found[:, 1:].tolist()
-            self.known.update(
+            costs = shared[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
+            moves = shared[:, 1:].tolist()
+            self.cached_costs.update(
                 (steps, (cost, x, y)) for steps, cost, (x, y) in zip(new, costs.tolist(), moves, strict=True)
             )
 
     def _shared(self, many: Sequence[Steps]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """``shared_costs`` of what was rendered."""
+        """Return ``shared_costs`` of the stored renderings."""
         left = np.stack([self.left[steps] for steps in many])
-        found, costs = np.empty((len(many), 3)), np.empty(left.shape[:2])
-        shared_costs(left, OWN_SD, COMMON_SD, self.most, found, costs)
-        return found, costs
+        shared, costs = np.empty((len(many), 3)), np.empty(left.shape[:2])
+        shared_costs(left, OWN_SD, COMMON_SD, self.most, shared, costs)
+        return shared, costs
 
     def sharpen(self, steps: Steps) -> None:
-        """Take what is left with planes there for what a good patch leaves."""
-        self._look_at([steps])
+        """Set the scale of costs to what is left with planes at ``steps``, taken as the residual of a good patch."""
+        self._evaluate([steps])
         _, (costs,) = self._shared([steps])
         self.misfit = float(np.median(costs)) / (PATCH_PIXELS**2 * len(self.light))
         cost = max(self.misfit, LEAST_COST)
         self.most = MOST_COSTS * cost * PATCH_PIXELS**2 * len(self.light)
         self.scale = 2 * TEMPER * cost
-        self.known.clear()
+        self.cached_costs.clear()
 
     def _rendered(self, many: Sequence[Steps]) -> NDArray[np.float64]:
-        """``without_light`` of every patch with the planes so, (k, patches, 6)."""
+        """Return ``without_light`` of every patch for each set of displacements, (k, patches, 6)."""
         landmarks, overlaps = self.landmarks, self.overlaps
         right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
         shifts = self._centred(many)
@@ -224,10 +231,10 @@ class Patches:
             return sums
 
         every = range(len(self.light))
-        found = shared_out(
+        by_part = shared_out(
             [partial(summed, index, slice(*part)) for index in every for part in parts], threads=self.threads
         )
-        sums = np.concatenate(found, axis=1).reshape(len(many), len(every), -1, SUMS).swapaxes(0, 1)
+        sums = np.concatenate(by_part, axis=1).reshape(len(many), len(every), -1, SUMS).swapaxes(0, 1)
         left = np.empty((len(many), len(self.packed), 6))
         level_sd = np.array([LEVEL_SD * one.white_dn for one in landmarks.sensors])
         without_light(sums.reshape(len(sums), -1, SUMS), level_sd, GAIN_SD, left.reshape(-1, 6))
@@ -235,7 +242,7 @@ class Patches:
 
 
 def _moves(overlaps: Overlaps, landmarks: Landmarks, placement: Placement, lines: int) -> NDArray[np.float64]:
-    """How far a page that lies so displaces the patches, (patches, 2). [pixels]"""
+    """Return the displacement of the patches by a placement, (patches, 2). [pixels]"""
     geometry, middle = landmarks.geometry, (PATCH_PIXELS - 1) / 2
     width_mm, height_mm = landmarks.page_width_mm, landmarks.page_height_mm
     x = geometry.centres_x_mm(width_mm)[overlaps.columns] + middle * geometry.pixel_pitch_mm

@@ -1,8 +1,8 @@
-"""Where ink planes lie that share their edges, by the fringes that they show: what tiles' displacements cannot tell.
+"""Register of ink planes that share edges, from their fringes, where tile displacements cannot resolve it.
 
-Where type is set in several inks at once all planes' edges lie together, and a plane a little off shows on one side of
-a letter and hides on the other. What a scan should show is therefore rendered with the planes displaced by whole raster
-pixels, and the displacements that leave least are taken.
+Where type is set in several inks at once, all planes' edges coincide, and a plane slightly off shows on one
+side of a letter and is hidden on the other. The scan is therefore rendered with planes displaced by whole
+raster pixels, and the displacements with the least residual are taken.
 """
 
 from __future__ import annotations
@@ -26,107 +26,121 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 ALONE: Final = 1.58
-"""Of the most that good planes are off: further than that off all three others one lies in one print of a thousand. Of
-three planes one would in one of a hundred, which is too many."""
+"""Distance beyond which a plane is isolated, in units of the greatest displacement of good planes: in one
+print of a thousand one plane is further than that off all three others. Of three planes it would be one print
+in a hundred, which is too many."""
 MOST_MISFIT: Final = 1.0
-"""Cost of a pixel above which a page does not look as designed (0.05 to 0.25 on good prints), wherever planes lie."""
+"""Cost of a pixel above which a page does not look as designed (0.05 to 0.25 on good prints), at any
+displacements."""
 HOLLOW: Final = 0.2
 """Cost of a pixel above which other starts are tried."""
 TRIED: Final = 4
-"""Steps of three planes or more, or starts, that are tried."""
+"""Number of steps of three planes or more, or of starts, that are tried."""
 FURTHER: Final = 10.0
-"""Logarithm of the odds from which a plane lies further off than good prints' do, a misprint's; up to which fringes
-leave open where it lies."""
+"""Logarithm of the odds above which a plane lies further off than those of good prints, a misprint; below it,
+fringes leave its place undecided."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FringeRegister:
-    """What fringes say of planes, for prediction; evidence is what registration says."""
+    """Register of the planes from fringes, used for prediction; evidence is taken from registration."""
 
     placement: Placement
-    """Where the print lies, all tiles being printed by planes that lie so."""
+    """Placement of the print, with all tiles printed by planes displaced as below."""
     planes_mm: NDArray[np.float64]
-    """(4, 2) how far each plane lies too far right and down within it."""
+    """Displacement of each plane to the right and down within the placement, (4, 2)."""
 
 
 def register_by_fringes(
     overlaps: Overlaps,
     landmarks: Landmarks,
     scan: NDArray[np.uint16],
-    found: Registration,
+    registration: Registration,
     *,
     lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> FringeRegister | None:
-    """Register of the planes that share edges, in a scan (sensors, lines, pixels) [DN] in which the page was found.
+    """Estimate the register of planes that share edges, in a scan in which the page was registered.
 
-    lost (sensors, lines): lines that were not seen. threads: that share patches out. None where planes lie further off
-    than those of good prints, or too little of the page is seen: prediction must not follow a misprint.
+    The result is None where planes lie further off than those of good prints, or too little of the page is
+    seen: prediction must not follow a misprint.
+
+    Parameters
+    ----------
+    scan : (sensors, lines, pixels) [DN]
+    registration : of the page
+    lost : (sensors, lines) missing lines
+    threads : number of threads that render patches
     """
-    if found.tiles is None:
+    if registration.tiles is None:
         return None
-    patches = Patches.of(overlaps, landmarks, scan, found, lost=lost, threads=threads)
+    patches = Patches.of(overlaps, landmarks, scan, registration, lost=lost, threads=threads)
     if patches is None:
         return None
-    steps = _told_by_tiles(patches, found.tiles, _searched(patches, _rounded(overlaps, found.planes_mm)))
-    if patches.misfit > MOST_MISFIT or _lies_alone(overlaps, steps) or _goes_further(patches, steps):
+    steps = _resolved_by_tiles(
+        patches, registration.tiles, _searched(patches, _rounded(overlaps, registration.planes_mm))
+    )
+    if patches.misfit > MOST_MISFIT or _is_isolated(overlaps, steps) or _goes_further(patches, steps):
         return None
     planes_mm = overlaps.planes_mm(steps)
-    placement, _ = found.tiles.placed(planes_mm, overlaps.told)
+    placement, _ = registration.tiles.placed(planes_mm, overlaps.has_edges)
     further_mm = patches.further_pixels(steps, placement) * landmarks.pitch_mm
-    placement, planes_mm = found.tiles.corrected(further_mm).placed(planes_mm, overlaps.told)
+    placement, planes_mm = registration.tiles.corrected(further_mm).placed(planes_mm, overlaps.has_edges)
     return FringeRegister(placement=placement, planes_mm=planes_mm)
 
 
-def _told_by_tiles(patches: Patches, tiles: PlacedTiles, found: Steps) -> Steps:
-    """Of what fringes leave open, one plane a raster pixel further or not, that which the page's tiles fit best.
+def _resolved_by_tiles(patches: Patches, tiles: PlacedTiles, best: Steps) -> Steps:
+    """Return the neighbouring displacements that the page's tiles fit best among those that fringes leave undecided.
 
-    A plane that shows in few patches, and there beside others alone, may make up all the rest of the page.
+    Neighbours have one plane moved by a raster pixel. A plane that shows in few patches, and there only
+    beside others, may make up all the rest of the page.
     """
-    near = [found, *_singles(patches, found, 0), *_singles(patches, found, 1)]
+    near = [best, *_singles(patches, best, 0), *_singles(patches, best, 1)]
     costs = dict(zip(near, patches.costs(near), strict=True))
-    open_ = [steps for steps in near if costs[steps] < costs[found] + FURTHER]
+    open_ = [steps for steps in near if costs[steps] < costs[best] + FURTHER]
     if len(open_) == 1:
-        return found
+        return best
     overlaps = patches.overlaps
-    return min(open_, key=lambda steps: costs[steps] + tiles.cost(overlaps.planes_mm(steps), overlaps.told))
+    return min(
+        open_, key=lambda steps: costs[steps] + tiles.cost(overlaps.planes_mm(steps), overlaps.has_edges)
+    )
 
 
 def _rounded(overlaps: Overlaps, planes_mm: NDArray[np.float64]) -> Steps:
-    """Registration's planes on the raster."""
+    """Return registration's planes rounded to the raster."""
     steps = np.rint(planes_mm / overlaps.pixel_mm).clip(-overlaps.reach, overlaps.reach)
     steps[[ink for ink in range(INKS) if ink not in overlaps.inks]] = 0
     return tuple(int(step) for step in steps.T.ravel())
 
 
 def _searched(patches: Patches, start: Steps) -> Steps:
-    """The displacements of least cost: a descent, and another with costs as sharp as the first one's end allows.
+    """Return the displacements of least cost by two descents, the second with costs scaled by the end of the first.
 
-    Where patches are then left worse than good prints' mostly are, that was no more than a hollow on the way, and
-    descents from elsewhere are tried.
+    Where patches are then worse than those of most good prints, the first end was a local minimum, and
+    descents from other starts are tried.
     """
-    best = _descended(patches, patches.likeliest([IN_REGISTER, start]))
+    best = _descended(patches, patches.most_likely([IN_REGISTER, start]))
     patches.sharpen(best)
     if patches.misfit > HOLLOW:
         near = [other for axis in range(2) for other in _singles(patches, IN_REGISTER, axis)]
         starts = [near[place] for place in np.argsort(patches.costs(near), kind="stable")[:TRIED]]
-        best = patches.likeliest([best, *(_descended(patches, one) for one in starts)])
+        best = patches.most_likely([best, *(_descended(patches, one) for one in starts)])
     best = _descended(patches, best)
     patches.sharpen(best)
     return best
 
 
 def _descended(patches: Patches, best: Steps) -> Steps:
-    """From there down by single planes, by pairs of them, then by more, either axis in turn, until nothing helps.
+    """Descend by single planes, by pairs of them, then by more, either axis in turn, until nothing improves.
 
-    Pairs are what single steps miss: two planes that are off together hide each other's fringes.
+    Single steps miss pairs: two planes that are off by the same amount hide each other's fringes.
     """
     axes, axis = 0, 0
     while True:
         before = best
         # An axis is gone down to its end before the other's turn; planes go askew where neither goes down any more.
         for near in (_singles, _pairs, _many) if axes < 2 else (_askew, _mirrored):
-            best = patches.likeliest([best, *near(patches, best, axis)])
+            best = patches.most_likely([best, *near(patches, best, axis)])
             if best != before:
                 break
         if best == before and axes == 2:
@@ -135,7 +149,7 @@ def _descended(patches: Patches, best: Steps) -> Steps:
 
 
 def _singles(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    """Every one of the planes a raster pixel further either way, as far as good prints' go."""
+    """Return all steps of one plane by a raster pixel either way, within the range of good prints."""
     return [_stepped(steps, axis, {ink: way}) for ink, way in _ways(patches, steps, axis)]
 
 
@@ -145,34 +159,34 @@ def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 
 def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    """Steps of three planes or four that promise most, if what pairs do to each other adds up."""
+    """Return the steps of three or four planes with the lowest predicted cost, if interactions of pairs add up."""
     ways = _ways(patches, steps, axis)
     here, *ones = patches.costs([steps, *_singles(patches, steps, axis)])
     single = np.array(ones) - here
     pair = np.zeros((len(ways), len(ways)))
     places = np.array(_of_planes(tuple(ways), 2), np.int64).reshape(-1, 2)
     pair[tuple(places.T)] = patches.costs(_pairs(patches, steps, axis))
-    promised: list[tuple[float, Steps]] = []
+    candidates: list[tuple[float, Steps]] = []
     for count in (3, 4):
         if more := _of_planes(tuple(ways), count):
             i, j = np.array([list(combinations(some, 2)) for some in more]).transpose(2, 0, 1)
             of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
-            promise = of_pairs + single[np.array(more)].sum(axis=1)
+            predicted = of_pairs + single[np.array(more)].sum(axis=1)
             stepped = [_stepped(steps, axis, dict(ways[way] for way in some)) for some in more]
-            promised += zip(promise.tolist(), stepped, strict=True)
-    return [other for _, other in sorted(promised)[:TRIED]]
+            candidates += zip(predicted.tolist(), stepped, strict=True)
+    return [other for _, other in sorted(candidates)[:TRIED]]
 
 
 @lru_cache(maxsize=64)
 def _of_planes(ways: tuple[tuple[int, int], ...], count: int) -> list[tuple[int, ...]]:
-    """Which ``count`` of the ways, by their numbers, are of as many planes."""
+    """Return the combinations of ``count`` of the ways, by their indices, in which every way is of another plane."""
     return [
         some for some in combinations(range(len(ways)), count) if len({ways[way][0] for way in some}) == count
     ]
 
 
 def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    """Every plane along both axes at once."""
+    """Return all steps of one plane along both axes at once."""
     return [
         _stepped(one, 1 - axis, {ink: way})
         for ink, way in _ways(patches, steps, 1 - axis)
@@ -181,8 +195,9 @@ def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 
 def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
-    """All planes as far off the other way, along either axis or both: of thin strokes either side's fringes look alike,
-    and the way from one to the other leads uphill.
+    """Return all planes mirrored about register, along either axis or both.
+
+    Thin strokes have similar fringes for either sign, and the path from one to the other leads uphill.
     """
     across, along = steps[:INKS], steps[INKS:]
     back = tuple(-step for step in across), tuple(-step for step in along)
@@ -190,7 +205,7 @@ def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 
 def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
-    """Planes and the ways in which they may go a raster pixel further."""
+    """Return the planes and the ways in which they may go a raster pixel further."""
     return [
         (ink, way)
         for ink in patches.overlaps.inks
@@ -206,23 +221,23 @@ def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:
     return tuple(moved)
 
 
-def _lies_alone(overlaps: Overlaps, found: Steps) -> bool:
-    """Whether a plane lies far off all three others, which hardly any good print's does."""
-    for axis in np.array(found).reshape(2, INKS)[:, overlaps.told]:
-        apart = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
-        if axis.size == INKS and apart.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
+def _is_isolated(overlaps: Overlaps, steps: Steps) -> bool:
+    """Return whether a plane lies far off all three others, which hardly any good print's does."""
+    for axis in np.array(steps).reshape(2, INKS)[:, overlaps.has_edges]:
+        distances = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
+        if axis.size == INKS and distances.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
             return True
     return False
 
 
-def _goes_further(patches: Patches, found: Steps) -> bool:
-    """Whether a plane that lies as far off as those of good prints lies further off still."""
+def _goes_further(patches: Patches, steps: Steps) -> bool:
+    """Return whether a plane at the limit of good prints fits better beyond it."""
     beyond = [
-        _stepped(found, axis, {ink: way})
+        _stepped(steps, axis, {ink: way})
         for axis in range(2)
         for ink in patches.overlaps.inks
         for way in (-1, 1)
-        if found[INKS * axis + ink] == way * patches.overlaps.reach
+        if steps[INKS * axis + ink] == way * patches.overlaps.reach
     ]
-    here, *there = patches.costs([found, *beyond])
+    here, *there = patches.costs([steps, *beyond])
     return any(other < here - FURTHER for other in there)

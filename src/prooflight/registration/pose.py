@@ -1,4 +1,4 @@
-"""Five numbers of a page that lies off its place: shift, turn and stretch, about its centre."""
+"""Pose of a page relative to its nominal place: shift, turn and stretch, about its centre."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ class Pose:
     """Clockwise, as seen. [radian]"""
     across: float = 0.0
     along: float = 0.0
-    """How much longer. [-]"""
+    """Relative elongation. [-]"""
 
     @property
     def numbers(self) -> NDArray[np.float64]:
-        """(5,) all five, in the order of ``moved``. [mm, radian, -]"""
+        """All five numbers in the order of ``moved``, (5,). [mm, radian, -]"""
         return np.array([self.x_mm, self.y_mm, self.turn, self.across, self.along])
 
     def displacement_mm(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """How far page points, measured from the page's centre, lie too far right and down. [mm]"""
+        """Return the displacement to the right and down of page points measured from the page's centre. [mm]"""
         cosine, sine = np.cos(self.turn), np.sin(self.turn)
         x, y = x_mm * (1 + self.across), y_mm * (1 + self.along)
         return self.x_mm + cosine * x - sine * y - x_mm, self.y_mm + sine * x + cosine * y - y_mm
 
     def moved(self, step: NDArray[np.float64]) -> Pose:
-        """One step (5,) of a fit further on."""
+        """Return the pose after one step (5,) of a fit."""
         return Pose(
             x_mm=self.x_mm + float(step[0]),
             y_mm=self.y_mm + float(step[1]),
@@ -48,7 +48,7 @@ class Pose:
 
 
 def slopes(x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How displacements across and along change with the five numbers, (2, n, 5) [mm]; points from the centre."""
+    """Return the derivatives of displacements at points [mm from the centre] by the five numbers, (2, n, 5)."""
     one, none = np.ones_like(x_mm), np.zeros_like(x_mm)
     return np.stack(
         [

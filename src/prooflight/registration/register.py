@@ -1,4 +1,4 @@
-"""Where a page lies under the camera, from its scan: to a fraction of a pixel, with its uncertainty, or not at all."""
+"""Registration of a page in its scan to a fraction of a pixel, with its uncertainty, or the reason why it failed."""
 
 from __future__ import annotations
 
@@ -27,103 +27,118 @@ if TYPE_CHECKING:
 __all__ = ["Landmarks", "Prior", "Registration", "prepare", "register"]
 
 NODE_PITCH_MM: Final = 6.0
-"""Between nodes of the warp found: a field smooth over 25 mm is linear between them to 0.01 pixels."""
+"""Pitch of the nodes of the estimated warp: a field smooth over 25 mm is linear between them to 0.01
+pixels."""
 ROUGH: Final = 0.1
 """Waves with less than this share are left out until the last fit."""
 FIELD_TILES: Final = 120
-"""Tiles that a first field is made of; it is smooth over 25 mm, and these lie 23 mm apart on A4."""
+"""Number of tiles of the first field; it is smooth over 25 mm, and these lie 23 mm apart on A4."""
 UNSURE_PIXELS: Final = (0.6, 0.2, 0.1)
-"""How far off tiles may lie: at the pose found, at the first field, at the field of all tiles."""
+"""Standard deviation of tiles' places at the pose of the search, at the first field and at the field of all
+tiles."""
 AGAIN_PIXELS: Final = 0.2
-"""Tiles that lie so far from where they were rendered are measured again: one linear step leaves a tenth."""
+"""Distance of a tile from where it was rendered above which it is measured again: one linear step leaves a
+tenth."""
 PRESENT: Final = 0.4
-"""Share of its contrast from which an ink plane counts as printed."""
+"""Share of its contrast above which an ink plane counts as printed."""
 PRESENCE_SD: Final = (0.2, 0.1)
-"""Of a tile's contrast about its inks' presence, and of a plane's presence before it is seen. [-]"""
+"""Standard deviations of a tile's contrast given its inks' presence, and of a plane's presence a priori.
+[-]"""
 LEAST_TILES: Final = 8
 LEAST_PART: Final = 0.5
-"""Tiles' worth of ink below which a page counts as blank."""
+"""Ink in units of tiles below which a page counts as blank."""
 LEAST_SHARE: Final = 0.05
-"""Of a tile's edges, for planes to make up for others."""
+"""Least share of a tile's edges that lets planes make up for others."""
 SHARED: Final = 0.2
-"""Of a tile's edges, by other planes than that which makes most of them, from which planes share them."""
+"""Share of a tile's edges made by planes other than its main one, above which planes share its edges."""
 SD_TILES: Final = 12
-"""Tiles whose standard deviations stand for all."""
+"""Number of tiles whose standard deviations stand for all."""
 LEAST_AGREEING: Final = 0.15
 """Share of tiles that must agree: a page whose content is missing altogether still has its own edges."""
 RIVAL: Final = 0.9
-"""A second place with so much of the agreement makes the page ambiguous."""
-RIVAL_APART_PIXELS: Final = 4.0
-"""At a corner; closer ones are one place, seen through a warp."""
+"""Share of the best candidate's agreement at which a second place makes the page ambiguous."""
+RIVAL_DISTANCE_PIXELS: Final = 4.0
+"""Distance at a corner above which two candidates are different places; closer ones are one place with a
+warp."""
 MOST_RMS_PIXELS: Final = 0.2
-"""Of tiles about the page found (0.02 to 0.1 on good prints); tiles that only look alike scatter more."""
+"""Greatest rms residual of tiles (0.02 to 0.1 on good prints); tiles that only look alike scatter more."""
 MOST_SD_PIXELS: Final = 0.33
-"""Standard deviation of the print's shift from which it counts as lost: three make a pixel."""
+"""Standard deviation of the print's shift above which it counts as lost: three make a pixel."""
 DOUBTFUL: Final = 0.3
-"""Share of the print's tiles that match below which it is asked whether the scan shows this page at all."""
+"""Share of the print's tiles that match below which the scan is tested for showing another page."""
 PRINTED: Final = 0.5
-"""Share of a tile's edges that inks make from which it is one of the print, not of the sheet."""
+"""Share of a tile's edges made by inks above which it belongs to the print, not to the sheet."""
 FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH = 0.55, 0.08, 0.3
-"""Shares of what is printed, of the page and of its width that have to be foreign for it to be another page's."""
+"""Least foreign shares of the print, of the page and of its width for a scan to show another page."""
 TURNED_PRINT: Final = 0.6
-"""So many times as much of the print may be foreign to the page turned by 180 degrees, for the scan to show that."""
+"""Factor of foreign print below which the scan shows this page turned by 180 degrees."""
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
-"""worlds.toml: a page this far off is a misprint."""
+"""Shift and skew at which a page is a misprint (worlds.toml)."""
 SURE: Final = 3.0
-"""Standard deviations of its place by which a page must lie beyond that."""
+"""Number of standard deviations of its place by which a page must lie beyond these."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacedTiles:
-    """What a scan's tiles say, so that the page can be placed again once it is known how its planes lie."""
+    """Measured tiles of a scan, from which the page can be placed again once its planes' register is known."""
 
     landmarks: Landmarks
     pose: Pose
-    """About which displacements are small."""
+    """Pose about which displacements are small."""
     off_mm: NDArray[np.float64]
-    """(tiles, 2) how far each lies too far right and down of where the pose has it."""
+    """Displacement of each tile to the right and down of where the pose has it, (tiles, 2)."""
     precision: NDArray[np.float64]
-    """(tiles, 2, 2) [1/mm^2]"""
+    """Precision of these, (tiles, 2, 2). [1/mm^2]"""
     weight: NDArray[np.float64]
-    """(tiles,) share of it that each keeps."""
+    """Weight of each tile, (tiles,)."""
     shares: NDArray[np.float64]
-    """(tiles, 2, 4) of inks in its edges across and along."""
+    """Shares of inks in the tiles' edges across and along, (tiles, 2, 4)."""
 
     def placed(
-        self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]
+        self, planes_mm: NDArray[np.float64], given: NDArray[np.bool_]
     ) -> tuple[Placement, NDArray[np.float64]]:
-        """Where the print lies if the planes that are ``known`` (4,) lie off one another so, and where all of them lie
-        within it, (4, 2) [mm].
+        """Return where the print lies given the register of some planes, and the planes' displacements within it.
 
-        A tile lies where its own planes do: that of black rules by another place of the page than that of a title in
-        colour.
+        A tile lies where its own planes do, so a tile of black rules implies another place of the page than
+        one of a title in colour.
+
+        Parameters
+        ----------
+        planes_mm : (4, 2) displacements of the planes [mm]
+        given : (4,) which of them are given
+
+        Returns
+        -------
+        placement : of the print
+        planes_mm : (4, 2) displacements of all planes within it [mm]
         """
-        field, of_print = self._field(planes_mm, known)
+        field, of_print = self._field(planes_mm, given)
         placement = _placement(self.landmarks, self.pose.moved(field.step), field, of_print)
-        return placement, np.where(known[:, None], planes_mm, field.planes_mm - of_print)
+        return placement, np.where(given[:, None], planes_mm, field.planes_mm - of_print)
 
-    def cost(self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]) -> float:
-        """Minus the logarithm of the likelihood of tiles where planes lie so, and of such a page beforehand. [-]"""
-        return self._field(planes_mm, known)[0].cost(self.precision)
+    def cost(self, planes_mm: NDArray[np.float64], given: NDArray[np.bool_]) -> float:
+        """Return minus the logarithm of the tiles' likelihood times the page's prior, with planes at these places."""
+        return self._field(planes_mm, given)[0].cost(self.precision)
 
     def _field(
-        self, planes_mm: NDArray[np.float64], known: NDArray[np.bool_]
+        self, planes_mm: NDArray[np.float64], given: NDArray[np.bool_]
     ) -> tuple[Field, NDArray[np.float64]]:
-        """The field, and how far the print lies off its sheet, (2,) [mm]."""
-        every, first = np.arange(len(self.off_mm)), int(np.argmax(known))
-        off = self.off_mm - np.einsum("nap,pa->na", self.shares * known, planes_mm)
-        shares = np.where(known, 0.0, self.shares)
-        shares[..., first] = (self.shares * known).sum(axis=2)  # what they have in common
+        """Return the field, and how far the print lies off its sheet, (2,) [mm]."""
+        every, first = np.arange(len(self.off_mm)), int(np.argmax(given))
+        off = self.off_mm - np.einsum("nap,pa->na", self.shares * given, planes_mm)
+        shares = np.where(given, 0.0, self.shares)
+        shares[..., first] = (self.shares * given).sum(axis=2)  # what they have in common
         field = fitted(
             self.landmarks.basis, every, off, self.precision, shares, pose=self.pose, weight=self.weight
         )
         return field, field.planes_mm[first]
 
     def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
-        """The same where tiles whose planes share edges lie further right and down by (2,) [mm].
+        """Return the tiles with those whose planes share edges moved right and down by (2,) [mm].
 
-        How planes add up to a tile's place is known for edges that each makes by itself.
+        The shares by which planes add up to a tile's place are only valid for edges that each plane makes by
+        itself.
         """
         by_plane = self.shares.sum(axis=1)
         others = by_plane.sum(axis=1) - by_plane.max(axis=1)
@@ -133,42 +148,45 @@ class PlacedTiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registration:
-    """Where a page lies, and how well that is known."""
+    """Placement of a page and its uncertainty."""
 
     placement: Placement
-    """Where the print lies: what prediction needs. Of the planes together, as their edges count on this page."""
+    """Placement of the print, as prediction needs it: a mean of the planes, weighted by their edges on this
+    page."""
     found: bool
-    """Whether the placement may be relied on; if not it is the best guess, or the page's place."""
+    """Whether the placement is reliable; if not, it is the best guess or the nominal place."""
     reason: str = ""
-    """Why not; empty if found."""
+    """Why it is not; empty if it is."""
     planes_mm: NDArray[np.float64]
-    """(4, 2) how far each ink plane lies too far right and down within the print; 0 where nothing tells."""
+    """Displacement of each ink plane to the right and down within the print, (4, 2); 0 where unknown."""
     plane_parts: NDArray[np.float64]
-    """(2, 4) how much each plane counts in the placement across and along: 1 together, 0 if only the sheet shows."""
+    """Weight of each plane in the placement across and along, (2, 4): they add up to 1, or are 0 if only the
+    sheet shows."""
     sheet_mm: tuple[float, float] = (0.0, 0.0)
-    """How far the sheet's own edges lie too far right and down of the print."""
+    """Displacement of the sheet's own edges to the right and down of the print."""
     shift_sd_mm: tuple[float, float] = (np.inf, np.inf)
     """Standard deviation of the print's place at its tiles, rms (x, y). [mm]"""
     skew_sd_deg: float = np.inf
     tiles: PlacedTiles | None = None
-    """By which it was found; None: it was not."""
+    """Tiles that determined the placement; None if the search failed."""
     tiles_used: int = 0
     tiles_matching: float = 0.0
     """Share of the tiles seen that look like the design. [-]"""
     print_matching: float = 0.0
-    """The same of tiles of the print alone, without the sheet's edges; 0: the design has none. [-]"""
+    """Share of the print's tiles seen, without the sheet's edges, that look like the design; 0 if it has
+    none. [-]"""
     tiles_foreign: float = 0.0
     """Share of the tiles seen that show something else. [-]"""
     residual_rms_pixels: float = np.inf
-    """Of the tiles used about the placement and the planes, rms of x and y. [pixels]"""
+    """Residual of the tiles used about the placement and the planes, rms of x and y. [pixels]"""
     foreign: bool = False
-    """Whether the scan shows print that the design does not foretell, all over: another page's."""
+    """Whether the scan shows print all over that the design does not predict: another page's."""
     turned: bool = False
     """Whether that is this page turned by 180 degrees."""
 
     @property
     def off_place(self) -> bool:
-        """Whether the page was found where no good print lies, for sure: the misprint ``wrong-page``."""
+        """Whether the page certainly lies where no good print does: the misprint ``wrong-page``."""
         far = any(
             abs(shift) - SURE * sd >= WRONG_SHIFT_MM
             for shift, sd in zip(self.placement.shift_mm, self.shift_sd_mm, strict=True)
@@ -184,12 +202,16 @@ def register(
     lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> Registration:
-    """Find the page of ``landmarks`` in a scan (sensors, lines, pixels) [DN]; threads: that share its tiles out.
+    """Find the page of ``landmarks`` in a scan.
 
-    lost (sensors, lines): lines that were not seen, which say nothing; None: all were.
+    A coarse search, then a pose from some tiles, then pose, register of planes and smooth field together from
+    all tiles. An ink plane that is not printed does not count in the print's place.
 
-    A coarse search, a pose from some tiles, then pose, register of planes and smooth field together from all tiles. An
-    ink plane that is not printed is left out of where the print lies.
+    Parameters
+    ----------
+    scan : (sensors, lines, pixels) [DN]
+    lost : (sensors, lines) missing lines, which are left out; None if none is missing
+    threads : number of threads that measure tiles
     """
     where = _placed(landmarks, scan, lost, threads)
     if where.found and where.print_matching >= DOUBTFUL:
@@ -213,9 +235,9 @@ def _placed(
 
 
 def _recognised(where: Registration, landmarks: Landmarks, seen: NDArray[np.float32]) -> Registration:
-    """The same, with what the scan's coarse picture shows if it is not this page."""
+    """Return the registration, marked if the scan's coarse picture shows another page."""
     design = landmarks.coarse.picture
-    if landmarks.ignored is not None:  # as foretold
+    if landmarks.ignored is not None:  # nothing is known of these pixels, so they must not look foreign
         rows = min(len(seen), len(design))
         seen[:rows] = np.where(landmarks.ignored[:rows], design[:rows], seen[:rows])
     inside = coarse_inside(landmarks.geometry, landmarks.page_width_mm, landmarks.page_height_mm)
@@ -227,14 +249,14 @@ def _recognised(where: Registration, landmarks: Landmarks, seen: NDArray[np.floa
 
 
 def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
-    """Why the best candidate may not be believed; empty if it may."""
+    """Return why the best candidate is not reliable; empty if it is."""
     best = tried[0]
     if best.tiles < LEAST_TILES or best.agreeing < LEAST_AGREEING:
         return f"{best.agreeing:.0%} of what should be there is, and in no one place"
     for other in tried[1:]:
         if (
             other.agreeing >= RIVAL * best.agreeing
-            and best.apart_pixels(other, landmarks) > RIVAL_APART_PIXELS
+            and best.distance_pixels(other, landmarks) > RIVAL_DISTANCE_PIXELS
         ):
             return "the page repeats itself: it may lie in several places"
     return ""
@@ -245,7 +267,9 @@ def _fielded(
 ) -> Registration:
     pitch, basis, shares = landmarks.pitch_mm, landmarks.basis, landmarks.shares
 
-    def told(tiles: NDArray[np.intp], places: NDArray[np.float64], unsure_pixels: float) -> TileMoves:
+    def measured_within_reach(
+        tiles: NDArray[np.intp], places: NDArray[np.float64], unsure_pixels: float
+    ) -> TileMoves:
         return measure(tiles, places, unsure_pixels=unsure_pixels).within_reach()
 
     every = np.arange(landmarks.lines.size)
@@ -253,52 +277,55 @@ def _fielded(
     def fit(
         tiles: NDArray[np.intp], tile_moves: TileMoves, places: NDArray[np.float64], **how: Any
     ) -> tuple[Field, Pose, NDArray[np.float64]]:
-        """The field, the pose it moves to, and where both have all tiles. [mm]"""
+        """Return the field, the pose it moves to, and the places of all tiles by both. [mm]"""
         off = places - landmarks.moves(pose, tiles) * pitch
         precision = tile_moves.precision / np.outer(pitch, pitch)
-        found = fitted(basis, tiles, off, precision, shares[tiles], pose=pose, **how)
-        moved = pose.moved(found.step)
-        return found, moved, landmarks.moves(moved, every) * pitch + found.moves_mm(shares)
+        field = fitted(basis, tiles, off, precision, shares[tiles], pose=pose, **how)
+        moved = pose.moved(field.step)
+        return field, moved, landmarks.moves(moved, every) * pitch + field.moves_mm(shares)
 
     some = spread(every.size, FIELD_TILES)
     start = landmarks.moves(pose, some)
-    tile_moves = told(some, start, UNSURE_PIXELS[0])
+    tile_moves = measured_within_reach(some, start, UNSURE_PIXELS[0])
     _, pose, now = fit(some, tile_moves, (start + tile_moves.moves) * pitch, negligible=ROUGH)
-    tile_moves = told(every, now / pitch, UNSURE_PIXELS[1])
+    tile_moves = measured_within_reach(every, now / pitch, UNSURE_PIXELS[1])
     shares = printed_shares(landmarks.shares, tile_moves)
     places = now + tile_moves.moves * pitch
     _, pose, better = fit(every, tile_moves, places, negligible=ROUGH)
     again = np.flatnonzero((np.abs((better - now) / pitch) > AGAIN_PIXELS).any(axis=1) & tile_moves.seen)
     if again.size:
-        more = told(again, better[again] / pitch, UNSURE_PIXELS[2])
+        more = measured_within_reach(again, better[again] / pitch, UNSURE_PIXELS[2])
         tile_moves.put(again, more)
         places[again] = better[again] + more.moves * pitch
     precision = tile_moves.precision / np.outer(pitch, pitch)
     weight = trust(places - better, precision)
-    found, pose, _ = fit(every, tile_moves, places, weight=weight)
+    field, pose, _ = fit(every, tile_moves, places, weight=weight)
     off = places - landmarks.moves(pose, every) * pitch
     tiles = PlacedTiles(
         landmarks=landmarks, pose=pose, off_mm=off, precision=precision, weight=weight, shares=shares
     )
-    return replace(_registration(landmarks, shares, pose, found, tile_moves, reason), tiles=tiles)
+    return replace(_registration(landmarks, shares, pose, field, tile_moves, reason), tiles=tiles)
 
 
 def printed_shares(shares: NDArray[np.float64], tile_moves: TileMoves) -> NDArray[np.float64]:
-    """``shares`` (tiles, 2, 4) without the planes that are not printed; the others of a tile make up for it.
+    """Return ``shares`` (tiles, 2, 4) without the planes that are not printed; a tile's other planes make up for them.
 
-    Tiles' contrasts are the presence of their planes, weighted by their shares, and of the page's own edge.
+    A tile's contrast is modelled as the presence of its planes and of the page's own edge, weighted by their
+    shares.
     """
-    told = tile_moves.seen & (tile_moves.gain_sd < MOST_GAIN_SD)
+    informative = tile_moves.seen & (tile_moves.gain_sd < MOST_GAIN_SD)
     edge = 1 - shares.sum(axis=2, keepdims=True)
-    model, (tile_sd, plane_sd) = np.concatenate([shares, edge], axis=2).mean(axis=1)[told], PRESENCE_SD
-    off = tile_moves.gain[told] - model.sum(axis=1)
+    model, (tile_sd, plane_sd) = np.concatenate([shares, edge], axis=2).mean(axis=1)[informative], PRESENCE_SD
+    off = tile_moves.gain[informative] - model.sum(axis=1)
     weight = np.ones(off.size)
     for _ in range(4):
         weighted = model * weight[:, None]
         less = np.linalg.solve(model.T @ weighted + np.eye(5) * (tile_sd / plane_sd) ** 2, weighted.T @ off)
         weight = 1 / (1 + ((off - model @ less) / tile_sd) ** 2)
-    kept = shares * (1 + less[:4] > PRESENT)
-    return np.asarray(kept * (shares.sum(axis=2) / np.maximum(kept.sum(axis=2), LEAST_SHARE))[..., None])
+    printed = shares * (1 + less[:4] > PRESENT)
+    return np.asarray(
+        printed * (shares.sum(axis=2) / np.maximum(printed.sum(axis=2), LEAST_SHARE))[..., None]
+    )
 
 
 def _registration(
@@ -343,9 +370,10 @@ def _registration(
 
 
 def _placement(landmarks: Landmarks, pose: Pose, field: Field, of_print: NDArray[np.float64]) -> Placement:
-    """Pose and field of the print, the field on nodes over the page as it is shifted.
+    """Return the print's placement from pose and field, the field on nodes over the shifted page.
 
-    What turn and stretch move nodes by is left out: 2.6 mm at a corner of A4 turned by a degree, 0.04 pixels.
+    The displacement of the nodes by turn and stretch is neglected: 2.6 mm at a corner of A4 turned by a
+    degree, 0.04 pixels.
     """
     width, height = landmarks.page_width_mm, landmarks.page_height_mm
     columns, rows = (int(np.ceil(extent / NODE_PITCH_MM)) + 1 for extent in (width, height))

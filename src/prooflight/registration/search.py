@@ -1,4 +1,4 @@
-"""From anywhere within a centimetre to the right pixel: candidates from the coarse picture, tried on tiles."""
+"""Search for a page within a centimetre to the right pixel: candidates from the coarse picture, tested on tiles."""
 
 from __future__ import annotations
 
@@ -24,38 +24,40 @@ if TYPE_CHECKING:
     from prooflight.registration.tiles import TileMoves
 
 FIRST_TILES: Final = 80
-"""Tiles that candidates are tried on; a pose of five numbers needs no more."""
+"""Number of tiles on which candidates are tested; a pose of five numbers needs no more."""
 NEAR_MM: Final = 3.0
-"""A good print, its lead-in unknown, lies within this; looked at first."""
+"""Range of the first search, within which a good print with unknown lead-in lies."""
 FAR_MM: Final = 12.5
-"""Misprints lie up to 12 mm off (worlds.toml)."""
+"""Range of the second search; misprints lie up to 12 mm off (worlds.toml)."""
 TURNS_DEG: Final = (0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
-"""Looked at where no upright candidate will do."""
+"""Turns that are searched where no upright candidate will do."""
 RIVAL: Final = 0.7
-"""A maximum of so much of the greatest's likeness is tried as well: text and tables repeat."""
+"""Share of the greatest maximum at which another maximum is tested as well, since text and tables repeat."""
 MOST_PEAKS: Final = 4
 SURE: Final = 0.7
-"""Share of tiles that agree from which no other candidate is looked for."""
+"""Share of agreeing tiles at which the search stops."""
 UNSURE_PIXELS: Final = (1.2, 0.6)
-"""How far off tiles may lie in the two steps on them."""
+"""Standard deviation of tiles' places in the two steps on them."""
 TILE_SD_PIXELS: Final = 0.6
-"""Of a tile about the pose: warp and register of planes (worlds.toml, 0.3 to 0.6 pixels of the prototype)."""
+"""Standard deviation of a tile about the pose: warp and register of planes (worlds.toml, 0.3 to 0.6 pixels of
+the prototype)."""
 POSE_SD: Final = np.array([3.0, 3.0, 0.02, 1e-3, 1e-3])
-"""Of where a pose may end, from where it began, weakly held: what no edge tells stays where it is. [mm, radian, -]"""
+"""Standard deviations of a weak prior of the pose about its start: what no edge determines stays. [mm,
+radian, -]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """A pose and how many tiles are for it."""
+    """A pose and the tiles that agree with it."""
 
     pose: Pose
     agreeing: float
     """Share of the tiles seen that look like the design and lie where the pose has them. [-]"""
     tiles: int
-    """How many those are."""
+    """Number of these."""
 
-    def apart_pixels(self, other: Candidate, landmarks: Landmarks) -> float:
-        """The greatest distance between the places that the two give to a corner of the page."""
+    def distance_pixels(self, other: Candidate, landmarks: Landmarks) -> float:
+        """Return the greatest distance between the places that the two poses give to a corner of the page."""
         half_x, half_y = landmarks.page_width_mm / 2, landmarks.page_height_mm / 2
         x, y = np.array([-half_x, half_x, -half_x, half_x]), np.array([-half_y, -half_y, half_y, half_y])
         moves = [np.stack(each.pose.displacement_mm(x, y), axis=1) for each in (self, other)]
@@ -69,11 +71,13 @@ def candidates(
     lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> list[Candidate]:
-    """Poses that were tried, best first; the first alone if it is beyond doubt. lost, threads: see ``measured``."""
+    """Return the poses tested, best first; the search stops at the first that is beyond doubt.
+
+    lost, threads: see ``measured``.
+    """
     seen, design = seen_coarsely(landmarks, scan, lost), landmarks.coarse.picture
-    coarse = np.concatenate(
-        [seen, design[len(seen) :]]
-    )  # a scan that ends early must not seem to have an edge there
+    # A scan that ends early must not seem to have an edge there.
+    coarse = np.concatenate([seen, design[len(seen) :]])
     holed = None if lost is None else np.asarray(in_groups(lost, SHRINK, len(coarse)).any(axis=0))
     tried: list[Candidate] = []
     tried_on = partial(_tried, landmarks, partial(measured, landmarks, scan, lost=lost, threads=threads))
@@ -92,7 +96,10 @@ def candidates(
 def seen_coarsely(
     landmarks: Landmarks, scan: NDArray[np.uint16], lost: NDArray[np.bool_] | None
 ) -> NDArray[np.float32]:
-    """The scan's coarse picture, as foretold where lines were lost (sensors, lines): they must not seem to be edges."""
+    """Return the scan's coarse picture, with the design where lines are missing: they must not seem to be edges.
+
+    lost: (sensors, lines) missing lines.
+    """
     seen, design = shrunk(scan, landmarks.sensors), landmarks.coarse.picture
     if lost is not None:
         rows = min(len(seen), len(design))
@@ -102,7 +109,7 @@ def seen_coarsely(
 
 
 def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose | None]:
-    """Where to begin, likeliest first; None where one may stop if all is well."""
+    """Yield starts, most likely first, and None wherever the search may stop if a candidate is good."""
     for reach_mm in (NEAR_MM, FAR_MM):
         yield from (start for _, start in _peaks(landmarks, coarse, reach_mm))
         yield None
@@ -117,17 +124,17 @@ def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose 
 def _peaks(
     landmarks: Landmarks, coarse: NDArray[np.float32], reach_mm: float, *, turn: float = 0.0
 ) -> list[tuple[float, Pose]]:
-    """Likeness and pose of the greatest maximum of a page turned by ``turn``, and of its rivals."""
+    """Return height and pose of the greatest maximum of a page turned by ``turn``, and of its rivals."""
     if turn:
         rows, columns = landmarks.coarse.picture.shape
         matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), float(np.rad2deg(turn)), 1.0)
         coarse = cv2.warpAffine(coarse, matrix, coarse.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
-    found = peaks(landmarks.coarse, coarse, reach_mm=reach_mm, turn=turn, most=MOST_PEAKS)
-    return [pair for pair in found if pair[0] >= RIVAL * found[0][0]] or [(0.0, Pose(turn=turn))]
+    maxima = peaks(landmarks.coarse, coarse, reach_mm=reach_mm, turn=turn, most=MOST_PEAKS)
+    return [pair for pair in maxima if pair[0] >= RIVAL * maxima[0][0]] or [(0.0, Pose(turn=turn))]
 
 
 def _tried(landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose) -> Candidate:
-    """The pose after two steps on tiles, and who agrees."""
+    """Return the pose after two steps on tiles, and the tiles that agree."""
     tiles = spread(landmarks.lines.size, FIRST_TILES)
     if not landmarks.lines.size:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
@@ -144,16 +151,16 @@ def _tried(landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose) 
 
 
 def spread(count: int, most: int) -> NDArray[np.int64]:
-    """At most ``most`` of the numbers below ``count``, evenly spread."""
+    """Return at most ``most`` of the numbers below ``count``, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
 def _pose_step(
     landmarks: Landmarks, tiles: NDArray[np.int64], tile_moves: TileMoves, further: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The step of the pose (5,) that most tiles want (Cauchy weights), and which tiles agree (n,).
+    """Return the step of the pose (5,) by robust least squares (Cauchy weights), and which tiles agree (n,).
 
-    further: (5,) by how much the pose has moved from where it began.
+    further: (5,) by how much the pose has moved from its start.
     """
     pitch = landmarks.pitch_mm
     model = slopes(*landmarks.basis.points_mm[tiles].T)

@@ -1,4 +1,4 @@
-"""Tiles measured: by how much each lies off where it is thought to lie, and what that is worth."""
+"""Measurement of tiles: their displacements from where they were rendered, with precision."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from prooflight.registration.landmarks import Landmarks
 
 HALFTONE: Final = 0.07
-"""Contrast of halftones as the camera sees them (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
+"""Contrast of halftones in the camera's image (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
 MOST_MOVE_PIXELS: Final = 3.0
-"""Further than that one linear step does not tell where a tile lies. assumed: an edge is blurred over two pixels, and
+"""Displacement above which one linear step is not valid. assumed: an edge is blurred over two pixels, and
 planes and warp of good prints move tiles by one."""
 STEP_SHARE: Final = 0.25
-"""What one linear step leaves of a displacement, near enough, so that no tile is lost for it."""
+"""Share of a displacement that one linear step leaves, as a tolerance, so that no tile is lost for it."""
 
 
 class Workspace(NamedTuple):
-    """What rendering a tile needs to work in; a thread's own."""
+    """Buffers of one thread for rendering a tile."""
 
     value: NDArray[np.float32]
-    """(width of a window and more,), 0 beyond it."""
+    """Signal of one row, (width of a window and more,), 0 beyond the window."""
     slope: NDArray[np.float32]
     begins: NDArray[np.int64]
     weights: NDArray[np.float32]
@@ -43,7 +43,7 @@ class Workspace(NamedTuple):
 
     @classmethod
     def of(cls, width: int, taps: SensorTaps, *, size: int) -> Self:
-        """For windows so wide, of tiles of size x size pixels."""
+        """Allocate buffers for windows of that width and tiles of size x size pixels."""
         pixels = int(np.ceil((EIGHT - 1) * taps.across_ratio)) + taps.across.shape[1] + 1
         blocks = size // EIGHT
         value, slope = np.zeros((2, width + pixels), np.float32)
@@ -54,32 +54,33 @@ class Workspace(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TileMoves:
-    """What n tiles of all sensors together say."""
+    """Displacements of n tiles, combined over all sensors."""
 
     moves: NDArray[np.float64]
-    """(n, 2) by how much each lies too far right and down of where it was rendered. [pixels]"""
+    """Displacement of each tile to the right and down of where it was rendered, (n, 2). [pixels]"""
     precision: NDArray[np.float64]
-    """(n, 2, 2) inverse covariance; zero where a tile tells nothing. [1/pixel^2]"""
+    """Inverse covariance, zero where a tile has no information, (n, 2, 2). [1/pixel^2]"""
     seen: NDArray[np.bool_]
-    """(n,) inside the scan."""
+    """Whether the tile lies inside the scan, (n,)."""
     good: NDArray[np.bool_]
-    """(n,) seen, and looking like the design."""
+    """Whether it is seen and looks like the design, (n,)."""
     foreign: NDArray[np.bool_]
-    """(n,) seen, not looking like the design, and not empty either."""
+    """Whether it is seen, does not look like the design and is not empty, (n,)."""
     gain: NDArray[np.float64]
-    """(n,) contrast, 1 for the design's."""
+    """Contrast, 1 for the design's, (n,)."""
     gain_sd: NDArray[np.float64]
-    """(n,) how well that is known."""
+    """Standard deviation of the contrast, (n,)."""
 
     def within_reach(self) -> TileMoves:
-        """The same with no precision where a tile seems to lie further off than one step tells: strips of bare paper
-        along the edge of a dark page look like that.
+        """Return the same with zero precision where a tile lies further off than one linear step is valid.
+
+        Strips of bare paper along the edge of a dark page look like that.
         """
         near = np.abs(self.moves).max(axis=1) <= MOST_MOVE_PIXELS
         return replace(self, precision=self.precision * near[:, None, None])
 
     def put(self, at: NDArray[np.intp], other: TileMoves) -> None:
-        """Write ``other`` in place of the tiles at these places."""
+        """Replace the tiles at these indices by ``other``."""
         for name in TileMoves.__slots__:
             getattr(self, name)[at] = getattr(other, name)
 
@@ -94,20 +95,25 @@ def measured(
     lost: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> TileMoves:
-    """Measure ``tiles`` (n,) of a scan, rendered where ``moves`` (n, 2) says the page lies off its place [pixels].
+    """Measure the displacements of tiles in a scan.
 
-    unsure_pixels: standard deviation of these; edges weigh less by it. lost (sensors, lines): lines that were not seen,
-    which say nothing. threads: that share the tiles out.
+    Parameters
+    ----------
+    tiles : (n,) indices of the tiles
+    moves : (n, 2) displacement from the page's nominal place at which each is rendered [pixels]
+    unsure_pixels : standard deviation of these; edges weigh less by it
+    lost : (sensors, lines) missing lines, which are left out
+    threads : number of threads that measure tiles
     """
     gathered = np.zeros((len(landmarks.sensors), tiles.size, SUMS + 1), np.float32)
     parts = [slice(*part) for part in parts_of(tiles.size, threads)]
-    gone = np.zeros(scan.shape[:2], bool) if lost is None else lost
+    missing = np.zeros(scan.shape[:2], bool) if lost is None else lost
     tasks = [
         partial(
             _measure,
             landmarks,
             scan,
-            gone,
+            missing,
             index,
             tiles[part],
             moves[part],
@@ -119,8 +125,10 @@ def measured(
     ]
     shared_out(tasks, threads=threads)
     moved, precision = np.empty((tiles.size, 2)), np.empty((tiles.size, 2, 2))
-    flags, told = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
-    solve_tiles(gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, moved, precision, flags, told)
+    flags, contrast = np.empty((tiles.size, 3), np.bool_), np.empty((tiles.size, 3))
+    solve_tiles(
+        gathered, landmarks.beyond[tiles], STEP_SHARE * unsure_pixels, moved, precision, flags, contrast
+    )
     seen, good, foreign = flags.T
     return TileMoves(
         moves=moved,
@@ -128,13 +136,13 @@ def measured(
         seen=seen,
         good=good,
         foreign=foreign,
-        gain=told[:, 0],
-        gain_sd=told[:, 1],
+        gain=contrast[:, 0],
+        gain_sd=contrast[:, 1],
     )
 
 
 def pixel_noise(sensor: SensorModel, *, halftone2: float, by_slope: float) -> NDArray[np.float32]:
-    """Variance of a sensor's pixels, (4,): without light, by signal, by signal squared, by slope squared.
+    """Return the variance of a sensor's pixels, (4,): without light, by signal, by signal squared, by slope squared.
 
     halftone2: squared contrast of halftones.
     """
@@ -154,7 +162,7 @@ def _measure(
     unsure_pixels: float,
     sums: NDArray[np.float32],
 ) -> None:
-    """``measure_tiles`` of one sensor; sums (n, SUMS + 1) is written."""
+    """Run ``measure_tiles`` for one sensor; sums (n, SUMS + 1) is written."""
     sensor, taps = landmarks.sensors[index], landmarks.taps[index]
     noise = pixel_noise(sensor, halftone2=HALFTONE**2, by_slope=GRADIENT_NOISE + unsure_pixels**2)
     light = SensorLight(offset=sensor.column_offset_dn, per_gain=1 / sensor.column_gain, noise=noise)

@@ -1,1 +1,1 @@
-"""Verdicts and studies -> what a person reads."""
+"""Presentation of verdicts and studies to people."""

@@ -1,4 +1,4 @@
-"""What a calibration learned and how well it fits, as one picture."""
+"""Picture of a calibration: its fit and what it learned."""
 
 from __future__ import annotations
 
@@ -27,47 +27,47 @@ _MOST_MAPS: Final = 3
 _SIDE_MM: Final = 8.0
 
 
-def draw_calibration(path: Path, found: Calibration) -> None:
-    """Write one figure (PNG): where residuals lie, measured against fitted, noise, and what a pixel sees."""
-    scans = found.learned.scans
+def draw_calibration(path: Path, calibration: Calibration) -> None:
+    """Write one figure (PNG): residuals by position, measured against fitted, noise, and a pixel's footprint."""
+    scans = calibration.learned.scans
     maps = min(len(scans), _MOST_MAPS)
     figure = Figure(
         figsize=(_PANEL_INCH[0] * 3, _PANEL_INCH[1] * 2.4),
         dpi=110,
         layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12),
     )
-    patches = len(found.patches)
+    patches = len(calibration.patches)
     figure.suptitle(
-        f"Press {found.press.name}:  {patches} patches in {len(scans)} scan{'s' * (len(scans) > 1)}, "
-        f"{found.learned.fit.model.name}",
+        f"Press {calibration.press.name}:  {patches} patches in {len(scans)} scan{'s' * (len(scans) > 1)}, "
+        f"{calibration.learned.fit.model.name}",
         x=0.01,
         ha="left",
         fontsize=12,
     )
     halves = figure.add_gridspec(2, 1, height_ratios=(1.35, 1))
     upper, lower = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
-    worst = np.array([max(patch.residual_sigma, key=abs) for patch in found.patches])
+    worst = np.array([max(patch.residual_sigma, key=abs) for patch in calibration.patches])
     limit = max(float(np.percentile(np.abs(worst), 98)), 0.1)
     shown = [upper.add_subplot(1, maps, place + 1) for place in range(maps)]
     for number, axes in enumerate(shown):
-        _map(axes, found, number, worst, limit)
+        _map(axes, calibration, number, worst, limit)
     bar = upper.colorbar(shown[-1].collections[0], ax=shown, shrink=0.8, pad=0.01)
     bar.set_label("measured - fitted, worst sensor [sigma of a pixel]")
     panels = [lower.add_subplot(1, 3, place + 1) for place in range(3)]
-    _fitted(panels[0], found)
-    _noise(panels[1], found)
-    draw_footprint(panels[2], found.press)
+    _fitted(panels[0], calibration)
+    _noise(panels[1], calibration)
+    draw_footprint(panels[2], calibration.press)
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, format="png")
 
 
-def _map(axes: Axes, found: Calibration, number: int, worst: NDArray[np.float64], limit: float) -> None:
-    """Residuals of one scan where its patches lie."""
-    scan = found.learned.scans[number]
-    here = found.learned.fit.scan == number
-    used = found.learned.fit.used[here]
+def _map(axes: Axes, calibration: Calibration, number: int, worst: NDArray[np.float64], limit: float) -> None:
+    """Draw the residuals of one scan at the positions of its patches."""
+    scan = calibration.learned.scans[number]
+    here = calibration.learned.fit.scan == number
+    used = calibration.learned.fit.used[here]
     corners = scan.patches.centre_mm
     side = _side_mm(corners)
     squares = [Rectangle((x - side / 2, y - side / 2), side, side) for x, y in corners.tolist()]
@@ -87,30 +87,30 @@ def _map(axes: Axes, found: Calibration, number: int, worst: NDArray[np.float64]
 
 
 def _side_mm(corners: NDArray[np.float64]) -> float:
-    """Side of the squares that stand for patches: nine tenths of their pitch."""
+    """Return the side of the squares that represent patches: nine tenths of their pitch."""
     places = np.unique(np.round(corners[:, 0], 2))
     return float(0.92 * np.diff(places).min()) if places.size > 1 else _SIDE_MM
 
 
-def _fitted(axes: Axes, found: Calibration) -> None:
-    for index, sensor in enumerate(found.press.sensors):
-        fitted = np.array([patch.fitted_dn[index] for patch in found.patches])
-        away = np.array([patch.measured_dn[index] for patch in found.patches]) - fitted
+def _fitted(axes: Axes, calibration: Calibration) -> None:
+    for index, sensor in enumerate(calibration.press.sensors):
+        fitted = np.array([patch.fitted_dn[index] for patch in calibration.patches])
+        away = np.array([patch.measured_dn[index] for patch in calibration.patches]) - fitted
         colour = COLOURS[index % len(COLOURS)]
         axes.plot(fitted, away, ".", color=colour, markersize=3, alpha=0.7)
-        rms = found.residual_sigma[index]
+        rms = calibration.residual_sigma[index]
         axes.plot([], [], "o", color=colour, label=f"{sensor.name}: {rms:.2f} sigma rms")
     axes.axhline(0, color="#000000", linewidth=0.8)
     axes.set(title="Measured against fitted", xlabel="fitted [DN]", ylabel="measured - fitted [DN]")
     axes.legend(frameon=False, fontsize=8)
 
 
-def _noise(axes: Axes, found: Calibration) -> None:
-    for index, sensor in enumerate(found.press.sensors):
+def _noise(axes: Axes, calibration: Calibration) -> None:
+    for index, sensor in enumerate(calibration.press.sensors):
         colour = COLOURS[index % len(COLOURS)]
-        dn = np.concatenate([scan.patches.dn[index] for scan in found.learned.scans])
-        seen = np.concatenate([scan.patches.pixel_variance_dn2[index] for scan in found.learned.scans])
-        noise = found.learned.noise[index]
+        dn = np.concatenate([scan.patches.dn[index] for scan in calibration.learned.scans])
+        seen = np.concatenate([scan.patches.pixel_variance_dn2[index] for scan in calibration.learned.scans])
+        noise = calibration.learned.noise[index]
         axes.plot(dn, np.sqrt(seen), ".", color=colour, markersize=3, alpha=0.25)
         signal = np.linspace(0, dn.max(), 200)
         axes.plot(signal, np.sqrt(noise.variance_dn2(signal)), color=colour, linewidth=2, label=sensor.name)

@@ -1,4 +1,4 @@
-"""What a line camera shows now, for a terminal and as a picture."""
+"""Live view of a line camera, for a terminal and as a picture."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ HEIGHT: Final = 8
 SATURATED_MOST: Final = 1e-4
 FLAT_LEAST: Final = 0.7
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-"""Hues that all common colour-vision deficiencies keep apart (Okabe and Ito 2008)."""
+"""Hues that all common colour-vision deficiencies can distinguish (Okabe and Ito 2008)."""
 _STRIP_LINES: Final = 600
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraShown:
-    """One look at a camera."""
+    """State of a camera at one time."""
 
     camera: str
     form: str
     top_code_dn: int
     lines: NDArray[np.uint16]
-    """(sensors, lines, pixels) [DN], the last ones."""
+    """The last lines, (sensors, lines, pixels). [DN]"""
     views: tuple[SensorView, ...]
     health: Health
     lens_mtf50: float | None = None
-    """That the press file's lens and pixel would have across. [cycles/pixel]"""
+    """MTF50 across of the press file's lens and pixel. [cycles/pixel]"""
 
     def facts(self) -> dict[str, Any]:
-        """For a program."""
+        """Return the state for a program, as JSON values."""
         return {
             "camera": self.camera,
             "pixel_format": self.form,
@@ -90,7 +90,7 @@ class _Profile:
     top: int
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Columns of the light that paper gives, darker where print passes."""
+        """Yield bars of the light of bare paper, darker where print passes."""
         width = max(options.max_width - 7, 16)
         paper = _columns(self.view.paper_dn, width) / self.top
         mean = _columns(self.view.mean_dn, width) / self.top
@@ -112,7 +112,7 @@ class _Profile:
 
 
 def _columns(profile: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Means of as many parts as the terminal has columns."""
+    """Return the means of as many parts as the terminal has columns."""
     edges = np.linspace(0, profile.size, width + 1)
     summed = np.concatenate([[0.0], np.cumsum(profile)])
     at = np.interp(edges, np.arange(summed.size), summed)
@@ -120,7 +120,7 @@ def _columns(profile: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 
 
 def live_camera(shown: CameraShown) -> RenderableType:
-    """The whole screen."""
+    """Return the whole screen."""
     parts: list[RenderableType] = [Text(f"{shown.camera}   {shown.form}", style="bold")]
     for at, view in enumerate(shown.views):
         if len(shown.views) > 1:
@@ -181,7 +181,7 @@ def _way(health: Health) -> Text:
 
 
 def draw_camera(path: Path, shown: CameraShown) -> None:
-    """The same as a picture (PNG): profile, the last lines, MTF, numbers."""
+    """Write the same as a picture (PNG): profile, the last lines, MTF, numbers."""
     from matplotlib.figure import Figure
 
     from prooflight.files.atomic import whole_file

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
-"""Hues that all common colour-vision deficiencies keep apart (Okabe and Ito 2008)."""
+"""Hues that all common colour-vision deficiencies can distinguish (Okabe and Ito 2008)."""
 DASHES = ("-", "--", ":", "-.")
 MOST_LABELS = 12
 _POINTS = 200
@@ -33,7 +33,7 @@ def draw_curves(
     title: str,
     mark: tuple[float, str] | None = None,
 ) -> None:
-    """Write curves over common x (n,), each (n,); ``mark`` is a place on x and its name."""
+    """Write curves over common x (n,), each (n,); ``mark`` is a position on x and its name."""
     figure, (axes,) = _panels(1)
     for (label, y), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
         axes.plot(x, y, color=colour, label=label, marker="." if x.size < _POINTS / 4 else "")
@@ -61,9 +61,9 @@ def draw_designs(
     *,
     field: str,
 ) -> None:
-    """Write one panel for each quantity, with curves over the values of ``field``; names lie side by side.
+    """Write one panel for each quantity, with curves over the values of ``field``; names are evenly spaced.
 
-    A curve is keyed by what it shows, which is its colour, and of which design, which is its dashes.
+    The key of a curve is what it shows, which gives its colour, and its design, which gives its dashes.
     """
     figure, axes_of = _panels(len(panels))
     numbers = [value for value in values if not isinstance(value, str)]
@@ -91,8 +91,8 @@ def draw_photon_transfer(
 ) -> None:
     """Write variance against mean with the fitted line, one panel a sensor.
 
-    sensors: by name, means (n,) and variances (n,) of the exposures [DN, DN^2], which were fitted (n,), and the line's
-    constant [DN^2] and gain [DN/e-].
+    sensors: by name, means (n,) and variances (n,) of the exposures [DN, DN^2], whether each was fitted (n,),
+    and the line's constant [DN^2] and gain [DN/e-].
     """
     figure, axes_of = _panels(len(sensors))
     for axes, (name, (mean, variance, used, constant, gain)) in zip(axes_of, sensors.items(), strict=True):

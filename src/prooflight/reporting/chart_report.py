@@ -1,4 +1,4 @@
-"""How well a model predicts a chart: one HTML file a person reads, figures inside it."""
+"""Report of a model's accuracy on a chart: one HTML file with its figures inside."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def write_chart_report(
     scores: Mapping[str, Score],
     why: str,
 ) -> None:
-    """Write the report of one cross-validation, self-contained, whole or not at all.
+    """Write the report of one cross-validation, self-contained and atomic.
 
-    ``scores`` lists models to compare, ``why`` is the sentence on top.
+    ``scores`` lists models to compare, ``why`` is the sentence at the top.
     """
     recipes = chart.recipes()
     difference = delta_e00(lab(trial.predicted), lab(recipes.reflectance))
@@ -97,7 +97,7 @@ def write_chart_report(
 
 
 def histogram(difference: NDArray[np.float64]) -> Figure:
-    """Share of patches by colour difference (n,), on a logarithmic axis, with median and 95 % marked."""
+    """Plot the share of patches by colour difference (n,), on a logarithmic axis, with median and 95 % marked."""
     figure = Figure(figsize=(9.0, 3.2), dpi=110, layout="constrained")
     axes = figure.add_subplot()
     low = max(float(np.percentile(difference, 0.5)), 1e-3)
@@ -127,7 +127,7 @@ def histogram(difference: NDArray[np.float64]) -> Figure:
 def _spectra_figure(
     recipes: Recipes, predicted: NDArray[np.float64], difference: NDArray[np.float64]
 ) -> Figure:
-    """Solids, overprints and tints, or the measured recipes nearest to them."""
+    """Plot solids, overprints and tints, or the measured recipes nearest to them."""
     distance = [np.abs(recipes.cmyk - np.array(wanted)).sum(axis=1) for wanted in _SHOWN.values()]
     nearest = [int(away.argmin()) for away in distance]
     return _small_multiples(recipes, predicted, difference, dict(zip(_SHOWN, nearest, strict=True)))
@@ -139,7 +139,7 @@ def _small_multiples(
     difference: NDArray[np.float64],
     shown: Mapping[str, int],
 ) -> Figure:
-    """One small pair of axes for each recipe: measured as dots, predicted as a line."""
+    """Plot one small pair of axes for each recipe: measured as dots, predicted as a line."""
     lines = -(-len(shown) // _COLUMNS)
     figure = Figure(figsize=(9.0, 2.1 * lines + 0.3), dpi=110, layout="constrained")
     for place, (label, row) in enumerate(shown.items(), start=1):
@@ -186,7 +186,7 @@ def _percent(recipe: NDArray[np.float64]) -> str:
 
 
 def _css(reflectance: NDArray[np.float64]) -> str:
-    """Colour under D50 as CSS, clipped to sRGB."""
+    """Return the colour under D50 as CSS, clipped to sRGB."""
     red, green, blue = np.round(255 * srgb_encoded(_SRGB @ xyz(reflectance))).astype(int).tolist()
     return f"rgb({red}, {green}, {blue})"
 

@@ -1,4 +1,4 @@
-"""Pages for people: templates that lie beside this module, and pictures inside a page."""
+"""HTML templates in this folder, and pictures embedded in a page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @cache
 def template(name: str) -> Template:
-    """The template ``name``.html.j2, which knows ``wording``."""
+    """Return the template ``name``.html.j2, which has access to ``wording``."""
     environment = Environment(
         loader=PackageLoader("prooflight.reporting", "."),
         autoescape=True,
@@ -29,5 +29,5 @@ def template(name: str) -> Template:
 
 
 def data_uri(picture: bytes, kind: str) -> str:
-    """A picture (png, webp) as the address of an image that holds itself."""
+    """Return a picture (png, webp) as a data URI."""
     return f"data:image/{kind};base64," + base64.b64encode(picture).decode("ascii")

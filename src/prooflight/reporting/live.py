@@ -1,6 +1,6 @@
-"""The running press for people at a terminal: speed, a strip of verdicts, the last alarms, drift curves.
+"""Live view of the running press in a terminal: speed, a strip of verdicts, the last alarms, drift curves.
 
-It is made of outcomes as they are told and of the status snapshot, and asks nothing else of the inspection.
+It is drawn from reported outcomes and the status snapshot alone, without access to the inspection.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Health
 
 STRIP: Final = 240
-"""Sheets shown."""
+"""Number of sheets shown."""
 ALARMS: Final = 6
 ANNOUNCEMENTS: Final = 4
 NOTICES: Final = 4
@@ -46,9 +46,9 @@ CURVE_PAGES: Final = 240
 CURVE_CELLS: Final = 30
 WHAT_CELLS: Final = 56
 CURVES: Final = 7
-"""Channels shown: those that have gone furthest of their tolerance."""
+"""Number of channels shown: those that have drifted furthest relative to their tolerance."""
 LEAST_SPAN: Final = 0.4
-"""Of the tolerance: a curve that moves less is drawn flat."""
+"""Least span of a curve's scale, in units of the tolerance: a curve that moves less is drawn flat."""
 BARS: Final = "▁▂▃▄▅▆▇█"
 VERDICTS: Final = {"good": ("■", "green"), "misprint": ("■", "bold red"), "not-inspected": ("□", "yellow")}
 PHASES: Final = {Phase.INSPECTING: "green", Phase.FAULT: "bold red"}
@@ -57,25 +57,25 @@ ACTIONS: Final = {"accept": "green", "reprint": "yellow", "stop": "bold red"}
 
 @dataclass(slots=True)
 class Recent:
-    """What is remembered of the last sheets; outcomes come from one thread, pictures are drawn by another."""
+    """Last sheets for display; outcomes come from one thread, pictures are drawn by another."""
 
     channels: tuple[Channel, ...]
     strip: deque[tuple[str, bool]] = field(default_factory=lambda: deque(maxlen=STRIP))
-    """Verdict, and whether the paper path or the camera was at fault."""
+    """Verdict of each sheet, and whether the paper path or the camera was at fault."""
     alarms: deque[Outcome] = field(default_factory=lambda: deque(maxlen=ALARMS))
     announcements: deque[Announcement] = field(default_factory=lambda: deque(maxlen=ANNOUNCEMENTS))
     notices: deque[str] = field(default_factory=lambda: deque(maxlen=NOTICES))
-    """What was said that is of no sheet."""
+    """Messages that belong to no sheet."""
     curves: dict[str, deque[float]] = field(default_factory=dict)
     guard: threading.Lock = field(default_factory=threading.Lock)
 
     @classmethod
     def of(cls, sensors: Sequence[str]) -> Recent:
-        """Nothing has come yet."""
+        """Create an empty record."""
         return cls(channels=drift_channels(sensors))
 
     def add(self, outcome: Outcome) -> None:
-        """One sheet."""
+        """Add one sheet."""
         record = outcome.record
         with self.guard:
             self.strip.append((record.verdict.verdict, bool(record.faults)))
@@ -87,7 +87,7 @@ class Recent:
                     self.curves.setdefault(name, deque(maxlen=CURVE_PAGES)).append(float(value))
 
     def notice(self, notice: Notice) -> None:
-        """Something that is of no sheet."""
+        """Add a message that belongs to no sheet."""
         with self.guard:
             self.notices.append(notice.text)
 
@@ -101,10 +101,15 @@ def live_view(
     cameras: Mapping[str, Health] = MappingProxyType({}),
     sheets: str = "",
 ) -> RenderableType:
-    """All of it, as high as it needs; title: job, press and source. deadline_s None: the source waits for us.
+    """Draw the whole view, as high as it needs.
 
-    cameras: how those of the source are, by name. sheets: how many sheets and sets came to what, in words, where the
-    job's sheets have several sides or its pages belong together.
+    Parameters
+    ----------
+    title : job, press and source
+    deadline_s : time for a verdict; None if the source waits for the inspection
+    cameras : health of the source's cameras, by name
+    sheets : counts of sheets and sets by verdict, in words, where the job's sheets have several sides or its
+        pages belong together
     """
     with recent.guard:
         parts: list[RenderableType] = [_figures(status, deadline_s), _strip(recent)]
@@ -143,7 +148,7 @@ def preparation(status: Status) -> str:
 
 
 def sparkline(values: Sequence[float], tolerance: float, *, cells: int = CURVE_CELLS) -> str:
-    """Means of consecutive values as bars; the scale is theirs, but never finer than 0.4 of the tolerance.
+    """Draw means of consecutive values as bars; the scale is theirs, but never finer than 0.4 of the tolerance.
 
     >>> sparkline([0.0, 0.0, 1.0, 1.0, 2.0, 2.0], 1.0, cells=3)
     '▁▅█'
@@ -259,12 +264,12 @@ def _curves(recent: Recent) -> RenderableType:
     )
     for heading in ("drift", "", "now", "tolerance"):
         table.add_column(heading, justify="right" if heading in ("now", "tolerance") else "left")
-    known = [
+    curves = [
         (channel, recent.curves[channel.name]) for channel in recent.channels if channel.name in recent.curves
     ]
-    levels = {channel.name: float(np.mean(list(values)[-16:])) for channel, values in known}
-    known.sort(key=lambda one: -abs(levels[one[0].name]) / one[0].tolerance)
-    for channel, values in known[:CURVES]:
+    levels = {channel.name: float(np.mean(list(values)[-16:])) for channel, values in curves}
+    curves.sort(key=lambda one: -abs(levels[one[0].name]) / one[0].tolerance)
+    for channel, values in curves[:CURVES]:
         level = levels[channel.name]
         share = abs(level) / channel.tolerance
         style = "red" if share > 0.7 else "yellow" if share > 0.35 else "cyan"

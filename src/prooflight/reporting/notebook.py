@@ -1,4 +1,4 @@
-"""Results as a person sees them in a notebook: what an inspection rests on, a verdict, a press's report card."""
+"""Display of results in a notebook: the evidence of an inspection, a verdict, a press's report card."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ INK: Final = (40, 44, 50)
 GROUND: Final = (255, 255, 255)
 EDGE: Final = (196, 196, 190)
 MARK: Final = (0, 122, 61)
-"""Of a region's box: neither end of the difference's scale, nor grey."""
+"""Colour of a region's box: neither end of the difference's scale, nor grey."""
 CAPTIONS: Final = ("Expected by the camera", "Seen by the camera", "Difference")
 SCALE_NOTE: Final = "orange: darker, blue: lighter"
 NO_PAGE: Final = (float("inf"), float("inf"))
-"""Of a verdict alone, nobody knows how large its page is."""
+"""Size of the page of a verdict alone, which is unknown."""
 
 
 def picture(inspection: Inspection) -> Image.Image:
-    """What was expected, what the camera saw and where they differ, side by side; numbered boxes are the regions.
+    """Draw expected image, camera image and difference side by side, with regions as numbered boxes.
 
     RequestError: the inspection is of no ``Inspector``.
     """
@@ -53,24 +53,24 @@ def picture(inspection: Inspection) -> Image.Image:
     frame = pictures.frame_of(inspection, planned)
     expected, measured = pictures.signals(inspection, planned.station)
     width = min(PANEL_PX, max(expected.shape[1], LEAST_PX))
-    made = (
+    images = (
         pictures.grey_picture(expected, frame, width_px=width),
         pictures.grey_picture(measured, frame, width_px=width),
         pictures.error_picture(inspection.block_z, expected, frame, width_px=width),
     )
     height = max(round(width * frame.height_mm / frame.width_mm), 1)
-    panels = [one.resize((width, height), Image.Resampling.BOX).convert("RGB") for one in made]
+    panels = [one.resize((width, height), Image.Resampling.BOX).convert("RGB") for one in images]
     return _side_by_side(panels, frame, inspection.regions)
 
 
 def sentence(result: Any) -> str:
-    """A result in one line."""
+    """Return a result in one line."""
     return one_line(_sentence(result))
 
 
 @singledispatch
 def html(result: Any) -> str:
-    """A result as HTML."""
+    """Return a result as HTML."""
     raise TypeError(type(result).__name__)
 
 
@@ -133,7 +133,7 @@ def _side_by_side(panels: Sequence[Image.Image], frame: Frame, regions: Sequence
         whole.paste(panel, (left, CAPTION_PX))
         draw.rectangle((left - 1, CAPTION_PX - 1, left + width, CAPTION_PX + height), outline=EDGE)
         draw.text((left, CAPTION_PX // 2), caption, fill=INK, font=font, anchor="lm")
-        if index:  # what was expected is shown as it is
+        if index:  # the expected image has no boxes
             for number, region in enumerate(regions, start=1):
                 _mark(draw, region, number, frame, (left, CAPTION_PX, width, height), font)
     return whole
@@ -147,7 +147,7 @@ def _mark(
     panel: tuple[int, int, int, int],
     font: Any,
 ) -> None:
-    """A region's box and its number, within its panel (left, top, width, height)."""
+    """Draw a region's box and its number, within its panel (left, top, width, height)."""
     left, top, width, height = panel
     scale = width / frame.width_mm
     x = [left + (mm - frame.x_mm) * scale for mm in (region.x_mm, region.x_mm + region.width_mm)]

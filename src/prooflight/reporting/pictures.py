@@ -1,4 +1,4 @@
-"""What a report shows of a page and of its inspection, as pictures; where on the page they lie, in millimetres."""
+"""Pictures of a page and of its inspection for reports, with their positions on the page in millimetres."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 SATURATION = 12.0
-"""Block means this many of their standard deviations off have the scale's end colours."""
+"""Block mean, in its standard deviations, at which the colour scale ends."""
 SCALE = (
     (-12.0, (158, 33, 14)),
     (-9.0, (216, 75, 27)),
@@ -37,24 +37,26 @@ SCALE = (
     (9.0, (48, 122, 186)),
     (12.0, (11, 61, 133)),
 )
-"""Block mean -> sRGB. Darker than expected: orange to red; lighter: blue. The two hues that all common colour-vision
-deficiencies keep apart (Okabe and Ito 2008), and lightness falls evenly to both ends."""
+"""Colour scale from block means to sRGB. Darker than expected: orange to red; lighter: blue. All common
+colour-vision deficiencies distinguish these two hues (Okabe and Ito 2008), and lightness falls evenly to both
+ends."""
 GHOST = 0.22
-"""How dark the page's own content lies under the error map."""
+"""Darkness of the page's own content under the error map."""
 ZOOM_MM = 12.0
 """Least side of the piece of page that a zoom shows."""
 ZOOM_MARGIN_MM = 4.0
 MOST_ZOOM_MM = 18.0
-"""Greatest side; of a larger place only the strongest part is shown."""
+"""Greatest side; of a larger region only the strongest part is shown."""
 LARGE_REGION_SHARE = 0.25
-"""A region that covers more of the page than this is seen without a zoom."""
+"""Share of the page above which a region is not zoomed."""
 LEAST_CONTRAST = 0.1
-"""A zoom's contrast is raised until this range of encoded signal fills it, no further: more would show noise alone."""
+"""Least range of encoded signal that a zoom's contrast is raised to fill: a smaller one would show noise
+alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The part of the page that a picture shows; (0, 0) is the page's top-left corner."""
+    """Part of the page that a picture shows; (0, 0) is the page's top-left corner."""
 
     x_mm: float
     y_mm: float
@@ -70,14 +72,14 @@ class Zoom:
     expected: bytes
     measured: bytes
     contrast: float
-    """By how much both are raised alike. [-]"""
+    """Factor by which the contrast of both is raised. [-]"""
     columns: int
     """Camera pixels across."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlarmPictures:
-    """What the camera should have seen, what it saw, and where they differ; all three show the same frame."""
+    """Expected image, camera image and error map; all three show the same frame."""
 
     frame: Frame
     expected: bytes
@@ -87,12 +89,12 @@ class AlarmPictures:
 
 
 def page_picture(page: Page, press: Press, *, width_px: int) -> Image.Image:
-    """The page as a person would see it, width_px wide; never enlarged."""
+    """Draw the page as a person would see it, width_px wide; never enlarged."""
     return raster_picture(page, press.appearance_srgb, width_px=width_px)
 
 
 def raster_picture(page: Page, colours: NDArray[np.uint8], *, width_px: int) -> Image.Image:
-    """As ``page_picture``, by the sRGB of recipes (n, n, n, n, 3)."""
+    """Draw a page as ``page_picture`` does, by the sRGB of recipes (n, n, n, n, 3)."""
     rows, columns = page.cmyk.shape[:2]
     size = _within(columns, rows, width_px)
     recipes = cv2.resize(page.cmyk, size, interpolation=cv2.INTER_AREA)
@@ -100,7 +102,7 @@ def raster_picture(page: Page, colours: NDArray[np.uint8], *, width_px: int) -> 
 
 
 def appearance(cmyk: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The sRGB (rows, columns, 3) of recipes (rows, columns, 4), by 4-linear interpolation of table (n, n, n, n, 3)."""
+    """Return the sRGB (rows, columns, 3) of recipes (rows, columns, 4), 4-linear in table (n, n, n, n, 3)."""
     steps = table.shape[0] - 1
     place = cmyk.reshape(-1, 4).astype(np.float32) * np.float32(steps / 255)
     cell = np.minimum(place.astype(np.intp), steps - 1)
@@ -119,17 +121,17 @@ def appearance(cmyk: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.
 
 
 def page_frame(page: Page, press: Press) -> Frame:
-    """The area of a page in its place: all but parts of a pixel along its edges."""
+    """Return the area of a page at its nominal place: all but parts of a pixel along its edges."""
     return _frame(page, press, press.geometry.on_page(page.width_mm, page.height_mm), IN_PLACE)
 
 
 def frame_of(inspection: Inspection, planned: PlannedPage) -> Frame:
-    """What the pictures of an inspection show of its page."""
+    """Return the part of its page that the pictures of an inspection show."""
     return _frame(planned.page, planned.station, inspection.area, inspection.placement)
 
 
 def _frame(page: Page, press: Press | Station, area: tuple[slice, slice], placement: Placement) -> Frame:
-    """What lines and columns of a scan show of a page that lies so; turn and warp left out."""
+    """Return the part of a page that lines and columns of a scan show at a placement; turn and warp are neglected."""
     geometry = press.geometry
     lines, columns = area
     return Frame(
@@ -145,7 +147,7 @@ def _frame(page: Page, press: Press | Station, area: tuple[slice, slice], placem
 def signals(
     inspection: Inspection, press: Press | Station
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Expected and measured signal of the first sensor (lines, pixels), columns evened out; bare paper is 1. [-]"""
+    """Return expected and measured signal of the first sensor (lines, pixels), columns corrected; paper is 1. [-]"""
     sensor, (_, columns) = press.sensors[0], inspection.area
     offset = sensor.column_offset_dn[columns]
     scale = (1 / (sensor.column_gain[columns] * sensor.white_dn)).astype(np.float32)
@@ -155,12 +157,12 @@ def signals(
 
 
 def grey_picture(signal: NDArray[np.float32], frame: Frame, *, width_px: int) -> Image.Image:
-    """A linear signal (lines, pixels), paper 1, as a person's screen shows it; never enlarged."""
+    """Draw a linear signal (lines, pixels), paper 1, for a screen; never enlarged."""
     return Image.fromarray(_bytes(srgb_encoded(_shrunk(signal, frame, width_px))))
 
 
 def error_colours(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The sRGB (..., 3), 0..255, of block means of any shape, by ``SCALE``."""
+    """Return the sRGB (..., 3), 0..255, of block means of any shape, by ``SCALE``."""
     steps = [step for step, _ in SCALE]
     colours = np.array([colour for _, colour in SCALE], np.float32)
     return np.stack([np.interp(z, steps, colours[:, channel]) for channel in range(3)], axis=-1).astype(
@@ -175,10 +177,10 @@ def error_picture(
     *,
     width_px: int,
 ) -> Image.Image:
-    """Where the page is darker (orange) or lighter (blue) than expected, over a ghost of the page itself.
+    """Draw where the page is darker (orange) or lighter (blue) than expected, over a faint image of the page itself.
 
-    block_z (sensors, block rows, block columns): of several sensors the one farthest off is shown. expected (lines,
-    pixels): signal, paper 1. frame: what ``expected`` shows.
+    block_z (sensors, block rows, block columns): of several sensors the largest deviation is shown. expected
+    (lines, pixels): signal, paper 1. frame: of ``expected``.
     """
     each = max(round(width_px * BLOCK_PIXELS / expected.shape[1]), 1)  # a whole number of pixels to a block
     ghost = srgb_encoded(_shrunk(expected, frame, round(expected.shape[1] * each / BLOCK_PIXELS)))
@@ -191,7 +193,7 @@ def error_picture(
     if rows and columns:
         full[:rows, :columns] = cv2.resize(strongest, (columns, rows), interpolation=cv2.INTER_NEAREST)
     colours = error_colours(full)
-    # The ghost gives way where there is an error, so that ink under it cannot change the colour's meaning.
+    # The page's image fades where there is an error, so that ink under it cannot change the colour's meaning.
     clear = np.maximum(1 - np.abs(full) / SATURATION, 0)
     colours *= (1 - GHOST * clear * (1 - ghost))[..., None]
     return Image.fromarray(np.rint(colours).astype(np.uint8))
@@ -200,7 +202,7 @@ def error_picture(
 def alarm_pictures(
     page: Page, inspection: Inspection, press: Press, *, place: Region | None, width_px: int = 720
 ) -> AlarmPictures:
-    """All pictures of one inspection that a person should look at. place: what to enlarge."""
+    """Draw all pictures of one inspection that a person should see. place: region to enlarge."""
     frame = _frame(page, press, inspection.area, inspection.placement)
     expected, measured = signals(inspection, press)
     error = error_picture(inspection.block_z, expected, frame, width_px=width_px)
@@ -220,7 +222,7 @@ def zoom(
     measured: NDArray[np.float32],
     frame: Frame,
 ) -> Zoom | None:
-    """The region's strongest place at the camera's own pixels; None if the region is a large part of the page."""
+    """Draw the region's strongest block at the camera's own pixels; None if the region is a large part of the page."""
     if region.width_mm * region.height_mm > LARGE_REGION_SHARE * frame.width_mm * frame.height_mm:
         return None
     lines, pixels = expected.shape
@@ -255,7 +257,7 @@ def zoom(
 
 
 def encoded(image: Image.Image, *, lossless: bool = False, quality: int = 78) -> bytes:
-    """WebP."""
+    """Encode an image as WebP."""
     file = io.BytesIO()
     image.save(file, "WEBP", lossless=lossless, quality=quality, method=4)
     return file.getvalue()
@@ -264,7 +266,7 @@ def encoded(image: Image.Image, *, lossless: bool = False, quality: int = 78) ->
 def _strongest_place(
     region: Region, block_z: NDArray[np.float32], frame: Frame, pitch_x: float, pitch_y: float
 ) -> tuple[float, float]:
-    """Centre of the region's block that is farthest off, from the frame's corner. [mm]"""
+    """Return the centre of the region's block with the largest deviation, from the frame's corner. [mm]"""
     block_x, block_y = BLOCK_PIXELS * pitch_x, BLOCK_PIXELS * pitch_y
     _, rows, columns = block_z.shape
     if not rows or not columns:
@@ -278,7 +280,7 @@ def _strongest_place(
 
 
 def _window(centre_mm: float, side_mm: float, pitch_mm: float, pixels: int) -> slice:
-    """Pixels of a zoom along one axis, moved into the frame where it would stick out."""
+    """Return the pixels of a zoom along one axis, moved into the frame where it would extend beyond."""
     count = min(max(round(side_mm / pitch_mm), 1), pixels)
     first = min(max(round(centre_mm / pitch_mm - count / 2), 0), pixels - count)
     return slice(first, first + count)
@@ -290,7 +292,7 @@ def _within(columns: int, rows: int, width_px: int) -> tuple[int, int]:
 
 
 def _shrunk(signal: NDArray[np.float32], frame: Frame, width_px: int) -> NDArray[np.float32]:
-    """To width_px, with square pixels on paper; never enlarged across."""
+    """Reduce a signal to width_px, with square pixels on paper; never enlarged across."""
     width = max(min(width_px, signal.shape[1]), 1)
     height = max(round(width * frame.height_mm / frame.width_mm), 1)
     shrunk: NDArray[Any] = cv2.resize(signal, (width, height), interpolation=cv2.INTER_AREA)

@@ -1,4 +1,4 @@
-"""What a press artefact holds, as one picture: colours, mean and noise, columns, footprint."""
+"""Picture of a press artefact: colours, mean and noise, columns, footprint."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RAMPS: Final = {
     "black": ((0, 0, 0, 1), "#1a1a1a", "-"),
     "grey of C = M = Y": ((1, 1, 1, 0), "#808080", "--"),
 }
-"""Name -> inks that rise together, colour and dashes of its curve."""
+"""Inks that rise together, colour and dashes of the curve, by name."""
 _SWATCHES: Final = 256
 _COLOURS_SHOWN: Final = 1200
 _PANEL_INCH: Final = (4.3, 3.5)
@@ -64,7 +64,7 @@ def draw_press(path: Path, press: Press) -> None:
 
 
 def _swatches(axes: Axes, press: Press) -> None:
-    """The ramps as a person sees them."""
+    """Draw the ramps as a person sees them."""
     levels = np.arange(_SWATCHES)
     recipes = np.stack([np.outer(levels, np.array(inks)) for inks, _, _ in RAMPS.values()])
     axes.imshow(
@@ -145,7 +145,7 @@ def _columns(gain: Axes, offset: Axes, press: Press) -> None:
 
 
 def draw_footprint(axes: Axes, press: Press) -> None:
-    """What one pixel of each sensor sees, either way: the density of its line spread."""
+    """Draw the line spread function of one pixel of each sensor, across and along."""
     several = len(press.sensors) > 1
     for index, sensor in enumerate(press.sensors):
         reach = 1000 * sensor.footprint.reach_mm

@@ -1,4 +1,4 @@
-"""The report of one run: every page with its verdict, every alarm with what the camera saw, in one HTML file."""
+"""Report of one run: every page with its verdict, every alarm with the camera's image, in one HTML file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 PAGE_PICTURE_PX = 320
 ZOOM_SCREEN_PX = 360
-"""A zoom is shown at most so wide, each camera pixel 2 or 3 screen pixels."""
+"""Greatest width of a zoom on the screen, with 2 or 3 screen pixels for each camera pixel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,19 +54,19 @@ class PageEntry:
     name: str
     verdict: Verdict
     title: str = ""
-    """What the page is, for people; may be empty."""
+    """Title of the page for people; may be empty."""
     size_mm: tuple[float, float] = (0.0, 0.0)
     """Width and height as the page lay in the press."""
     picture: bytes | None = None
-    """WebP, as a person would see the page; None: the page cannot be used."""
+    """The page as a person would see it, as WebP; None if it cannot be used."""
     alarm: AlarmPictures | None = None
-    """None: nothing to look at, or no scan."""
+    """Pictures of an alarm; None if there is nothing to show, or no scan."""
     truth: Misprint | None = None
-    """What was done to the page on purpose; None: nothing, or not known."""
+    """Simulated misprint of the page; None if there is none, or unknown."""
     summary: NDArray[np.float64] | None = field(default=None, compare=False)
-    """What it adds to its run, until that is known."""
+    """Contribution to the test of its run, as long as that is pending."""
     warnings: tuple[PageWarning, ...] = ()
-    """What is printed of the page otherwise than its file asks, or may be."""
+    """Differences, certain or possible, between the page's file and what is printed."""
 
     @property
     def alarmed(self) -> bool:
@@ -76,22 +76,22 @@ class PageEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSummary:
-    """What a report says of the run as a whole; it counts the pages itself."""
+    """Facts of the run as a whole, except for counts of pages."""
 
     job: str
     press: str
     press_digest: str
     promise: str
-    """How rarely a good page alarms, in words."""
+    """False-alarm rate of good pages, in words."""
     world: str | None
-    """The simulated world, in which the truth about every page is known; None: a real run."""
+    """Simulated world, in which the truth about every page is known; None for a real run."""
     seed: int | None
     date: str
     pages_per_s: float
     suspended: str = ""
-    """Why the promise does not hold for these pages; empty: nothing says so."""
+    """Why the false-alarm rate is not guaranteed for these pages; empty if nothing indicates it."""
     warnings: tuple[str, ...] = ()
-    """Of the job, a line each."""
+    """Warnings of the job, a line each."""
 
     @classmethod
     def today(
@@ -105,7 +105,7 @@ class RunSummary:
         suspended: str = "",
         warnings: Sequence[str] = (),
     ) -> Self:
-        """Of a job that was inspected today."""
+        """Return the facts of a job that was inspected today."""
         return cls(
             job=job,
             press=inspector.press.name,
@@ -122,7 +122,7 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """How many pages came to what; the last four rest on the truth."""
+    """Number of pages by verdict; the last four need the truth."""
 
     pages: int
     good: int
@@ -134,7 +134,7 @@ class Counts:
     missed: int
     false_alarms: int
     unusable: int = 0
-    """Of those not inspected: it is not that there was no scan."""
+    """Pages not inspected for another reason than a missing scan."""
 
 
 def counts(entries: Sequence[PageEntry]) -> Counts:
@@ -166,7 +166,7 @@ def page_entry(
     truth: Misprint | None = None,
     title: str = "",
 ) -> PageEntry:
-    """Picture one page as it lay in the press; alarms, and misprints that were missed, at full length.
+    """Make the entry of one page as it lay in the press, with all pictures of alarms and of missed misprints.
 
     result: the inspection, or the bare verdict (None: not inspected) of a page that has no scan to show.
     """
@@ -191,18 +191,18 @@ def page_entry(
 
 
 def unpictured_entry(number: int, verdict: Verdict) -> PageEntry:
-    """Of a page that cannot be used itself, so that nobody knows what it would look like."""
+    """Return the entry of a page that cannot be used itself, so that its appearance is unknown."""
     return PageEntry(number=number, name=verdict.page, verdict=verdict)
 
 
 @dataclass(frozen=True, slots=True)
 class PicturedPage:
-    """``Tried`` that gives a report's entry rather than the bare verdict."""
+    """A ``Tried`` that returns a report's entry instead of the bare verdict."""
 
     work: InspectPage
 
     def __call__(self, pair: Pair) -> PageEntry:
-        """Inspect and picture one page; a page without a scan, or with one that cannot be used, is pictured as well."""
+        """Inspect one page and make its entry, also without a scan, or with one that cannot be used."""
         number, scan = pair
         try:
             page = self.work.page(number)
@@ -213,7 +213,7 @@ class PicturedPage:
             return unpictured_entry(number, unusable(self.work.name(pair), error))
 
     def killed(self, pair: Pair) -> PageEntry:
-        """Of a page whose inspection the system ended."""
+        """Return the entry of a page whose inspection the system ended."""
         return unpictured_entry(pair[0], Verdict.skipped(self.work.name(pair), KILLED))
 
     def _result(self, page: Page, scan: RecordedScan | None) -> Inspection | Verdict:
@@ -227,7 +227,7 @@ class PicturedPage:
 
 
 def _enlarged(verdict: Verdict, truth: Misprint | None) -> Region | None:
-    """The first place found; of a misprint that was missed, where it is."""
+    """Return the first region detected; of a missed misprint, its true region."""
     if verdict.regions:
         return verdict.regions[0]
     if truth is None:
@@ -246,14 +246,17 @@ def write_report(
     visible: VisibleOnPage | None = None,
     sheets: Sequence[SheetVerdict | SetVerdict] = (),
 ) -> None:
-    """One HTML file that holds all its pictures, in the order of entries; written by way of a temporary name.
+    """Write one HTML file with all its pictures, in the order of entries; atomic.
 
-    worlds, zones: shown first where there are such pictures. visible: what would be caught on one page, shown last.
-    sheets: of a job that was laid on sheets, with its sets; the entries then are their sides, in the order in which
-    sheets number them.
+    Parameters
+    ----------
+    worlds, zones : shown first where there are such pictures
+    visible : marks that would be caught on one page, shown last
+    sheets : verdicts of a job that was imposed on sheets, with its sets; the entries then are their sides,
+        in the order in which sheets number them
     """
     count, unit = counts(entries), "side" if sheets else "page"
-    known = summary.world is not None
+    truth_known = summary.world is not None
     numbered = list(enumerate(entries, start=1))
     text = template("report").render(
         summary=summary,
@@ -261,7 +264,7 @@ def write_report(
         zones=zones,
         visible=visible,
         count=count,
-        known=known,
+        known=truth_known,
         sentence=sentence(count, unit),
         unit=unit,
         of_sheets=SheetCounts.of(sheets),
@@ -287,7 +290,7 @@ def write_report(
 
 
 def sentence(count: Counts, unit: str = "page") -> str:
-    """What happened, in one sentence. unit: what was inspected, a page or a side.
+    """Return the result of a run in one sentence. unit: what was inspected, a page or a side.
 
     >>> sentence(Counts(pages=3, good=2, alarms=1, stopped=1, not_inspected=0, misprints=0, caught=0, missed=0,
     ...                 false_alarms=0))
@@ -324,7 +327,7 @@ def _screen_pixels(zoom: Zoom) -> int:
 
 
 def _place(box: tuple[float, float, float, float], frame: Frame) -> str:
-    """Where x, y, width, height [mm] of the page lie in a picture of frame, as CSS; what lies outside is cut off."""
+    """Return the CSS position of x, y, width, height [mm] of the page in a picture of frame; clipped to it."""
     x, y, width, height = box
     left, right = ((v - frame.x_mm) / frame.width_mm for v in (x, x + width))
     top, bottom = ((v - frame.y_mm) / frame.height_mm for v in (y, y + height))

@@ -1,4 +1,4 @@
-"""Why the paper's world and a press differ, in one picture: one place of one good page, printed in both."""
+"""Picture of the difference between the paper's world and a press: one place of one good page, printed in both."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ WINDOW: Final = (18 * BLOCK_PIXELS, 24 * BLOCK_PIXELS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """One of the pictures, and what it says."""
+    """One of the pictures, with its caption."""
 
     title: str
-    told: str
+    caption: str
     verdict: str
-    """The word of a verdict, empty: none was made."""
+    """Verdict, or empty if none was made."""
     picture: bytes
-    """WebP."""
+    """Image as WebP."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +47,10 @@ class TwoWorlds:
 
 
 def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press: Press) -> TwoWorlds | None:
-    """A good page's print in the ideal world, and one in the press world; None: the page is smaller than the window.
+    """Compare a good page's print in the ideal world and one in the press world.
 
-    ideal, plain: what chi-square found of the two; ours: what our detector found of the second.
+    ideal, plain: inspections of the two by chi-square; ours: of the second by the matched filter. None if the
+    page is smaller than the window.
     """
     _, measured = signals(plain, press)
     if min(np.subtract(measured.shape, WINDOW)) < 0:
@@ -63,27 +64,28 @@ def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press:
         panels=(
             Panel(
                 title="One good print",
-                told="as the camera sees a piece of it",
+                caption="as the camera sees a piece of it",
                 verdict="",
                 picture=encoded(seen),
             ),
             Panel(
                 title="The paper's world",
-                told=f"Each pixel against the camera's noise: nothing but noise. {_said('Chi-square', ideal.verdict)}",
+                caption="Each pixel against the camera's noise: nothing but noise. "
+                f"{_scores_text('Chi-square', ideal.verdict)}",
                 verdict=ideal.verdict.verdict,
                 picture=_coloured(_pixel_z(ideal)[window]),
             ),
             Panel(
                 title="A press",
-                told="The same: register, dot gain and light put every edge and tint off by far more than noise. "
-                + _said("Chi-square", paper),
+                caption="The same: register, dot gain and light put every edge and tint off by far more than noise. "
+                + _scores_text("Chi-square", paper),
                 verdict=paper.verdict,
                 picture=_coloured(_pixel_z(plain)[window]),
             ),
             Panel(
                 title="The same print, to our detector",
-                told="What good prints do is found and taken out; the rest, in standard deviations of good prints. "
-                + _said("Ours", of_ours),
+                caption="What good prints do is found and taken out; the rest, in standard deviations of good prints. "
+                + _scores_text("Ours", of_ours),
                 verdict=of_ours.verdict,
                 picture=_coloured(_block_z(ours, plain.area, window)),
             ),
@@ -91,13 +93,13 @@ def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press:
     )
 
 
-def _said(who: str, verdict: Verdict) -> str:
+def _scores_text(who: str, verdict: Verdict) -> str:
     score, threshold = wording.score(verdict.score), wording.score(verdict.threshold)
     return f"{who}: score {score}, alarm above {threshold}."
 
 
 def _busiest(signal: NDArray[np.float32]) -> Area:
-    """The window of (lines, pixels) in which the signal changes most."""
+    """Return the window of (lines, pixels) in which the signal changes most."""
     change = np.abs(np.diff(signal, axis=0)[:, :-1]) + np.abs(np.diff(signal, axis=1)[:-1])
     height, width = WINDOW
     sums = cv2.integral(change.astype(np.float64))
@@ -108,14 +110,14 @@ def _busiest(signal: NDArray[np.float32]) -> Area:
 
 
 def _pixel_z(inspection: Inspection) -> NDArray[np.float32]:
-    """Of the first sensor: measured less expected, in standard deviations of the camera's noise."""
+    """Return the first sensor's measured minus expected signal, in standard deviations of the camera's noise."""
     expected = inspection.expect()
     off = inspection.measured_dn[0] - expected.expected_dn[0]
     return np.asarray(off / np.sqrt(expected.variance_dn2[0]), np.float32)
 
 
 def _block_z(inspection: Inspection, area: Area, window: Area) -> NDArray[np.float32]:
-    """``Inspection.block_z`` at the pixels of a window of another area of the same scan."""
+    """Return ``Inspection.block_z`` at the pixels of a window of another area of the same scan."""
     z = inspection.block_z[0]
     places = [
         np.clip((np.arange(part.start, part.stop) + of.start - own.start) // BLOCK_PIXELS, 0, blocks - 1)

@@ -1,4 +1,4 @@
-"""Where on a page which marks would be caught: the page and its maps side by side, to scale."""
+"""Maps of the marks that would be caught on a page, beside the page, to scale."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 SPOT_STEPS_MM: Final = (0.0, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 2.0, 4.0)
 HAIR_STEPS_MM: Final = (0.0, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.4, 2.0)
 COLOURS: Final = ("#f3f7ee", "#dcedd0", "#b4dcc0", "#83c5be", "#53a8b8", "#3486ab", "#31619a", "#33397a")
-"""Of the steps: the larger a mark must be, the darker."""
+"""Colours of the steps: the larger a mark must be, the darker."""
 NONE_COLOUR: Final = "#d55e00"
-"""Where no mark that is tried is caught."""
+"""Colour of places where no mark that is tried is caught."""
 _PANEL_INCH: Final = 4.6
 _PAGE_PX: Final = 700
 _REPORT_PX: Final = 1100
@@ -42,22 +42,22 @@ _REPORT_PX: Final = 1100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisibleOnPage:
-    """What a report shows of the marks that would be caught on one page."""
+    """Marks that would be caught on one page, for a report."""
 
     page: str
     picture: bytes
-    """WebP."""
+    """Image as WebP."""
     rows: tuple[PlaceRow, ...]
     floor: str
-    """What is always a misprint, in words; empty: there is no floor."""
+    """Description of what is always a misprint; empty if there is no floor."""
 
     @classmethod
     def of(cls, inspector: Inspector, page: Page) -> Self | None:
-        """Of a page as it lies in the press; None: the inspector's detector has no such map."""
+        """Return the marks of a page as it lies in the press; None if the inspector's detector has no such map."""
         if not isinstance(inspector.detector, MatchedFilterDetector):
             return None
-        known = inspector.detector.prepare(inspector.planned(page))
-        marks, press = VisibleMarks.of(known), inspector.press
+        prepared = inspector.detector.prepare(inspector.planned(page))
+        marks, press = VisibleMarks.of(prepared), inspector.press
         file = io.BytesIO()
         visibility_figure(marks, page, press).savefig(file, format="png")
         picture = Image.open(file).convert("RGB")

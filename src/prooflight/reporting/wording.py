@@ -1,4 +1,4 @@
-"""What a report says, in words and numbers that a person reads."""
+"""Words and numbers of reports."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ WORLDS = {
     "press": "press world: good prints differ as those of a real press do",
 }
 ALL_OVER_SHARE = 0.6
-"""A region that covers more of the page than this is all over it."""
+"""Share of the page above which a region is described as all over it."""
 ACROSS_SHARE = 0.8
-"""A region wider than this share of the page is a band."""
+"""Share of the page's width above which a region is described as a band."""
 
 
 def disposition(what: Disposition, by: DecidedBy) -> str:
-    """What became of a sheet, in words.
+    """Describe the disposition of a sheet.
 
     >>> disposition("hold", "default"), disposition("accept", "costs")
     ('held until a person has seen it', 'accepted by the costs of the press file: stopping costs more')
@@ -55,7 +55,7 @@ def disposition(what: Disposition, by: DecidedBy) -> str:
 
 
 def kind(name: str | None) -> str:
-    """A misprint kind in plain words.
+    """Describe a misprint kind.
 
     >>> kind("scum")
     'Ink where there should be paper'
@@ -68,7 +68,7 @@ def kind(name: str | None) -> str:
 
 
 def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
-    """What the alarm looks like and where, of a page of size_mm (width, height)."""
+    """Describe an alarm and its position on a page of size_mm (width, height)."""
     if verdict.reason:
         return verdict.reason[0].upper() + verdict.reason[1:]
     if not verdict.regions:
@@ -80,20 +80,20 @@ def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
 
 
 def judged(verdict: Verdict, size_mm: tuple[float, float]) -> str:
-    """What came of a page of size_mm (width, height), in one sentence or two."""
+    """Describe the verdict of a page of size_mm (width, height), in one sentence or two."""
     if verdict.verdict == "not-inspected":
         why = f": {verdict.reason}" if verdict.reason else ""
         return f"{verdict.page} was not inspected{why}. Decision: {disposition(*without_gate(verdict))}."
-    found = f"{verdict.page} is good."
+    text = f"{verdict.page} is good."
     if verdict.verdict == "misprint":
         what = headline(verdict, size_mm)
-        found = f"{verdict.page} is a misprint: {what}. Decision: {disposition(*without_gate(verdict))}."
-    said = widened(verdict.widened)
-    return f"{found} {said[0].upper()}{said[1:]}." if said else found
+        text = f"{verdict.page} is a misprint: {what}. Decision: {disposition(*without_gate(verdict))}."
+    note = widened(verdict.widened)
+    return f"{text} {note[0].upper()}{note[1:]}." if note else text
 
 
 def widened(times: float) -> str:
-    """That a page was judged more widely than others, and why; empty: it was not.
+    """Describe the wider tolerance of a page, with the reason; empty if it is not widened.
 
     >>> widened(1.28)
     'more colours than the fit follows: judged 1.28 times more widely'
@@ -118,7 +118,7 @@ def _size(region: Region) -> str:
 
 
 def family(name: str | None) -> str:
-    """A family of evidence in plain words.
+    """Describe a family of evidence.
 
     >>> family("streak/void"), family(None)
     ('lines along the travel (streak/void)', '–')
@@ -133,7 +133,7 @@ def family(name: str | None) -> str:
 
 
 def cents(value: float) -> str:
-    """Money, to three digits.
+    """Format money to three digits.
 
     >>> cents(0.0903), cents(0.00001234)
     ('0.0903 cents', '1.23e-05 cents')
@@ -141,29 +141,29 @@ def cents(value: float) -> str:
     return f"{value:.3g} cents"
 
 
-def count(number: int, thing: str) -> str:
-    """A number and its noun.
+def count(number: int, noun: str) -> str:
+    """Format a number with its noun.
 
     >>> count(1, "page"), count(2, "page")
     ('1 page', '2 pages')
     """
-    return f"{number:,} {thing}" + ("" if number == 1 else "s")
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")
 
 
 def not_inspected(of_what: str, number: int, first: str) -> str:
-    """That so many were not inspected, and of the first why.
+    """State how many were not inspected, and the reason of the first.
 
     >>> not_inspected("2 of 9 pages", 2, "p0003: its scan is missing")
     '2 of 9 pages were not inspected (the first p0003: its scan is missing)'
     >>> not_inspected("1 sheet", 1, "")
     '1 sheet was not inspected'
     """
-    said, which = ("was", "") if number == 1 else ("were", "the first ")
-    return f"{of_what} {said} not inspected" + (f" ({which}{first})" if first else "")
+    verb, which = ("was", "") if number == 1 else ("were", "the first ")
+    return f"{of_what} {verb} not inspected" + (f" ({which}{first})" if first else "")
 
 
 def suspended(number: int) -> str:
-    """That so many verdicts, the last of their run, were made without a promise.
+    """State how many verdicts, the last of their run, have no guaranteed false-alarm rate.
 
     >>> suspended(57)
     'promise suspended: the promised false-alarm rate does not hold for the last 57 sheets'
@@ -173,7 +173,7 @@ def suspended(number: int) -> str:
 
 
 def millimetres(value: float) -> str:
-    """To a tenth, without a sign on nothing.
+    """Format millimetres to a tenth, without a sign on zero.
 
     >>> millimetres(-0.04), millimetres(83.26)
     ('0.0', '83.3')
@@ -182,7 +182,7 @@ def millimetres(value: float) -> str:
 
 
 def mark_size(size_mm: float) -> str:
-    """Two digits, or that no size would do.
+    """Format a size with two digits, or as none if no size is enough.
 
     >>> mark_size(0.2468), mark_size(float("inf"))
     ('0.25', 'none')
@@ -191,7 +191,7 @@ def mark_size(size_mm: float) -> str:
 
 
 def score(value: float | None) -> str:
-    """Three digits, or all of those before the point.
+    """Format a score with three digits, or with all of those before the point.
 
     >>> score(61.0983), score(1234567.8), score(None)
     ('61.1', '1,234,568', '–')
@@ -202,7 +202,7 @@ def score(value: float | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """A p-value, down to what a double holds.
+    """Format a p-value, down to the least double.
 
     >>> p_value(0.034), p_value(2.13e-12), p_value(0.0), p_value(None)
     ('0.034', '2.1 × 10⁻¹²', 'below 10⁻³⁰⁰', '–')
@@ -218,7 +218,7 @@ def p_value(value: float | None) -> str:
 
 
 def probability(value: float | None) -> str:
-    """A probability in per cent, never rounded to certainty.
+    """Format a probability in per cent, never rounded to certainty.
 
     >>> probability(0.35), probability(1.0), probability(0.0002), probability(None)
     ('35 %', 'over 99.9 %', 'below 0.1 %', '–')

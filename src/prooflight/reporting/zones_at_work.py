@@ -1,4 +1,4 @@
-"""What zones do, by prints of one page: each looked at without zones and with them."""
+"""Effect of zones on prints of one page, each inspected without zones and with them."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looked:
-    """One print."""
+    """Verdicts of one print."""
 
     what: str
-    """What was printed, in words."""
+    """Description of the print."""
     before: Word
-    """The verdict without zones ..."""
+    """Verdict without zones."""
     after: Word
-    """... and with them."""
+    """Verdict with zones."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZonesAtWork:
-    """A page with its zones, and what became of prints of it."""
+    """A page with its zones, and the verdicts of prints of it."""
 
     page: str
     picture: bytes
-    """WebP: the page with its zones."""
+    """The page with its zones, as WebP."""
     looked: tuple[Looked, ...]
     prints: int
-    """Good ones, by which the zones were priced."""
+    """Number of good prints by which the zones were priced."""
     alarmed_before: int
     alarmed_after: int
-    """Of those that count, good prints that alarmed."""
+    """Number of counted good prints that alarmed with zones; ``alarmed_before`` without."""
     counted: int
 
 
 def page_with_zones(page: Page, zones: Sequence[Zone]) -> bytes:
-    """WebP."""
+    """Draw a page with its zones, as WebP."""
     return encoded(zones_picture(page, zones))

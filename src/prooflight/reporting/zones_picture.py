@@ -1,4 +1,4 @@
-"""A page with its zones drawn on it."""
+"""Picture of a page with its zones."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Kind, Zone
 
-LOOKS: Final[dict[Kind, tuple[str, str]]] = {
+STYLES: Final[dict[Kind, tuple[str, str]]] = {
     "ignore": ("#6b6b6b", "////"),
     "normal": ("#0072b2", ""),
     "careful": ("#d55e00", ""),
 }
-"""Colour and hatching of each kind; told apart without colour by hatching and by the width of the line."""
+"""Colour and hatching of each kind; hatching and line width distinguish them without colour."""
 WIDTH_INCH: Final = 6.5
 MOST_PX: Final = 1200
 PALE: Final = 0.55
-"""How strongly the page itself is drawn, so that zones stand out."""
+"""Strength of the page's own image, so that zones stand out."""
 NAMED: Final = 24
-"""Zones that are named in the picture."""
+"""Greatest number of zones that are labelled in the picture."""
 
 
 def zones_picture(page: Page, zones: Sequence[Zone]) -> Image.Image:
-    """The page in millimetres, its zones over it with their names."""
+    """Draw the page in millimetres, with its zones and their names."""
     height = WIDTH_INCH * page.height_mm / page.width_mm
     figure = Figure(figsize=(WIDTH_INCH, height + 0.9), dpi=110, layout="constrained")
     axes = figure.add_subplot()
     axes.imshow(_pale(page), extent=(0, page.width_mm, page.height_mm, 0), interpolation="antialiased")
     for zone in zones:
-        colour, hatch = LOOKS[zone.kind]
+        colour, hatch = STYLES[zone.kind]
         line = 2.2 if zone.kind == "careful" else 1.2
         axes.add_patch(
             Polygon(
@@ -61,13 +61,13 @@ def zones_picture(page: Page, zones: Sequence[Zone]) -> Image.Image:
             fontsize=8,
             color="black",
             va="top",
-            bbox={"facecolor": "white", "edgecolor": LOOKS[zone.kind][0], "pad": 1.5, "alpha": 0.9},
+            bbox={"facecolor": "white", "edgecolor": STYLES[zone.kind][0], "pad": 1.5, "alpha": 0.9},
         )
     axes.set(xlabel="x [mm]", ylabel="y [mm]", xlim=(0, page.width_mm), ylim=(page.height_mm, 0))
     axes.set_title(f"{page.name}: zones", loc="left", fontsize=10)
     legend = [
         Patch(facecolor=(*_rgb(colour), 0.12), edgecolor=colour, hatch=hatch, label=kind)
-        for kind, (colour, hatch) in LOOKS.items()
+        for kind, (colour, hatch) in STYLES.items()
         if any(zone.kind == kind for zone in zones)
     ]
     figure.legend(handles=legend, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
@@ -77,7 +77,7 @@ def zones_picture(page: Page, zones: Sequence[Zone]) -> Image.Image:
 
 
 def _short(name: str, share: float) -> str:
-    """As much of a name as a zone of so much of the page's width can hold."""
+    """Shorten a name to what a zone of that share of the page's width can hold."""
     most = max(int(70 * share), 6)
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
@@ -88,7 +88,7 @@ def _rgb(colour: str) -> tuple[float, float, float]:
 
 
 def _pale(page: Page) -> NDArray[np.float32]:
-    """The page as screens show CMYK without a profile, paler."""
+    """Return the page as screens show CMYK without a profile, paler."""
     rows, columns = page.cmyk.shape[:2]
     scale = min(MOST_PX / max(rows, columns), 1.0)
     size = max(round(columns * scale), 1), max(round(rows * scale), 1)

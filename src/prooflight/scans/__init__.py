@@ -1,1 +1,1 @@
-"""Where lines come from: the geometry of a scan, and recorded scans."""
+"""Sources of scan lines: the geometry of a scan, line cameras, and recorded scans."""

@@ -1,9 +1,9 @@
-"""Sensors that do not look at the same place at the same time, put in step: of one camera, or of several.
+"""Alignment of sensors that see the same place at different lines or pixels, of one camera or of several.
 
-A trilinear colour camera has its lines apart along the travel, and so have two cameras on one bar. Whole lines and
-pixels are counted off where lines come in (``cameras.in_step``). The fraction that is left stands in the footprint of
-the press's sensor: prediction looks that much further, exactly, and no scan is interpolated, so that noise stays what
-the camera made it.
+The lines of a trilinear colour camera are offset along the travel, and so are two cameras on one bar. Whole
+lines and pixels are removed where lines come in (``cameras.in_step``). The remaining fraction is part of the
+footprint of the press's sensor, so that prediction accounts for it exactly, and no scan is interpolated,
+which would change its noise.
 """
 
 from __future__ import annotations
@@ -23,32 +23,35 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 FRACTION: Final = 0.02
-"""Lines or pixels by which a press may lie off what its press file says. Offsets are found to a few hundredths, and
-registration finds a page to as much."""
+"""Tolerance between a press's offsets and those in its press file. Offsets are measured to a few hundredths,
+and registration places a page as accurately. [lines or pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorOffset:
-    """How far a sensor's lines lie from those of the press."""
+    """Offset of a sensor's lines from those of the press."""
 
     lines: float = 0.0
-    """So many lines later it sees a place of the page."""
+    """Number of lines by which the sensor sees a place of the page later."""
     pixels: float = 0.0
-    """So many pixels further right it sees a place of the page."""
+    """Number of pixels by which the sensor sees a place of the page further right."""
 
     @property
     def whole(self) -> tuple[int, int]:
-        """Lines and pixels that are counted off."""
+        """Whole lines and pixels, which are removed by counting."""
         return math.floor(self.lines + 0.5), math.floor(self.pixels + 0.5)
 
     @property
     def fraction(self) -> tuple[float, float]:
-        """Lines and pixels that are left, at least -0.5 and below 0.5."""
+        """Remaining lines and pixels, at least -0.5 and below 0.5."""
         lines, pixels = self.whole
         return self.lines - lines, self.pixels - pixels
 
     def of_fraction(self, footprint: Footprint, geometry: ScanGeometry) -> Footprint:
-        """What the sensor's pixels see once whole lines and pixels are counted off; footprint: of one in its place."""
+        """Return the footprint of the sensor's pixels after removal of whole lines and pixels.
+
+        footprint: of a sensor without offset.
+        """
         lines, pixels = self.fraction
         return footprint.moved(
             across_mm=-pixels * geometry.pixel_pitch_mm, along_mm=-lines * geometry.line_pitch_mm
@@ -56,16 +59,16 @@ class SensorOffset:
 
 
 def built_fraction(footprint: Footprint, geometry: ScanGeometry) -> tuple[float, float]:
-    """Lines and pixels of ``SensorOffset.fraction`` for which a press's footprint was made."""
+    """Return the lines and pixels of ``SensorOffset.fraction`` for which a press's footprint was made."""
     across_mm, along_mm = footprint.centre_mm
-    # Adding 0 makes no -0 of them, which nobody wants to read.
+    # Adding 0 turns -0 into 0, which reads better.
     return -along_mm / geometry.line_pitch_mm + 0.0, -across_mm / geometry.pixel_pitch_mm + 0.0
 
 
 def moved_columns(lines: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
-    """Lines (..., columns) of which each pixel shows what the one so many further right did.
+    """Shift lines (..., columns) so that each pixel shows the one so many columns further right.
 
-    What lies beyond the sensor's end shows its last pixel.
+    The sensor's last pixel is repeated beyond its end.
     """
     if pixels == 0:
         return lines
@@ -76,9 +79,9 @@ def moved_columns(lines: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
 def disagreement(
     footprints: Sequence[Footprint], offsets: Sequence[SensorOffset], geometry: ScanGeometry
 ) -> tuple[int, float, float] | None:
-    """The sensor whose fraction along the travel or across is not the one that the press was built for; None: all are.
+    """Return the first sensor whose fraction is not the one that the press was built for; None if all agree.
 
-    Its place, and lines (or pixels) as built and as stated.
+    The result is its index, and the lines (or pixels) as built and as stated.
     """
     for place, (footprint, offset) in enumerate(zip(footprints, offsets, strict=True)):
         for built, stated in zip(built_fraction(footprint, geometry), offset.fraction, strict=True):

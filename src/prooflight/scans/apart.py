@@ -1,7 +1,7 @@
-"""How far apart two sensors look at the same print, from what both saw of it: to hundredths of a line.
+"""Estimation of the offset between two sensors from what both saw of one print, to hundredths of a line.
 
-Sensors of other colours see the same edges with other contrasts, so each tile has a gain and an offset of its own. The
-page need not be known; a page of text or pictures does, a blank one does not.
+Sensors of other colours see the same edges with other contrasts, so each tile has a gain and an offset of its
+own. The page need not be known; a page of text or pictures is suitable, a blank one is not.
 """
 
 from __future__ import annotations
@@ -21,83 +21,85 @@ if TYPE_CHECKING:
     Image = NDArray[np.float32]
 
 BINS: Final = 32
-"""Parts of a line whose means are compared first: letters are as fine, and across they may lie some pixels apart."""
+"""Number of parts of a line whose means are compared first: they are as fine as letters, and tolerate an
+offset across of some pixels."""
 TILE: Final = 48
-"""Lines and pixels of a tile that is compared by itself: 5 mm of the prototype's, some words."""
+"""Side of a tile that is compared by itself: 5 mm of the prototype's, some words. [lines and pixels]"""
 SMOOTH: Final = 1.2
-"""Standard deviation of what both are smoothed with, in pixels: what is left lies below half the sampling's rate, so
-that it is moved by fractions without error."""
+"""Standard deviation of the smoothing of both images, in pixels; it leaves frequencies below half the
+sampling rate, so that fractional shifts are exact."""
 REACH: Final = 6
-"""Pixels from which a moved one is made, either way."""
+"""Half width of the interpolation kernel. [pixels]"""
 STEPS: Final = 6
 LEAST_TILES: Final = 6
 MOST_ACROSS: Final = 24
-"""Pixels across that are searched either way."""
+"""Search range across, either way. [pixels]"""
 FLOOR: Final = 0.006
-"""Lines or pixels by which the place found is off whatever the tiles say: on prints without noise, up to so much."""
+"""Standard deviation of the estimate beyond the tiles' scatter: on prints without noise it is off by up to so
+much. [lines or pixels]"""
 CLEAR: Final = 0.2
-"""Correlation of what both saw, at its best place, below which they saw nothing alike."""
+"""Correlation of the two images at the best offset, below which they have nothing in common."""
 EDGE: Final = 3.0
-"""Root mean square of a tile's slope either way, by that of noise alone, from which it tells its place."""
+"""Rms slope of a tile either way, relative to that of noise alone, above which it is used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundOffset:
-    """How much later and further right the second sensor sees than the first, with standard deviations."""
+    """Estimated offset of the second sensor, later and further right than the first, with standard deviations."""
 
     lines: float
     pixels: float
     lines_sd: float
     pixels_sd: float
     tiles: int
-    """That told it."""
+    """Number of tiles used."""
     likeness: float
-    """Correlation of what both saw, at the place found. [-]"""
+    """Correlation of the two images at the estimated offset. [-]"""
 
     @property
     def offset(self) -> SensorOffset:
-        """As a press file has it."""
+        """Offset as a press file has it."""
         return SensorOffset(lines=self.lines, pixels=self.pixels)
 
 
 def found_offset(
     first: NDArray[np.uint16], second: NDArray[np.uint16], *, where: str = "the scan"
 ) -> FoundOffset:
-    """Offset of the second sensor's lines (n, pixels) [DN] against the first's, by the same count of lines.
+    """Estimate the offset of the second sensor's lines (n, pixels) [DN] from the first's, by the same count of lines.
 
-    Any whole lines up to n / 2 and 24 pixels are searched. Standard deviations are of what the tiles say one by one, so
-    they hold what the model leaves out as well. ScanError: they have nothing in common. where: in errors.
+    Whole lines up to n / 2 and 24 pixels are searched. Standard deviations are from the scatter of the tiles,
+    so they include model errors. ScanError: the images have nothing in common. where: in errors.
     """
     seen = [np.asarray(lines, np.float32) for lines in (first, second)]
     along = _along(*seen)
     a, b = (cv2.GaussianBlur(lines, (0, 0), SMOOTH) for lines in seen)
     moved = np.array([float(along), float(_across(a, b, along))])
     whole, likeness = np.zeros(2), 0.0
-    told = np.empty((0, 2))
+    steps = np.empty((0, 2))
     weights = np.empty((0, 2))
     for _ in range(STEPS):
-        told, weights, likeness = _steps(a, b, moved)
-        if len(told) < LEAST_TILES:
+        steps, weights, likeness = _steps(a, b, moved)
+        if len(steps) < LEAST_TILES:
             break
-        whole = (weights * told).sum(axis=0) / weights.sum(axis=0)
+        whole = (weights * steps).sum(axis=0) / weights.sum(axis=0)
         moved = moved + np.clip(whole, -1, 1)
-    if len(told) < LEAST_TILES or likeness < CLEAR:
-        what = f"shows the same edges to both sensors in {len(told)} places, at a likeness of {likeness:.2f}"
+    if len(steps) < LEAST_TILES or likeness < CLEAR:
+        what = f"shows the same edges to both sensors in {len(steps)} places, at a likeness of {likeness:.2f}"
         raise ScanError(where, what, remedy="let a page of text or pictures pass under both")
-    spread = np.sqrt((weights**2 * (told - whole) ** 2).sum(axis=0)) / weights.sum(axis=0)
+    spread = np.sqrt((weights**2 * (steps - whole) ** 2).sum(axis=0)) / weights.sum(axis=0)
     spread = np.hypot(spread, FLOOR)
     return FoundOffset(
         lines=float(moved[0]),
         pixels=float(moved[1]),
         lines_sd=float(spread[0]),
         pixels_sd=float(spread[1]),
-        tiles=len(told),
+        tiles=len(steps),
         likeness=likeness,
     )
 
 
 def _along(first: Image, second: Image) -> int:
-    """Whole lines by which the second sees later: where slopes along the travel are most alike."""
+    """Return the whole lines by which the second sees later, at the best correlation of slopes along the travel."""
     count, pixels = first.shape
     parts = np.linspace(0, pixels, min(BINS, pixels) + 1).astype(int)[:-1]
     slopes = [
@@ -112,7 +114,7 @@ def _along(first: Image, second: Image) -> int:
 
 
 def _across(first: Image, second: Image, along: int) -> int:
-    """Whole pixels by which the second sees further right."""
+    """Return the whole pixels by which the second sees further right."""
     a, b = _overlapping(first, second, along)
     slopes = [np.diff(image, axis=1) for image in (a, b)]
     reach = min(MOST_ACROSS, slopes[0].shape[1] // 4)
@@ -125,7 +127,7 @@ def _across(first: Image, second: Image, along: int) -> int:
 
 
 def _overlapping(first: Image, second: Image, along: int) -> tuple[Image, Image]:
-    """The lines that both saw, the second's ``along`` later."""
+    """Return the lines that both saw, the second's ``along`` later."""
     count = len(first) - abs(along)
     return first[max(-along, 0) :][:count], second[max(along, 0) :][:count]
 
@@ -133,17 +135,17 @@ def _overlapping(first: Image, second: Image, along: int) -> tuple[Image, Image]
 def _steps(
     first: Image, second: Image, moved: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """How much further each tile wants the second to lie, (tiles, 2) lines and pixels; with weights, and likeness.
+    """Return the further offset of the second by each tile, (tiles, 2) lines and pixels, with weights and correlation.
 
-    One step of Gauss and Newton in each tile, for two displacements, a gain and an offset.
+    One Gauss-Newton step in each tile, for two displacements, a gain and an offset.
     """
     lines, pixels = moved
     height, width = first.shape
-    laid = _laid(second, lines, pixels)
+    shifted = _shifted(second, lines, pixels)
     top, left = max(int(np.ceil(-lines)), 0) + REACH, max(int(np.ceil(-pixels)), 0) + REACH
     bottom = height - max(int(np.ceil(lines)), 0) - REACH
     right = width - max(int(np.ceil(pixels)), 0) - REACH
-    down, right_of = (np.asarray(slope, np.float32) for slope in np.gradient(laid))
+    down, right_of = (np.asarray(slope, np.float32) for slope in np.gradient(shifted))
     rows, columns = (bottom - top) // TILE, (right - left) // TILE
     if rows < 1 or columns < 1:
         return np.empty((0, 2)), np.empty((0, 2)), 0.0
@@ -154,7 +156,7 @@ def _steps(
         part = part.reshape(rows * columns, TILE * TILE)
         return np.asarray(part - part.mean(axis=1, keepdims=True))
 
-    a, b, along, across = (tiles(image) for image in (first, laid, down, right_of))
+    a, b, along, across = (tiles(image) for image in (first, shifted, down, right_of))
     rough = max(float(np.median(np.sqrt((along**2).mean(axis=1)))) / 4, 1e-3)
     power = np.stack([(along**2).mean(axis=1), (across**2).mean(axis=1)], axis=1)
     clear = (np.sqrt(power) > EDGE * min(rough, _noise(a - b))).all(axis=1)
@@ -165,42 +167,42 @@ def _steps(
     basis = np.stack([b, along, across], axis=2)
     normal = np.einsum("tpi,tpj->tij", basis, basis) + 1e-9 * np.eye(3)
     wanted = np.einsum("tpi,tp->ti", basis, a)
-    found = np.linalg.solve(normal, wanted[..., None])[..., 0]
-    gain = found[:, 0]
-    left_over = a - np.einsum("tpi,ti->tp", basis, found)
+    solution = np.linalg.solve(normal, wanted[..., None])[..., 0]
+    gain = solution[:, 0]
+    left_over = a - np.einsum("tpi,ti->tp", basis, solution)
     usable = np.abs(gain) > 1e-2
     gain = np.where(usable, gain, 1.0)
-    told = found[:, 1:] / gain[:, None]
+    steps = solution[:, 1:] / gain[:, None]
     variance = (left_over**2).mean(axis=1)
     inverse = np.linalg.inv(normal)
     sd2 = variance[:, None] * np.stack([inverse[:, 1, 1], inverse[:, 2, 2]], axis=1) / gain[:, None] ** 2
-    usable &= np.isfinite(told).all(axis=1) & (np.abs(told) < 2).all(axis=1)
-    told, sd2 = told[usable], sd2[usable]
-    if not len(told):
-        return told, told, 0.0
-    # A tile is known no better than a hundredth of a line: what moves within it is not modelled.
+    usable &= np.isfinite(steps).all(axis=1) & (np.abs(steps) < 2).all(axis=1)
+    steps, sd2 = steps[usable], sd2[usable]
+    if not len(steps):
+        return steps, steps, 0.0
+    # A tile is no more accurate than a hundredth of a line, since movement within it is not modelled.
     weights = 1 / (sd2 + 1e-4)
-    middle = np.median(told, axis=0)
-    scatter = 1.4826 * np.median(np.abs(told - middle), axis=0) + 1e-3
-    near = (np.abs(told - middle) < 4 * scatter).all(axis=1)
+    middle = np.median(steps, axis=0)
+    scatter = 1.4826 * np.median(np.abs(steps - middle), axis=0) + 1e-3
+    near = (np.abs(steps - middle) < 4 * scatter).all(axis=1)
     likeness = float(np.abs((a * b).sum()) / np.sqrt((a**2).sum() * (b**2).sum() + 1e-12))
-    return told[near], weights[near], likeness
+    return steps[near], weights[near], likeness
 
 
-def _laid(image: Image, lines: float, pixels: float) -> Image:
-    """The image as it is so much further up and left; what lies beyond its border comes in from the other side."""
+def _shifted(image: Image, lines: float, pixels: float) -> Image:
+    """Shift the image up and left; its border wraps around."""
     whole = round(lines), round(pixels)
     kernels = []
     for wanted, counted in zip((lines, pixels), whole, strict=True):
         places = np.arange(-REACH, REACH + 1) - (wanted - counted)
         kernel = np.sinc(places) * np.sinc(
             places / (REACH + 1)
-        )  # Lanczos: what is smoothed has nothing beyond
+        )  # Lanczos: the smoothed image has no higher frequencies
         kernels.append(kernel / kernel.sum())
     rolled = np.roll(image, (-whole[0], -whole[1]), axis=(0, 1))
     return np.asarray(cv2.sepFilter2D(rolled, cv2.CV_32F, kernels[1], kernels[0]), np.float32)
 
 
 def _noise(left_over: NDArray[np.float64]) -> float:
-    """Of single pixels, where little else is left."""
+    """Return the noise of single pixels, from the tiles with the least residual."""
     return float(np.sqrt(np.percentile((left_over**2).mean(axis=1), 10)))

@@ -1,7 +1,8 @@
-"""Where camera pixels lie on the page.
+"""Geometry of camera pixels on the page.
 
-(0, 0) is the page's top-left corner as printed; x across the web, y along the travel. A scan's first line lies above
-the page's top edge by the lead-in, the page is centred in the field, and beyond it the camera sees the backing.
+(0, 0) is the page's top-left corner as printed; x across the web, y along the travel. A scan's first line
+lies above the page's top edge by the lead-in, the page is centred in the field, and beyond it the camera sees
+the backing.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 LEAST_MM: Final = 5.0
 LEAST_PIXELS: Final = 32
-"""Pages that are smaller than either, one way or the other, are not judged: registration needs a tile of so many
-pixels to find them, and inside the margins of less than 5 mm our detector has nothing left to look at."""
+"""Least size of pages that are inspected, either way: registration needs a tile of so many pixels to find
+them, and within margins of 5 mm the detector has nothing left to test."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,19 +45,19 @@ class ScanGeometry:
         return self.pixels * self.pixel_pitch_mm
 
     def raster_dpi(self, supersampling: float) -> float:
-        """Resolution at which a raster has ``supersampling`` pixels across one camera pixel. [pixels/inch]"""
+        """Return the resolution of a raster with ``supersampling`` pixels across one camera pixel. [pixels/inch]"""
         return MM_PER_INCH * supersampling / self.pixel_pitch_mm
 
     def lines(self, page_height_mm: float) -> int:
-        """Lines in the scan of a page."""
+        """Return the number of lines in the scan of a page."""
         return int(np.ceil((self.lead_in_mm + page_height_mm + self.lead_out_mm) / self.line_pitch_mm))
 
     def left_mm(self, page_width_mm: float) -> float:
-        """From the field's left end to the page's left edge. [mm]"""
+        """Return the distance from the field's left end to the page's left edge. [mm]"""
         return (self.field_mm - page_width_mm) / 2
 
     def centres_x_mm(self, page_width_mm: float, *, shift_mm: float = 0.0) -> NDArray[np.float64]:
-        """Where each column's centre lies on a page (pixels,); shift_mm: how far the page lies too far right. [mm]"""
+        """Return each column's centre on a page, (pixels,); shift_mm: displacement of the page to the right. [mm]"""
         return (
             (np.arange(self.pixels, dtype=np.float64) + 0.5) * self.pixel_pitch_mm
             - self.left_mm(page_width_mm)
@@ -64,11 +65,11 @@ class ScanGeometry:
         )
 
     def centres_y_mm(self, lines: int, *, shift_mm: float = 0.0) -> NDArray[np.float64]:
-        """Where each line's centre lies on a page (lines,); shift_mm: how far the page lies too far down. [mm]"""
+        """Return each line's centre on a page, (lines,); shift_mm: displacement of the page downwards. [mm]"""
         return (np.arange(lines, dtype=np.float64) + 0.5) * self.line_pitch_mm - self.lead_in_mm - shift_mm
 
     def on_page(self, page_width_mm: float, page_height_mm: float) -> tuple[slice, slice]:
-        """Lines and columns of a scan whose whole pixel lies on a page that is where it should be."""
+        """Return lines and columns of a scan whose whole pixel is on a page at its nominal place."""
         x = self.centres_x_mm(page_width_mm)
         y = self.centres_y_mm(self.lines(page_height_mm))
         half_x, half_y = self.pixel_pitch_mm / 2, self.line_pitch_mm / 2
@@ -77,18 +78,18 @@ class ScanGeometry:
         return slice(int(lines[0]), int(lines[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
     def sees(self, width_mm: float) -> bool:
-        """Whether a page so wide lies within the field, to a pixel."""
+        """Return whether a page so wide lies within the field, to a pixel."""
         return width_mm <= self.field_mm + self.pixel_pitch_mm
 
     @property
     def least_mm(self) -> float:
-        """Width and height that a page must have to be judged. [mm]"""
+        """Least width and height of a page that is inspected. [mm]"""
         return max(LEAST_MM, LEAST_PIXELS * max(self.pixel_pitch_mm, self.line_pitch_mm))
 
     def lay(self, page: Page) -> Page:
-        """The page as it enters the press: turned by 90 degrees if only that fits.
+        """Return the page as it enters the press, turned by 90 degrees if only that fits.
 
-        JobError: neither does, or there is too little of it to be judged.
+        JobError: it fits neither way, or is too small to be inspected.
         """
         if min(page.width_mm, page.height_mm) < self.least_mm:
             what = f"is {page.width_mm:.2f} x {page.height_mm:.2f} mm"

@@ -18,74 +18,76 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BLOCK_LINES = 64
-"""Lines in a block, where nothing says otherwise: 23 ms of the prototype's camera, a fiftieth of a page."""
+"""Lines in a block by default: 23 ms of the prototype's camera, a fiftieth of a page."""
 
 
 LineFaultKind = Literal["lost-packets", "lost-blocks", "lost-triggers", "late-lines", "camera-away"]
 CAMERA_AWAY: Final = "the camera was away"
-"""What every camera says of lines that it missed for that reason; for how long follows."""
+"""Beginning of every camera's message about lines missed while it was disconnected; the duration follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineFault:
     """Lines that a camera did not deliver as they passed under it.
 
-    lost-packets: parts of them did not arrive. lost-blocks: their whole block did not. lost-triggers: the camera passed
-    over some of their triggers, and nobody knows which. late-lines: they came behind lines that follow them, and were
-    left out. camera-away: the camera gave no lines; how many passed meanwhile is reckoned by the time.
+    lost-packets: parts of them did not arrive. lost-blocks: their whole block did not. lost-triggers: the
+    camera skipped some of their triggers, and which is unknown. late-lines: they came after lines that follow
+    them, and were left out. camera-away: the camera was disconnected; the number of lines is estimated from
+    the time.
     """
 
     kind: LineFaultKind
     first_line: int
-    """In the camera's count."""
+    """Number of the first line in the camera's count."""
     lines: int
     detail: str
-    """For a person."""
+    """Message for a person."""
     sensor: int | None = None
-    """The one sensor that it befell; None: all of them."""
+    """The one sensor concerned; None if all are."""
 
     @property
     def next_line(self) -> int:
-        """The camera's count behind its last line."""
+        """The camera's count after its last line."""
         return self.first_line + self.lines
 
     @property
     def unseen(self) -> bool:
-        """Whether what its lines show may not be judged; late ones are lost already."""
+        """Whether its lines must not be inspected; late ones are reported as lost already."""
         return self.kind != "late-lines"
 
 
 class Unseen(NamedTuple):
-    """A run of lines that nobody saw; something else stands in their place."""
+    """A run of lines that were not seen, and were filled in otherwise."""
 
     first: int
     end: int
-    """Behind the last."""
+    """Number after the last line."""
     sensor: int | None = None
-    """The one sensor that did not see them; None: none did."""
+    """The one sensor that did not see them; None if none did."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineBlock:
-    """Some lines as the camera delivered them; the array is the receiver's to keep and must not change any more."""
+    """Some lines as the camera delivered them; the array belongs to the receiver and must not change any more."""
 
     first_line: int
-    """The camera's own count of lines at its first line, from 0; lost lines show as a jump between blocks."""
+    """The camera's own count at its first line, from 0; lost lines show as a jump between blocks."""
     lines: NDArray[np.uint16]
-    """(sensors, n, pixels) raw digital numbers. [DN]"""
+    """Raw digital numbers, (sensors, n, pixels). [DN]"""
     time_s: float
-    """When its last line was read, by the source's own clock."""
+    """Time at which its last line was read, by the source's own clock."""
     faults: tuple[LineFault, ...] = ()
-    """Of its lines, and of those that are missing before it, where the source knows more than the jump says."""
+    """Faults of its lines, and of those missing before it, where the source knows more than the jump
+    shows."""
 
     @property
     def next_line(self) -> int:
-        """The camera's count behind its last line."""
+        """The camera's count after its last line."""
         return self.first_line + self.lines.shape[1]
 
 
 class LineSource(Protocol):
-    """Where blocks come from."""
+    """Interface of sources of blocks."""
 
     @property
     def sensors(self) -> int:
@@ -98,16 +100,16 @@ class LineSource(Protocol):
         ...
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Blocks as they come; ends when the source ends. ScanError: what comes is not lines of this camera."""
+        """Yield blocks until the source ends. ScanError: they are not lines of this camera."""
         ...
 
     def close(self) -> None:
-        """Let go of the source; ``blocks`` then ends. May be called more than once, and from another thread."""
+        """Close the source; ``blocks`` then ends. May be called more than once, and from another thread."""
         ...
 
 
 def check_block(block: LineBlock, *, sensors: int, pixels: int) -> None:
-    """ScanError if a block is not of a camera with so many sensors and pixels."""
+    """Raise ScanError unless a block is of a camera with so many sensors and pixels."""
     lines = block.lines
     if lines.dtype != np.uint16 or lines.ndim != 3 or lines.shape[::2] != (sensors, pixels):
         what = f"is {lines.dtype.name} {lines.shape}"
@@ -116,6 +118,6 @@ def check_block(block: LineBlock, *, sensors: int, pixels: int) -> None:
 
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and behind the last of each run of set flags (n,)."""
+    """Return the first index, and the one after the last, of each run of set flags (n,)."""
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))

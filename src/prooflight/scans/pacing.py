@@ -1,4 +1,4 @@
-"""When lines that do not come from a camera are due: at a steady rate, or as fast as they are taken."""
+"""Pacing of lines that do not come from a camera: at a steady rate, or as fast as they are taken."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
 
 class Pacer:
-    """Holds lines back until a camera would have read them.
+    """Delays lines until a camera would have read them.
 
-    Who is too slow gets lines late but with the time at which they were read, as from a camera with a large buffer.
+    A slow reader gets lines late, but with the time at which they were read, as from a camera with a large
+    buffer.
     """
 
     def __init__(
@@ -25,8 +26,10 @@ class Pacer:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
-        """line_rate_hz: None: as fast as they are taken. sleep: None: until ``stop``. RequestError: a rate that is not
-        above 0.
+        """Set the rate.
+
+        line_rate_hz: None: as fast as lines are taken. sleep: by default until ``stop``. RequestError: a rate
+        that is not above 0.
         """
         if line_rate_hz is not None and not line_rate_hz > 0:
             raise RequestError("source", f"a rate of {line_rate_hz} lines/s", remedy="give a rate above 0")
@@ -36,7 +39,7 @@ class Pacer:
         self._lines = 0
 
     def read(self, lines: int) -> float:
-        """Wait until so many more lines are read; when the last of them was. [s]"""
+        """Wait until so many more lines are read; return the time at which the last of them was. [s]"""
         if self._begun_s is None:
             self._begun_s = self._clock()
         self._lines += lines
@@ -49,5 +52,5 @@ class Pacer:
         return due_s
 
     def stop(self) -> None:
-        """Hold nothing back any more; who waits goes on."""
+        """End all waiting, now and later."""
         self._stopped.set()

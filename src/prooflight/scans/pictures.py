@@ -22,41 +22,42 @@ if TYPE_CHECKING:
 
 SUFFIXES: Final = (*TIFF_SUFFIXES, ".jpg", ".jpeg", ".png")
 PLAIN: Final = {"P": "RGB", "RGBA": "RGB", "1": "L", "LA": "L"}
-"""Pillow's modes and what they are read as."""
+"""Pillow's modes, and those as which they are read."""
 REMEDY: Final = "give grey or RGB, as TIFF of any depth, JPEG or PNG"
 BYTES_PER_SAMPLE: Final = 8.0
-"""While a picture is read: 4 of the light, and of Pillow's own picture 1, or 4 where it has 16 bits."""
+"""Memory while a picture is read: 4 of the light, and of Pillow's own picture 1, or 4 where it has 16
+bits."""
 _AGAIN: Final = "scan the page again"
 _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2  # TIFF 6.0, PhotometricInterpretation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
-    """What one picture file shows."""
+    """Contents of one picture file."""
 
     light: NDArray[np.float32]
-    """(channels, lines, pixels) in the file's own numbers, more is lighter."""
+    """Light in the file's own numbers, more is lighter, (channels, lines, pixels)."""
     dpi: tuple[float, float] | None
     """Resolution across and along, if the file states one. [pixels/inch]"""
 
     @property
     def grey(self) -> NDArray[np.float32]:
-        """(1, lines, pixels) mean of its channels."""
+        """Mean of its channels, (1, lines, pixels)."""
         return self.light.mean(axis=0, keepdims=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureFile:
-    """Where one picture is stored; read only when its turn comes."""
+    """Location of one stored picture, which is read later."""
 
     path: Path
     first_image: int
     images: int
-    """How many of the file's images make up the picture: one for each channel, or one of RGB."""
+    """Number of the file's images that make up the picture: one for each channel, or one of RGB."""
 
     @property
     def name(self) -> str:
-        """The file's stem; with the picture's place in the file if there are several."""
+        """The file's stem, with the picture's place in the file if there are several."""
         return (
             self.path.stem
             if not self.first_image
@@ -64,17 +65,17 @@ class PictureFile:
         )
 
     def read(self) -> Picture:
-        """The picture; ScanError if it is damaged, turned, or neither grey nor RGB."""
+        """Read the picture; ScanError if it is damaged, turned, or neither grey nor RGB."""
         if self.path.suffix.lower() in TIFF_SUFFIXES:
             return _read_tiff(self)
         return _read_other(self.path)
 
 
 def picture_files(path: Path, *, images: int | None = None) -> list[PictureFile]:
-    """Pictures in order: of a folder, by natural order of names; of a multi-page TIFF, ``images`` make up each.
+    """Return pictures in order: of a folder, by natural order of names; of a multi-page TIFF, by ``images`` of them.
 
-    images None: a file is one picture. A file of a folder that cannot even be counted is one picture, which says so
-    when it is read. ScanError if there is nothing to read.
+    images None: a file is one picture. A file of a folder whose images cannot be counted is one picture,
+    whose error is raised when it is read. ScanError if there is nothing to read.
     """
     if path.is_dir():
         inside = files_in(path, SUFFIXES)
@@ -128,7 +129,7 @@ def _read_tiff(file: PictureFile) -> Picture:
 
 
 def _channels(page: Any) -> int:
-    """Channels of light of one image: what follows red, green and blue is none."""
+    """Return the channels of light of one image; those after red, green and blue are none."""
     return int(min(page.samplesperpixel, 3))
 
 
@@ -139,7 +140,7 @@ def _check_colours(path: Path, page: Any) -> None:
 
 
 def _sane(dpi: Sequence[float]) -> tuple[float, float] | None:
-    """A resolution that a file may mean; programs write 0 or 1 where they know none."""
+    """Return a plausible resolution, or None; programs write 0 or 1 where they know none."""
     return (dpi[0], dpi[1]) if all(1 < value <= DPI_MAX for value in dpi) else None
 
 

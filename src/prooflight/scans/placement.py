@@ -1,7 +1,8 @@
-"""Where a page lies under the camera, which is never quite where it should.
+"""Placement of a page under the camera, relative to its nominal place.
 
-A camera pixel that would see the page point p, did the page lie in its place, sees the point q(p): ``Placement`` is
-that map. It is a turn and a stretch about the page's centre, a shift, and a small smooth warp.
+A camera pixel that would see the page point p if the page were at its nominal place sees the point q(p):
+``Placement`` is that map. It is a turn and a stretch about the page's centre, a shift, and a small smooth
+warp.
 """
 
 from __future__ import annotations
@@ -19,35 +20,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Warp:
-    """A smooth displacement of the page, bilinear between nodes; beyond the outer nodes it stays as it is there."""
+    """A smooth displacement of the page, bilinear between nodes and constant beyond the outer ones."""
 
     nodes_mm: NDArray[np.float32]
-    """(rows, columns, 2) displacement x, y of the page at nodes ``pitch_mm`` apart. [mm]"""
+    """Displacement x, y of the page at nodes ``pitch_mm`` apart, (rows, columns, 2). [mm]"""
     pitch_mm: float
     first_mm: tuple[float, float] = (0.0, 0.0)
-    """Where the first node lies (x, y), measured on a page in its place. [mm]"""
+    """Place of the first node (x, y), on a page at its nominal place. [mm]"""
 
     def at(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Displacement at points x_mm, y_mm of one shape, as two arrays of it. [mm]"""
-        found = np.empty((2, *np.shape(x_mm)))
+        """Return the displacement at points x_mm, y_mm of one shape, as two arrays of it. [mm]"""
+        displacement = np.empty((2, *np.shape(x_mm)))
         points = [np.ascontiguousarray(each, np.float64).reshape(-1) for each in (x_mm, y_mm)]
         nodes = np.ascontiguousarray(self.nodes_mm)
-        between_nodes(nodes, self.pitch_mm, *self.first_mm, *points, *found.reshape(2, -1))
-        return found[0], found[1]
+        between_nodes(nodes, self.pitch_mm, *self.first_mm, *points, *displacement.reshape(2, -1))
+        return displacement[0], displacement[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placement:
-    """Where a page lies minus where it should."""
+    """Difference between a page's actual and nominal place."""
 
     shift_mm: tuple[float, float] = (0.0, 0.0)
-    """How far the page's centre lies too far right and too far down (x, y). [mm]"""
+    """Displacement of the page's centre to the right and down (x, y). [mm]"""
     skew_deg: float = 0.0
-    """How far the page is turned clockwise, as seen, about its centre. [degree]"""
+    """Turn of the page about its centre, clockwise as seen. [degree]"""
     stretch_percent: tuple[float, float] = (0.0, 0.0)
-    """How much longer the page is across the web and along the travel, from its centre. [%]"""
+    """Elongation of the page across the web and along the travel, from its centre. [%]"""
     warp: Warp | None = None
 
     @property
@@ -63,7 +64,7 @@ class Placement:
         page_width_mm: float,
         page_height_mm: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The page points that are seen where x_mm, y_mm (arrays of one shape) would be, did the page lie in its place.
+        """Return the page points seen where x_mm, y_mm (arrays of one shape) would be without displacement.
 
         q = c + S^-1 R^-1 (p - c - shift - warp(p)), c the page's centre, R the turn, S the stretch. [mm]
         """

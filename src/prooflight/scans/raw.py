@@ -1,9 +1,9 @@
 """Lines from a pipe, a file or a socket.
 
-Plain: uint16, least byte first, a line of the first sensor, then the same line of the next, and so on; lines that are
-lost on the way go unnoticed. Framed: before each block of such lines a header with the camera's count and a time, which
-also says how many sensors and pixels follow, and before that one for each fault of its lines, with words for a person;
-``write_block`` is the other end.
+Plain: uint16, least byte first, a line of the first sensor, then the same line of the next, and so on; lost
+lines are not detected. Framed: before each block of such lines comes a header with the camera's count and a
+time, which also states how many sensors and pixels follow, and before that one for each fault of its lines,
+with a message for a person; ``write_block`` is the other end.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ MAGIC: Final = b"PLLB"
 HEADER: Final = struct.Struct("<4sHHIQd")
 """Magic, sensors, pixels, lines, the camera's count at the first line, seconds at the last."""
 FAULT_MAGIC: Final = b"PLLF"
-"""Of a header whose numbers are a fault's: its kind's place in ``FAULT_KINDS`` and, 256 times, the number of the sensor
-that it befell (0: all of them); bytes of words, lines, first line."""
+"""Magic of a header whose numbers are a fault's: the index of its kind in ``FAULT_KINDS`` plus 256 times the
+number of the sensor concerned (0: all of them); bytes of its message, lines, first line."""
 FAULT_KINDS: Final[tuple[LineFaultKind, ...]] = get_args(LineFaultKind)
 OF_SENSOR: Final = 256
 MOST_LINES: Final = 1 << 16
 MOST_BYTES: Final = 1 << 28
-"""Of a framed block: a second of the fastest cameras. A header that says more lines or bytes is damaged."""
+"""Greatest size of a framed block: a second of the fastest cameras. A header with more lines or bytes is
+damaged."""
 
 
 class RawLines:
@@ -51,17 +52,20 @@ class RawLines:
         block_lines: int = BLOCK_LINES,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """name: in errors. framed: whether headers precede blocks; plain lines get counted and timed here."""
+        """Read lines from a stream.
+
+        name: in errors. framed: whether headers precede blocks; plain lines are counted and timed here.
+        """
         self.sensors, self.pixels = sensors, pixels
         self._stream, self._name, self._framed = stream, name, framed
         self._block_lines, self._clock, self._closed = block_lines, clock, False
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Blocks until the stream ends. ScanError: it ends within a line or block, or is not of this camera."""
+        """Yield blocks until the stream ends. ScanError: it ends within a line or block, or is not of this camera."""
         return self._framed_blocks() if self._framed else self._plain_blocks()
 
     def close(self) -> None:
-        """Let go of the stream: whole lines that have come are still given."""
+        """Close the stream; whole lines that have come are still given."""
         self._closed = True
         self._stream.close()
 
@@ -89,12 +93,12 @@ class RawLines:
             magic, sensors, pixels, lines, first, time_s = HEADER.unpack(head)
             of_sensor, kind = divmod(sensors, OF_SENSOR)
             if magic == FAULT_MAGIC and kind < len(FAULT_KINDS) and of_sensor <= self.sensors:
-                words = self._read(pixels)
-                if len(words) < pixels:
+                message = self._read(pixels)
+                if len(message) < pixels:
                     if self._closed:
                         return
                     raise ScanError(where, "ends within the words of a fault", remedy="send whole blocks")
-                detail = words.decode(errors="replace")
+                detail = message.decode(errors="replace")
                 faults.append(
                     LineFault(
                         kind=FAULT_KINDS[kind],
@@ -131,7 +135,7 @@ class RawLines:
         return LineBlock(first_line=first, lines=own, time_s=time_s)
 
     def _read(self, wanted: int) -> bytes:
-        """So many bytes, fewer only at the stream's end, or when it is closed."""
+        """Read so many bytes; fewer only at the stream's end, or when it is closed."""
         parts, left = [], wanted
         while left and not self._closed:
             try:
@@ -153,15 +157,17 @@ def write_block(stream: BinaryIO, block: LineBlock) -> None:
     """Write a framed block, its faults before it."""
     sensors, lines, pixels = block.lines.shape
     for fault in block.faults:
-        words = fault.detail.encode()[: MOST_LINES - 1]
+        message = fault.detail.encode()[: MOST_LINES - 1]
         of_sensor = 0 if fault.sensor is None else fault.sensor + 1
         kind = FAULT_KINDS.index(fault.kind) + OF_SENSOR * of_sensor
-        stream.write(HEADER.pack(FAULT_MAGIC, kind, len(words), fault.lines, fault.first_line, block.time_s))
-        stream.write(words)
+        stream.write(
+            HEADER.pack(FAULT_MAGIC, kind, len(message), fault.lines, fault.first_line, block.time_s)
+        )
+        stream.write(message)
     stream.write(HEADER.pack(MAGIC, sensors, pixels, lines, block.first_line, block.time_s))
     stream.write(np.ascontiguousarray(block.lines.transpose(1, 0, 2), dtype="<u2").tobytes())
 
 
 def open_raw(address: str, *, sensors: int, pixels: int, framed: bool = False) -> RawLines:
-    """Lines from an address as ``streams.open_stream`` takes it, RequestError included."""
+    """Open lines at an address, with the errors of ``streams.open_stream``."""
     return RawLines(open_stream(address), name=address, sensors=sensors, pixels=pixels, framed=framed)

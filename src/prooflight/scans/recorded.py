@@ -27,11 +27,11 @@ _REMEDY = "scan the page again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedScan:
-    """Where one page's scan is stored; read only when its turn comes."""
+    """Location of one page's stored scan, which is read later."""
 
     path: Path
     first_image: int
-    """Place of its first sensor's image in the file."""
+    """Index of its first sensor's image in the file."""
     sensors: int
 
     @property
@@ -40,9 +40,10 @@ class RecordedScan:
         return self.path.stem
 
     def read(self, *, pixels: int | None = None, lines_max: int | None = None) -> NDArray[np.uint16]:
-        """The scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or of another form.
+        """Read the scan, (sensors, lines, pixels) [DN]; ScanError if it is truncated or in another form.
 
-        pixels, lines_max: of a line, and at most of the scan, where the press is known: others are not decoded at all.
+        pixels, lines_max: of a line, and at most of the scan, where the press is known; other scans are not
+        decoded at all.
         """
         with opened_tiff(self.path, ScanError, remedy=_REMEDY) as file:
             images = [file[self.first_image + sensor] for sensor in range(self.sensors)]
@@ -77,10 +78,11 @@ def write_scan(path: Path, dn: NDArray[np.uint16], *, facts: Mapping[str, object
 
 
 def recorded_scans(path: Path, *, sensors: int, damaged: bool = False) -> list[RecordedScan]:
-    """Scans in page order: a folder's TIFF files in natural order of their names, or one multi-page file.
+    """Return scans in page order: a folder's TIFF files in natural order of their names, or one multi-page file.
 
-    A file holds one image for each of ``sensors`` sensors, page after page. damaged: whether a file of a folder that
-    cannot even be counted is one scan, which says so when it is read. ScanError if there is nothing to read, or else.
+    A file holds one image for each of ``sensors`` sensors, page after page. damaged: whether a file of a
+    folder whose images cannot be counted is one scan, whose error is raised when it is read. ScanError if
+    there is nothing to read, or else.
     """
     if path.is_dir():
         files = files_in(path, TIFF_SUFFIXES)
@@ -107,13 +109,13 @@ class Replay:
         block_lines: int = BLOCK_LINES,
         pacer: Pacer | None = None,
     ) -> None:
-        """line_rate_hz: None: as fast as they are taken."""
+        """Play scans at a rate; line_rate_hz: None: as fast as lines are taken."""
         self.sensors, self.pixels = sensors, pixels
         self._scans, self._block_lines, self._closed = scans, block_lines, False
         self._pacer = pacer or Pacer(line_rate_hz)
 
     def blocks(self) -> Iterator[LineBlock]:
-        """All lines of all scans. ScanError: one is damaged or of another camera."""
+        """Yield all lines of all scans. ScanError: one is damaged or of another camera."""
         first = 0
         for scan in self._scans:
             lines = scan.read(pixels=self.pixels)
@@ -126,7 +128,7 @@ class Replay:
                 first += block.shape[1]
 
     def close(self) -> None:
-        """Play no more."""
+        """Stop playing."""
         self._closed = True
         self._pacer.stop()
 

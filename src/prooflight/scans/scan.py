@@ -17,34 +17,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scan:
-    """The lines that a camera saw of one sheet."""
+    """Lines of one sheet as a camera saw them."""
 
     dn: NDArray[Any]
-    """(sensors, lines, pixels) raw digital numbers, uint16; of a picture file its own numbers. [DN]"""
+    """Raw digital numbers, uint16, (sensors, lines, pixels); of a picture file its own numbers. [DN]"""
     name: str = "the scan"
-    """Of the file or the sheet, for errors."""
+    """Name of the file or the sheet, for errors."""
     unseen: Sequence[Unseen] = ()
-    """Lines that nobody saw; whatever stands in their place says nothing."""
+    """Lines that were not seen, whose values must not be used."""
 
     @property
     def lost(self) -> NDArray[np.bool_] | None:
-        """Which lines no camera saw, (sensors, lines); None: all were seen."""
-        found = np.zeros(self.dn.shape[:2], bool)
+        """Flags of the lines that no camera saw, (sensors, lines); None if all were seen."""
+        flags = np.zeros(self.dn.shape[:2], bool)
         for first, end, sensor in self.unseen:
-            found[slice(None) if sensor is None else sensor, first:end] = True
-        return found if found.any() else None
+            flags[slice(None) if sensor is None else sensor, first:end] = True
+        return flags if flags.any() else None
 
 
 def in_groups(lost: NDArray[np.bool_], size: int, groups: int) -> NDArray[np.bool_]:
-    """Which of so many groups of ``size`` lines hold a lost one (sensors, lines): (sensors, groups)."""
-    found = np.zeros((len(lost), groups * size), bool)
+    """Return which groups of ``size`` lines contain a lost one (sensors, lines): (sensors, groups)."""
+    padded = np.zeros((len(lost), groups * size), bool)
     lines = min(lost.shape[1], groups * size)
-    found[:, :lines] = lost[:, :lines]
-    return np.asarray(found.reshape(len(lost), groups, size).any(axis=2))
+    padded[:, :lines] = lost[:, :lines]
+    return np.asarray(padded.reshape(len(lost), groups, size).any(axis=2))
 
 
 def touching(lost: NDArray[np.bool_], tops: NDArray[np.int64], size: int) -> NDArray[np.bool_]:
-    """Which squares of so many lines, the first at ``tops`` (n,), lie on lost lines (sensors, lines): (sensors, n)."""
+    """Return which squares of ``size`` lines from ``tops`` (n,) touch lost lines (sensors, lines): (sensors, n)."""
     before = np.pad(np.cumsum(lost, axis=1), ((0, 0), (1, 0)))
-    first, behind = (np.clip(tops + step, 0, lost.shape[1]) for step in (0, size))
-    return np.asarray(before[:, behind] > before[:, first])
+    first, after = (np.clip(tops + step, 0, lost.shape[1]) for step in (0, size))
+    return np.asarray(before[:, after] > before[:, first])

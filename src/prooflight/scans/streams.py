@@ -1,4 +1,4 @@
-"""Bytes from a pipe, a file or a socket, whose reading another thread, or a signal, can end at any moment."""
+"""Streams of bytes from a pipe, a file or a socket, whose reading another thread or a signal can end at any moment."""
 
 from __future__ import annotations
 
@@ -14,62 +14,62 @@ from typing import Final, Protocol
 from prooflight.errors import RequestError
 
 CONNECT_S: Final = 10.0
-"""How long the camera's end may take to answer a call."""
+"""Longest time for the camera's end to answer."""
 MOST_BYTES: Final = 1 << 20
-"""Read at once: the system makes room for as many as are asked for."""
+"""Greatest number of bytes read at once: the system allocates as many as are requested."""
 PORTS: Final = 65_535
 REMEDY: Final = "start the camera's end first, or give its path"
 
 
 class ByteStream(Protocol):
-    """What bytes are read from: a file that Python has opened is one."""
+    """Interface for reading bytes; an open Python file implements it."""
 
     def read(self, most: int, /) -> bytes:
-        """So many bytes, or what has come; none: the stream has ended."""
+        """Return at most so many bytes that have come, or none if the stream has ended."""
         ...
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the stream."""
         ...
 
 
 class InterruptibleStream:
-    """A file descriptor that is waited for beside a pipe of its own: ``close`` writes into that and ends the wait."""
+    """A file descriptor polled together with a pipe of its own: ``close`` writes to the pipe and ends the wait."""
 
     def __init__(self, descriptor: int, *, owned: bool = True) -> None:
-        """owned: whether the descriptor is closed with the stream."""
+        """Wrap a descriptor; owned: whether it is closed with the stream."""
         self._descriptor, self._owned = descriptor, owned
         self._woken, self._wake = os.pipe()
         self._ready = select.poll()
         self._ready.register(descriptor, select.POLLIN)
         self._ready.register(self._woken, select.POLLIN)
         self._closed = False
-        self._held = threading.RLock()  # a signal may close what its own thread reads
+        self._lock = threading.RLock()  # a signal may close what its own thread reads
 
     def read(self, most: int, /) -> bytes:
-        """Wait for bytes; none: the stream has ended or was closed. OSError: the other end broke off."""
-        with self._held:
+        """Wait for bytes; none if the stream has ended or was closed. OSError: the other end broke off."""
+        with self._lock:
             if self._closed:
                 return b""
             self._ready.poll()
             return b"" if self._closed else os.read(self._descriptor, min(most, MOST_BYTES))
 
     def close(self) -> None:
-        """End a ``read`` that waits, and let go. May be called more than once."""
+        """End a ``read`` that waits, and close the descriptors. May be called more than once."""
         if self._closed:
             return
         self._closed = True
         os.write(self._wake, b"\0")
-        with self._held:
+        with self._lock:
             for descriptor in (self._woken, self._wake, *((self._descriptor,) if self._owned else ())):
                 os.close(descriptor)
 
 
 def open_stream(address: str) -> ByteStream:
-    """Bytes from ``-`` (standard input), ``tcp:HOST:PORT``, ``unix:PATH``, or a file or named pipe.
+    """Open ``-`` (standard input), ``tcp:HOST:PORT``, ``unix:PATH``, or a file or named pipe.
 
-    A named pipe that nobody writes yet is waited for when it is read, not here. RequestError: there is no such thing,
-    or nobody answers there.
+    A named pipe without a writer is waited for when it is read, not here. RequestError: there is no such
+    address, or nothing answers there.
     """
     kind, _, rest = address.partition(":")
     try:
@@ -92,7 +92,7 @@ def _standard_input() -> ByteStream:
         raise RequestError("-", "standard input is closed", remedy="pipe the camera's lines into it")
     try:
         return InterruptibleStream(sys.stdin.buffer.fileno(), owned=False)
-    except io.UnsupportedOperation:  # whoever put something else in its place
+    except io.UnsupportedOperation:  # it was replaced by an object without a descriptor
         return sys.stdin.buffer
 
 
@@ -122,7 +122,7 @@ def _detached(connection: socket.socket) -> InterruptibleStream:
 
 
 def _file(path: str) -> InterruptibleStream:
-    """Opened at once, even a named pipe that nobody writes."""
+    """Open a file at once, even a named pipe without a writer."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     if stat.S_ISDIR(os.fstat(descriptor).st_mode):
         os.close(descriptor)

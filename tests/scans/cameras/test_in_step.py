@@ -43,9 +43,9 @@ def grab(place: int, *, sensor: int = 0, **changed: Any) -> Grab:
     )
 
 
-def two(*wholes: float, most_behind: int = 1000) -> InStep:
+def two(*wholes: float, most_lag: int = 1000) -> InStep:
     return InStep(
-        [[SensorOffset(lines=whole)] for whole in wholes], names=("A", "B", "C"), most_behind=most_behind
+        [[SensorOffset(lines=whole)] for whole in wholes], names=("A", "B", "C"), most_lag=most_lag
     )
 
 
@@ -106,7 +106,7 @@ def test_whatever_is_lost_and_whichever_comes_first_each_sensor_keeps_its_lines(
 
 
 def test_a_camera_that_falls_silent_is_left_out_and_taken_in_again_in_its_place() -> None:
-    step, counters = two(0, 3, most_behind=64), [LineCounter(name="A"), LineCounter(name="B")]
+    step, counters = two(0, 3, most_lag=64), [LineCounter(name="A"), LineCounter(name="B")]
     blocks, held = list[LineBlock](), []
     for place in range(60):
         for sensor in range(2):

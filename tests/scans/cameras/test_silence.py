@@ -13,7 +13,7 @@ from tests.scans.cameras.peers import ID, faults_of, gige_camera, numbered_lines
 
 from prooflight.errors import ScanError
 from prooflight.scans.cameras import backends
-from prooflight.scans.cameras.asking import ANSWER_S, ASK_AFTER_S, Asking
+from prooflight.scans.cameras.asking import ANSWER_S, ASK_AFTER_S, Watchdog
 from prooflight.scans.cameras.backends import found_camera
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
 from prooflight.scans.cameras.setting_up import CameraSettings
@@ -88,28 +88,28 @@ class FakeCamera:
         self.closed = True
 
 
-def asked(asking: Asking, silent_s: float) -> str:
+def asked(watchdog: Watchdog, silent_s: float) -> str:
     """What is said once the question that is on its way has been answered."""
-    asking.silent(silent_s)
+    watchdog.silent(silent_s)
     for thread in threading.enumerate():
         if thread.name == "ask camera":
             thread.join()
-    return asking.silent(silent_s)
+    return watchdog.silent(silent_s)
 
 
 def test_a_press_that_stands_is_no_dead_camera() -> None:
     clock = Clock()
-    asking = Asking(FakeCamera(clock), position=lambda _camera: 1000, most_steps=256, clock=clock)
+    watchdog = Watchdog(FakeCamera(clock), position=lambda _camera: 1000, most_steps=256, clock=clock)
     for tenth in range(1000):
         clock.now_s = tenth / 10
-        assert not asked(asking, clock.now_s)
+        assert not asked(watchdog, clock.now_s)
 
 
 @pytest.mark.parametrize(("a_line", "said_s"), [(2, 1.1), (-2, 1.1), (0, None)])
 def test_an_encoder_that_goes_on_without_lines_is_a_dead_camera(a_line: int, said_s: float | None) -> None:
     """At 3,200 lines a second; two blocks may be on their way."""
     clock = Clock()
-    asking = Asking(
+    watchdog = Watchdog(
         FakeCamera(clock),
         position=lambda _camera: round(3200 * a_line * clock.now_s),
         most_steps=2 * 2 * LINES,
@@ -118,7 +118,7 @@ def test_an_encoder_that_goes_on_without_lines_is_a_dead_camera(a_line: int, sai
     said: list[float] = []
     while clock.now_s < 5 and not said:
         clock.now_s += 0.1
-        if why := asked(asking, clock.now_s):
+        if why := asked(watchdog, clock.now_s):
             assert "though its encoder has gone" in why
             said.append(clock.now_s)
     assert bool(said) == (said_s is not None)
@@ -132,8 +132,8 @@ def test_a_camera_that_does_not_answer_is_dead_within_two_seconds() -> None:
         never.wait()
         return None
 
-    asking = Asking(FakeCamera(clock), position=waits, most_steps=1, clock=clock)
-    while not (why := asking.silent(clock.now_s)):
+    watchdog = Watchdog(FakeCamera(clock), position=waits, most_steps=1, clock=clock)
+    while not (why := watchdog.silent(clock.now_s)):
         clock.now_s += 0.1
     never.set()
     assert why.startswith("does not answer, for 1.")
@@ -144,8 +144,8 @@ def test_a_camera_that_says_it_is_gone_is_dead_at_once() -> None:
     def gone(_camera: object) -> int | None:
         raise ScanError("cam", "is gone: it no longer answers", remedy="look")
 
-    asking = Asking(FakeCamera(Clock()), position=gone, most_steps=1, clock=Clock())
-    assert asked(asking, 0.5) == "is gone: it no longer answers"
+    watchdog = Watchdog(FakeCamera(Clock()), position=gone, most_steps=1, clock=Clock())
+    assert asked(watchdog, 0.5) == "is gone: it no longer answers"
 
 
 def test_an_hour_unplugged_costs_no_memory_and_says_little() -> None:

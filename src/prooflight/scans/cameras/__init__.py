@@ -1,1 +1,1 @@
-"""Line cameras: found, opened, asked what they can do, and read as endless lines, whatever is lost on the way."""
+"""Line cameras: discovery, control, and endless lines with an account of all losses."""

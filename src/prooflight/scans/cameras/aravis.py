@@ -33,7 +33,7 @@ from prooflight.scans.cameras.missing_bytes import Canary
 from prooflight.scans.cameras.setting_up import (
     CHUNKS,
     chunk,
-    gone,
+    disconnected,
     not_taken,
     settable,
     temperature_c,
@@ -48,20 +48,21 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import FeatureKind
 
 SOCKET_BYTES: Final = 8 << 20
-"""Of the socket's buffer. With the system's own 208 KiB, every block of 1 MiB came incomplete over loopback; with 4 to
-8 MiB none did. The system gives no more than ``net.core.rmem_max`` allows."""
+"""Size of the socket's buffer. With the system's own 208 KiB, every block of 1 MiB came incomplete over
+loopback; with 4 to 8 MiB none did. The system gives no more than ``net.core.rmem_max`` allows."""
 BUFFER_BYTES: Final = 128 << 20
-"""Of all blocks that may wait to be filled or taken: half a second of the fastest GigE cameras."""
+"""Size of all block buffers together: half a second of the fastest GigE cameras."""
 FEWEST_BUFFERS, MOST_BUFFERS = 8, 256
 FIXED_BUFFER: Final = 0
-"""ARV_GV_STREAM_SOCKET_BUFFER_FIXED."""
+"""Value of ARV_GV_STREAM_SOCKET_BUFFER_FIXED."""
 PACKET_SOCKET_DISABLED: Final = 1
-"""ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED: as root, Aravis would read packets beside the system's own socket, and
-nothing sent over loopback arrives there. Without it root and everyone else read lines in the same way."""
+"""Value of ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED: as root, Aravis would read packets beside the
+system's own socket, and nothing sent over loopback arrives there. Without it root and all other users read
+lines in the same way."""
 SUCCESS, TIMEOUT, MISSING_PACKETS = 0, 2, 3
-"""ARV_BUFFER_STATUS_...: whole, and with parts missing."""
+"""Values of ARV_BUFFER_STATUS_...: complete, and with parts missing."""
 WRITABLE: Final = (1, 2)
-"""ARV_GC_ACCESS_MODE_WO and _RW."""
+"""Values of ARV_GC_ACCESS_MODE_WO and _RW."""
 KINDS: Final[tuple[tuple[str, FeatureKind], ...]] = (
     ("arv_gc_enumeration", "enumeration"),
     ("arv_gc_boolean", "boolean"),
@@ -70,17 +71,17 @@ KINDS: Final[tuple[tuple[str, FeatureKind], ...]] = (
     ("arv_gc_float", "float"),
     ("arv_gc_integer", "integer"),
 )
-"""Of nodes, the narrowest first: an enumeration is an integer as well."""
+"""Kinds of nodes, the narrowest first, since an enumeration is an integer as well."""
 
 
 class Aravis:
-    """Finds and opens cameras through libaravis-0.8."""
+    """Backend for cameras through libaravis-0.8."""
 
     name = "aravis"
 
     @property
     def lacks(self) -> str:
-        """Why it cannot be used here, and what would help; empty: it can."""
+        """Why the backend cannot be used here, and what would help; empty if it can."""
         try:
             library()
         except OSError as error:
@@ -92,32 +93,32 @@ class Aravis:
         if self.lacks:
             return []
         plainly("arv_update_device_list", None, ())
-        return [self._found(number) for number in range(plainly("arv_get_n_devices", UINT, ()))]
+        return [self._camera_info(number) for number in range(plainly("arv_get_n_devices", UINT, ()))]
 
     def open(self, camera: FoundCamera) -> AravisCamera:
         """See ``Backend``."""
         return AravisCamera(camera)
 
-    def _found(self, number: int) -> FoundCamera:
-        def told(what: str) -> str:
+    def _camera_info(self, number: int) -> FoundCamera:
+        def info(what: str) -> str:
             return text(plainly(f"arv_get_device_{what}", TEXT, (UINT,), number))
 
         return FoundCamera(
-            id=told("id"),
-            maker=told("vendor"),
-            model=told("model"),
-            serial=told("serial_nbr"),
-            address=told("address"),
+            id=info("id"),
+            maker=info("vendor"),
+            model=info("model"),
+            serial=info("serial_nbr"),
+            address=info("address"),
             backend=self.name,
         )
 
 
 class AravisCamera:
-    """An open camera; see ``Camera``. Its calls may come from several threads, one at a time."""
+    """An open camera; see ``Camera``. Its methods may be called from several threads, one at a time."""
 
-    def __init__(self, found: FoundCamera) -> None:
-        """ScanError: it does not answer, or another program controls it."""
-        self.found = found
+    def __init__(self, camera: FoundCamera) -> None:
+        """Open a camera; ScanError: it does not answer, or another program controls it."""
+        self.found = camera
         self._camera = self._stream = self._parser = 0
         self._chunk_names: tuple[str, ...] = ()
         self._buffers: dict[int, NDArray[np.uint8]] = {}
@@ -125,16 +126,16 @@ class AravisCamera:
         self._canary: Canary | None = None
         self._form, self._lines, self._pixels = "", 0, 0
         try:
-            self._camera = called("arv_camera_new", POINTER, (TEXT,), found.id.encode())
+            self._camera = called("arv_camera_new", POINTER, (TEXT,), camera.id.encode())
         except AravisError as error:
-            raise gone(self.found.id, f"cannot be opened ({error})") from error
+            raise disconnected(self.found.id, f"cannot be opened ({error})") from error
         self._device = plainly("arv_camera_get_device", POINTER, (POINTER,), self._camera)
         self._genicam = plainly("arv_device_get_genicam", POINTER, (POINTER,), self._device)
         self._networked = bool(plainly("arv_camera_is_gv_device", BOOL, (POINTER,), self._camera))
         if not self._controlled:
             self.close()
             raise ScanError(
-                found.id, "is controlled by another program", remedy="end that, or wait 3 s for its end"
+                camera.id, "is controlled by another program", remedy="end that, or wait 3 s for its end"
             )
 
     def features(self) -> Mapping[str, Feature]:
@@ -163,13 +164,15 @@ class AravisCamera:
         try:
             self._begin()
         except AravisError as error:
-            raise gone(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.found.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         self._give_back()
         if not self._controlled:  # lines may go on coming all the same
-            raise gone(self.found.id, "is gone: it no longer answers, or another program has taken control")
+            raise disconnected(
+                self.found.id, "is gone: it no longer answers, or another program has taken control"
+            )
         buffer = plainly(
             "arv_stream_timeout_pop_buffer", POINTER, (POINTER, UINT64), self._stream, round(1e6 * timeout_s)
         )
@@ -181,7 +184,7 @@ class AravisCamera:
             return None
         block_id = plainly("arv_buffer_get_frame_id", UINT64, (POINTER,), buffer)
         if status != SUCCESS and not block_id:
-            return None  # its number was lost with its first packet: whose lines they are, nobody can tell
+            return None  # its number was lost with its first packet, so the place of its lines is unknown
         data = self._buffers[buffer]
         chunks = self._chunks(buffer) if status == SUCCESS else {}
         return Grab(
@@ -213,21 +216,21 @@ class AravisCamera:
         return Health(resends=resent.value, buffers_free=free.value, temperature_c=temperature_c(self))
 
     def close(self) -> None:
-        """See ``Camera``; takes seconds where the camera does not answer any more."""
+        """See ``Camera``; takes seconds where the camera no longer answers."""
         camera, stream, taken, parser = self._camera, self._stream, self._taken, self._parser
         self._camera = self._stream = self._taken = self._parser = 0
         if stream:
             with contextlib.suppress(AravisError):
                 called("arv_camera_stop_acquisition", None, (POINTER,), camera)
-        for thing in (taken, parser, stream, camera):
-            unref(thing)
+        for reference in (taken, parser, stream, camera):
+            unref(reference)
         self._buffers.clear()
 
     # --- parts ---
 
     @property
     def _controlled(self) -> bool:
-        """Whether the camera still takes this program's commands: as Aravis knows, which asks it every second."""
+        """Whether the camera still accepts this program's commands, by Aravis's own check every second."""
         if not self._networked:
             return True
         return bool(plainly("arv_gv_device_is_controller", BOOL, (POINTER,), self._device))
@@ -248,8 +251,8 @@ class AravisCamera:
             set_property(self._stream, "socket-buffer", FIXED_BUFFER, kind=kind)
             set_property(self._stream, "socket-buffer-size", SOCKET_BYTES, kind="int")
         self._canary = Canary(payload)
-        known = (name for names in CHUNKS.values() for name in names)
-        self._chunk_names = tuple(name for name in known if self._node(name) is not None)
+        candidates = (name for names in CHUNKS.values() for name in names)
+        self._chunk_names = tuple(name for name in candidates if self._node(name) is not None)
         self._parser = plainly("arv_camera_create_chunk_parser", POINTER, (POINTER,), camera)
         count = min(max(BUFFER_BYTES // payload, FEWEST_BUFFERS), MOST_BUFFERS)
         for _ in range(count):
@@ -260,22 +263,22 @@ class AravisCamera:
         called("arv_camera_start_acquisition", None, (POINTER,), camera)
 
     def _chunks(self, buffer: int) -> dict[str, int]:
-        """Whole numbers that the camera sent with a block."""
+        """Return the integers that the camera sent with a block."""
         if not plainly("arv_buffer_has_chunks", BOOL, (POINTER,), buffer):
             return {}
-        found = {}
+        values = {}
         for name in self._chunk_names:
             with contextlib.suppress(AravisError):
                 getter = "arv_chunk_parser_get_integer_value"
                 types = (POINTER, POINTER, TEXT)
-                found[name] = called(getter, ctypes.c_int64, types, self._parser, buffer, name.encode())
-        return found
+                values[name] = called(getter, ctypes.c_int64, types, self._parser, buffer, name.encode())
+        return values
 
     def _push(self, buffer: int) -> None:
         plainly("arv_stream_push_buffer", None, (POINTER, POINTER), self._stream, buffer)
 
     def _give_back(self) -> None:
-        """Let the block that was taken last be filled again: every one that is popped must be pushed."""
+        """Return the last block's buffer to the stream: every buffer that is popped must be pushed."""
         if self._taken and self._canary is not None:
             self._canary.write(self._buffers[self._taken])
             self._push(self._taken)
@@ -286,8 +289,8 @@ class AravisCamera:
     def _node(self, name: str) -> int | None:
         if not self._camera:
             return None  # its description has gone with it
-        found: int | None = plainly("arv_gc_get_node", POINTER, (POINTER, TEXT), self._genicam, name.encode())
-        return found if found and is_a(found, "arv_gc_feature_node") else None
+        node: int | None = plainly("arv_gc_get_node", POINTER, (POINTER, TEXT), self._genicam, name.encode())
+        return node if node and is_a(node, "arv_gc_feature_node") else None
 
     def _walked(self, category: str, path: str) -> Iterator[Feature]:
         node = self._node(category)
@@ -302,17 +305,17 @@ class AravisCamera:
                 continue
             if is_a(of, "arv_gc_category"):
                 yield from self._walked(name, name)
-            elif self._asked(of, "arv_gc_feature_node_is_implemented"):
+            elif self._queried(of, "arv_gc_feature_node_is_implemented"):
                 yield self._feature(of, name, path)
 
     def _feature(self, node: int, name: str, category: str) -> Feature:
-        kind: FeatureKind = next((word for prefix, word in KINDS if is_a(node, prefix)), "other")
+        kind: FeatureKind = next((kind_name for prefix, kind_name in KINDS if is_a(node, prefix)), "other")
         value = ""
         if kind not in ("command", "other"):
-            value = text(self._asked(node, "arv_gc_feature_node_get_value_as_string", TEXT))
+            value = text(self._queried(node, "arv_gc_feature_node_get_value_as_string", TEXT))
         numbers = {"integer": ctypes.c_int64, "float": ctypes.c_double}.get(kind)
         bounds = [
-            None if numbers is None else self._asked(node, f"arv_gc_{kind}_get_{end}", numbers)
+            None if numbers is None else self._queried(node, f"arv_gc_{kind}_get_{end}", numbers)
             for end in ("min", "max")
         ]
         access = plainly("arv_gc_feature_node_get_actual_access_mode", ctypes.c_int, (POINTER,), node)
@@ -323,12 +326,12 @@ class AravisCamera:
             choices=self._choices(node) if kind == "enumeration" else (),
             least=bounds[0],
             greatest=bounds[1],
-            writable=access in WRITABLE and not self._asked(node, "arv_gc_feature_node_is_locked"),
+            writable=access in WRITABLE and not self._queried(node, "arv_gc_feature_node_is_locked"),
             category=category,
         )
 
-    def _asked(self, node: int, function: str, result: Any = BOOL) -> Any:
-        """What a node says; None: it cannot say it now."""
+    def _queried(self, node: int, function: str, result: Any = BOOL) -> Any:
+        """Return a property of a node, or None if it cannot be read now."""
         with contextlib.suppress(AravisError):
             return called(function, result, (POINTER,), node)
         return None
@@ -337,7 +340,7 @@ class AravisCamera:
         count = UINT()
         names = ctypes.POINTER(TEXT)
         try:
-            found = called(
+            entries = called(
                 "arv_gc_enumeration_dup_available_string_values",
                 names,
                 (POINTER, POINTER),
@@ -346,6 +349,6 @@ class AravisCamera:
             )
         except AravisError:
             return ()
-        told = tuple(text(found[at]) for at in range(count.value))
-        plainly("g_free", None, (POINTER,), ctypes.cast(found, POINTER))
-        return told
+        choices = tuple(text(entries[at]) for at in range(count.value))
+        plainly("g_free", None, (POINTER,), ctypes.cast(entries, POINTER))
+        return choices

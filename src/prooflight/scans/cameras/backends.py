@@ -1,4 +1,4 @@
-"""The libraries that talk to cameras, and the camera that a user names."""
+"""Camera backends, and the camera that a user names."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.setting_up import CameraSettings
 
 BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva(), Pylon())
-"""The one that is asked first comes first."""
+"""Backends in order of preference."""
 
 
 def usable(name: str | None = None) -> list[Backend]:
-    """Backends that can be used here, one by name or all; RequestError: there is none, and what would help."""
-    asked = [one for one in BACKENDS if name in (None, one.name)]
-    if not asked:
-        known = ", ".join(one.name for one in BACKENDS)
-        raise RequestError("camera backend", f"there is no {name!r}", remedy=f"choose {known}")
-    ready = [one for one in asked if not one.lacks]
+    """Return the backends that can be used here, one by name or all; RequestError states what is missing."""
+    candidates = [one for one in BACKENDS if name in (None, one.name)]
+    if not candidates:
+        choices = ", ".join(one.name for one in BACKENDS)
+        raise RequestError("camera backend", f"there is no {name!r}", remedy=f"choose {choices}")
+    ready = [one for one in candidates if not one.lacks]
     if not ready:
         raise RequestError(
-            "camera backend", asked[0].lacks.split("; ")[0], remedy=asked[0].lacks.split("; ", 1)[1]
+            "camera backend", candidates[0].lacks.split("; ")[0], remedy=candidates[0].lacks.split("; ", 1)[1]
         )
     return ready
 
 
 def found_cameras(backend: str | None = None) -> list[FoundCamera]:
-    """Cameras that answer, each once: the first backend's where several find it."""
-    found: list[FoundCamera] = []
+    """Return the cameras that answer, each once, by the first backend that finds it."""
+    cameras: list[FoundCamera] = []
     for one in usable(backend):
-        known = {camera.address for camera in found}
-        found += [camera for camera in one.find() if camera.address not in known]
-    return found
+        addresses = {camera.address for camera in cameras}
+        cameras += [camera for camera in one.find() if camera.address not in addresses]
+    return cameras
 
 
 def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
-    """The camera of that ID, serial number or address, after its backend and a colon or alone.
+    """Return the camera of an ID, serial number or address, with or without its backend and a colon before it.
 
-    RequestError names those that answer.
+    RequestError names the cameras that answer.
     """
     head, colon, rest = name.partition(":")
     if colon and head in {one.name for one in BACKENDS}:
@@ -61,13 +61,13 @@ def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
 
 
 def opened(camera: FoundCamera) -> Camera:
-    """Control of a camera, by the backend that found it; ScanError as of ``Backend.open``."""
+    """Open a camera by the backend that found it; ScanError as of ``Backend.open``."""
     (backend,) = usable(camera.backend)
     return backend.open(camera)
 
 
 def ready(camera: FoundCamera, settings: CameraSettings, *, where: str) -> Camera:
-    """The same, set up as asked; errors as of ``opened`` and ``set_up``, after which others may control it."""
+    """Open a camera and set it up; errors as of ``opened`` and ``set_up``, after which the camera is released."""
     one = opened(camera)
     try:
         set_up(one, settings, where=where)

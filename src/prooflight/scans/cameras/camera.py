@@ -1,8 +1,8 @@
-"""What a camera is, whoever made it and whichever library talks to it.
+"""Interface of cameras, whatever their maker and library.
 
-A backend finds cameras and opens them; an open camera says what it can do and hands out blocks as they came over the
-wire, with what did not come. ``counting`` makes lines of these, and ``source`` an endless source that survives the
-camera. A new backend is one module with these two classes: see ``aravis``.
+A backend finds cameras and opens them; an open camera reports its features and returns blocks as they came
+over the wire, with what did not arrive. ``counting`` turns these into lines, and ``source`` into an endless
+source that survives the camera. A new backend is one module with these two classes: see ``aravis``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class FoundCamera:
     """A camera that answered."""
 
     id: str
-    """By which it is opened again: maker, model and serial number."""
+    """Identifier by which it is opened again: maker, model and serial number."""
     maker: str
     model: str
     serial: str
@@ -32,25 +32,25 @@ class FoundCamera:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a user may call it."""
+        """Names by which a user may call it."""
         return self.id, self.serial, self.address
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feature:
-    """One thing that a camera can be told or asked, by its own description."""
+    """One feature of a camera, by its own description."""
 
     name: str
     kind: FeatureKind
     value: str = ""
-    """As it stands; empty: it cannot be read now."""
+    """Current value; empty if it cannot be read now."""
     choices: tuple[str, ...] = ()
-    """Of an enumeration: what it takes now."""
+    """Values that an enumeration accepts now."""
     least: float | None = None
     greatest: float | None = None
     writable: bool = True
     category: str = ""
-    """Under which the description lists it."""
+    """Category under which the description lists it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,109 +58,112 @@ class Grab:
     """One block as it came over the wire."""
 
     block_id: int
-    """The camera's own number of it."""
+    """Number of the block by the camera."""
     id_wraps: bool
-    """Whether that number has 16 bits and begins again."""
+    """Whether that number has 16 bits and wraps around."""
     data: NDArray[np.uint8]
-    """(bytes,) its payload, the receiver's to keep until the next is asked for."""
+    """Payload, (bytes,), valid until the next block is requested."""
     missing: tuple[tuple[int, int], ...]
-    """First and behind the last of the payload's bytes that did not arrive."""
+    """First byte, and the one after the last, of each part of the payload that did not arrive."""
     pixel_format: str
     lines: int
     pixels: int
     padding: int
-    """Bytes behind each line that are no pixels."""
+    """Bytes after each line that are no pixels."""
     time_s: float
-    """When its last line was read, by the clock of ``time.monotonic``; about: when its last byte arrived."""
+    """Time at which its last line was read, by the clock of ``time.monotonic``: about when its last byte
+    arrived."""
     triggers: int | None = None
-    """Line triggers that the camera had seen by its last line, taken or not; None: it does not say. It may have 16 or
-    32 bits and begin again."""
+    """Line triggers that the camera had seen by its last line, taken or not; None if it does not report them.
+    The counter may have 16 or 32 bits and wrap around."""
     encoder: int | None = None
-    """Steps that the encoder had made by then, alike."""
+    """Steps that the encoder had made by then, likewise."""
     chunks: Mapping[str, int] = field(default_factory=dict)
-    """What the camera sent with it, by name: frame ID, timestamp and counts."""
+    """Values that the camera sent with it, by name: frame ID, timestamp and counts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """How a camera and the way from it are."""
+    """Condition of a camera and of its connection."""
 
     lines: int = 0
-    """That have come."""
+    """Lines received."""
     lines_lost: int = 0
     lines_per_s: float = 0.0
     blocks: int = 0
     blocks_broken: int = 0
-    """That came with a part missing."""
+    """Blocks received with a part missing."""
     resends: int = 0
-    """Packets that were asked for again, by the backend's count."""
+    """Packets that were requested again, by the backend's count."""
     buffers_free: int = 0
-    """Buffers that wait to be filled; none left: blocks are lost. 0 as well where the library does not say."""
+    """Buffers that wait to be filled; with none left, blocks are lost. 0 as well where the library does not
+    report it."""
     temperature_c: float | None = None
-    """None: the camera has no such feature."""
+    """Temperature, or None if the camera has no such feature."""
     away: int = 0
-    """How often the camera has been away."""
+    """Number of times that the camera has been disconnected."""
     present: bool = True
-    """Whether it is open; not while it is away."""
+    """Whether it is open; false while it is disconnected."""
 
 
 class Camera(Protocol):
-    """A camera that is open: this program alone may control it."""
+    """An open camera, which this program alone may control."""
 
     @property
     def found(self) -> FoundCamera:
-        """Which it is."""
+        """Identity of the camera."""
         ...
 
     def features(self) -> Mapping[str, Feature]:
-        """All that its own description has, by name, in the description's order."""
+        """Return all features of its own description, by name, in the description's order."""
         ...
 
     def feature(self, name: str) -> Feature | None:
-        """One of them as it stands now; None: the camera has none of that name."""
+        """Return one feature with its current value; None if the camera has none of that name."""
         ...
 
     def set(self, name: str, value: str) -> None:
-        """Set a feature, or run a command; RequestError: the camera has none such, or does not take that."""
+        """Set a feature, or run a command; RequestError: the camera has none of that name, or refuses the value."""
         ...
 
     def start(self) -> None:
-        """Begin to read lines; ScanError: it cannot."""
+        """Start acquisition; ScanError: the camera cannot."""
         ...
 
     def grab(self, timeout_s: float) -> Grab | None:
-        """The next block; None: none came in that time. ScanError: the camera is gone, or not this program's any more.
+        """Return the next block, or None if none came in time.
 
-        It must not wait for what else is asked of the camera, which takes seconds where it does not answer.
+        ScanError: the camera is disconnected or controlled by another program. The call must not wait for
+        other requests to the camera, which take seconds where it does not answer.
         """
         ...
 
     def health(self) -> Health:
-        """What the backend itself knows of it; the rest is left as it is by default."""
+        """Return what the backend knows of the camera's health; other fields keep their defaults."""
         ...
 
     def close(self) -> None:
-        """Let go of it, so that others may control it. May be called more than once."""
+        """Release the camera, so that other programs may control it. May be called more than once."""
         ...
 
 
 class Backend(Protocol):
-    """A library that talks to cameras."""
+    """A library that controls cameras."""
 
     @property
     def name(self) -> str:
-        """By which users ask for it."""
+        """Name by which users choose it."""
         ...
 
     @property
     def lacks(self) -> str:
-        """Why it cannot be used here, and what would help; empty: it can."""
+        """Why it cannot be used here, and what would help; empty if it can."""
         ...
 
     def find(self) -> list[FoundCamera]:
-        """Cameras that answer now; takes about a second."""
+        """Return the cameras that answer now; takes about a second."""
         ...
 
     def open(self, camera: FoundCamera) -> Camera:
-        """Take control of one; ScanError: it does not answer, or another program controls it."""
+        """Take control of a camera; ScanError: it does not answer, or another program controls it."""
         ...

@@ -1,7 +1,7 @@
-"""Where in a block's chunks a camera's numbers lie, by its own description, so that no block waits for the camera.
+"""Positions of a camera's numbers in a block's chunks, by its own description, so that no block waits for the camera.
 
-A GenICam description (standard 2.1.1, 2.8.16) has a port for every chunk, with its ID, and for every number in it a
-register, at an offset from the chunk's first byte or, below nought, from behind its last.
+A GenICam description (standard 2.1.1, 2.8.16) has a port for every chunk, with its ID, and for every number
+in it a register, at an offset from the chunk's first byte or, if negative, from its end.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
 MOST_STEPS: Final = 8
-"""From a number to its register; a description that leads further leads in a circle."""
+"""Greatest number of references from a number to its register; a longer chain must be a cycle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChunkPlace:
-    """A whole number's place within one chunk."""
+    """Position of an integer within one chunk."""
 
     chunk_id: int
     first: int
-    """Byte; below 0: from behind the last."""
+    """Offset of its first byte; if negative, from the chunk's end."""
     length: int
-    """Bytes."""
+    """Length in bytes."""
     order: Literal["little", "big"]
     signed: bool
 
     def read(self, chunks: Mapping[int, bytes]) -> int | None:
-        """The number, from a block's chunks by ID; None: the block has no such chunk, or a shorter one."""
+        """Return the number from a block's chunks by ID; None if the block has no such chunk, or a shorter one."""
         data = chunks.get(self.chunk_id, b"")
         first = self.first + (len(data) if self.first < 0 else 0)
         if first < 0 or first + self.length > len(data):
@@ -39,7 +39,7 @@ class ChunkPlace:
 
     @classmethod
     def of(cls, register: Mapping[str, str], port: Mapping[str, str]) -> Self | None:
-        """Of a register and its port, by the names of their parts; None: it is no plain whole number of a chunk."""
+        """Return the position of a register and its port, by their parts; None if it is no integer of a chunk."""
         try:
             return cls(
                 chunk_id=int(port["ChunkID"], 16),
@@ -56,21 +56,21 @@ _ORDER: Final = "Endianess"  # codespell:ignore endianess
 
 
 def chunk_places(description: str, names: Iterable[str]) -> dict[str, ChunkPlace]:
-    """Places of those names that are plain whole numbers in chunks, by a camera's description (XML).
+    """Return the positions of those names that are plain integers in chunks, by a camera's description (XML).
 
-    Not there: names that the camera has not, and numbers that it reckons from others.
+    Names that the camera lacks, and numbers that it derives from others, are left out.
     """
     nodes = {
         name: node
         for node in ElementTree.fromstring(description).iter()
         if (name := node.get("Name")) and _kind(node) in ("Integer", "IntReg", "Port")
     }
-    found = {}
+    places = {}
     for name in names:
         place = _place(nodes, name)
         if place is not None:
-            found[name] = place
-    return found
+            places[name] = place
+    return places
 
 
 def _place(nodes: Mapping[str, ElementTree.Element], name: str) -> ChunkPlace | None:
@@ -91,5 +91,5 @@ def _parts(node: ElementTree.Element) -> dict[str, str]:
 
 
 def _kind(node: ElementTree.Element) -> str:
-    """Its name without the description's own namespace."""
+    """Return an element's name without the description's own namespace."""
     return node.tag.rpartition("}")[2]

@@ -1,7 +1,8 @@
-"""Blocks as they came over the wire -> lines in one unbroken count, and what befell those that are not there.
+"""Conversion of blocks as they came over the wire to lines in one unbroken count, with all losses reported.
 
-Pure functions of what came, without a camera: GigE Vision numbers blocks by 16 bits from 1 to 65535 and over again,
-packets get lost, whole blocks do, cameras pass over triggers, and what was asked for again may come too late.
+Pure functions of the blocks, without a camera: GigE Vision numbers blocks by 16 bits from 1 to 65535 and over
+again; packets and whole blocks get lost, cameras skip triggers, and packets requested again may come too
+late.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineFaultKind
 
 PERIOD: Final = 65535
-"""Of 16-bit block numbers: GigE Vision 1.2 leaves out 0, which is for test packets."""
+"""Period of 16-bit block numbers: GigE Vision 1.2 leaves out 0, which is for test packets."""
 SHORT, LONG = 1 << 16, 1 << 32
-"""Counts after which cameras' counters of triggers and encoder steps begin again."""
+"""Periods of cameras' counters of triggers and encoder steps."""
 MOST_IGNORED: Final = 1 << 14
-"""Triggers that may be passed over from block to block; where a counter says more, it has begun anew."""
+"""Greatest number of skipped triggers between blocks; a counter with a larger jump was reset."""
 LATEST: Final = 1024
-"""Blocks by which one may come too late; further back, the number has begun again."""
+"""Greatest number of blocks by which one may come late; further back, the number has wrapped around."""
 
 
 def blocks_ahead(block_id: int, last_id: int, *, wraps: bool, period: int = PERIOD) -> int:
-    """How many blocks a number is ahead of the last: 1 is the next, 0 or less came late.
+    """Return how many blocks a number is ahead of the last: 1 is the next, 0 or less came late.
 
-    wraps: whether numbers have 16 bits; period: after how many blocks they come again.
+    wraps: whether numbers have 16 bits; period: number of blocks after which they repeat.
     """
     ahead = block_id - last_id
     if not wraps:
@@ -46,7 +47,7 @@ def blocks_ahead(block_id: int, last_id: int, *, wraps: bool, period: int = PERI
 
 
 def counted_on(value: int, last: int) -> int:
-    """How far a camera's counter has gone on; it begins again after 16 bits or, where it has been beyond, after 32."""
+    """Return the increase of a camera's counter, which wraps after 16 bits or, once it has been beyond, after 32."""
     on = value - last
     return on if on >= 0 else on % (SHORT if last < SHORT else LONG)
 
@@ -54,9 +55,13 @@ def counted_on(value: int, last: int) -> int:
 def lost_lines(
     missing: Sequence[tuple[int, int]], *, lines: int, line_bits: int, padding: int = 0
 ) -> NDArray[np.bool_]:
-    """Which of a block's lines lack bytes, (lines,); missing: first and behind the last byte of each hole.
+    """Return which of a block's lines lack bytes, (lines,).
 
-    line_bits: that a line's pixels take; packed ones may share a byte with the next line's. padding: bytes behind each.
+    Parameters
+    ----------
+    missing : first byte, and the one after the last, of each hole
+    line_bits : size of a line's pixels; packed ones may share a byte with the next line's
+    padding : bytes after each line
     """
     lost = np.zeros(lines, bool)
     stride = line_bits + 8 * padding
@@ -67,126 +72,136 @@ def lost_lines(
 
 @dataclass(slots=True, eq=False)
 class LineCounter:
-    """Counts the lines of one camera, from block to block, through losses and restarts."""
+    """Counter of one camera's lines, from block to block, through losses and restarts."""
 
     name: str
-    """Of the camera, in errors."""
+    """Name of the camera, in errors."""
     pixels: int | None = None
-    """Of a line; None: as the first block has it."""
+    """Pixels of a line; None until the first block."""
     sensors: int | None = None
     encoder_steps: int | None = None
-    """From line to line, where blocks say the encoder's count and not that of triggers."""
+    """Encoder steps from line to line, for blocks with the encoder's count instead of that of triggers."""
     next_line: int = 0
-    """The count behind the last line that came or is known to be lost."""
+    """Number after the last line that came or is known to be lost."""
     lines: int = 0
-    """That came."""
+    """Lines received."""
     lost: int = 0
     blocks: int = 0
     broken: int = 0
-    """Blocks that came with a part missing."""
+    """Blocks received with a part missing."""
     _last_id: int | None = None
     _triggers: int | None = None
-    _untold: int = 0
-    """Lines since the block that said the last count."""
+    _uncounted: int = 0
+    """Lines since the block that had the last count."""
     _encoder: int | None = None
     _steps: int = 0
-    """Of the encoder, without a turn."""
+    """Steps of the encoder, unwrapped."""
     base: int | None = None
-    """What the camera's own count of triggers is more than ours; None: it tells none."""
+    """The camera's own count of triggers minus this count; None if it has none."""
     exact: bool = True
-    """Whether lines are counted to the line since the first; not behind an absence that the camera did not count."""
+    """Whether all lines since the first are counted exactly; not after an absence that the camera did not
+    count."""
     _period: int = PERIOD
-    _to_say: list[LineFault] = field(default_factory=list)
+    _pending_faults: list[LineFault] = field(default_factory=list)
 
     def restarted(self, *, lines: int, why: str, grab: Grab | None = None) -> int:
-        """The camera has been away while about so many lines passed: its numbers begin anew, the count goes on.
+        """Continue the count after the camera has been disconnected, while about so many lines passed.
 
-        grab: the first block since. Where the camera has gone on counting triggers, it says how many passed. Returns
-        how many are lost.
+        Its numbers start again. Where the camera has gone on counting triggers, the first block since,
+        ``grab``, gives the number of lines that passed. Returns how many are lost.
         """
-        known = None if grab is None or self._triggers is None else self._passed(grab, lines)
-        if known is None:
+        counted = None if grab is None or self._triggers is None else self._passed(grab, lines)
+        if counted is None:
             self.base, self.exact = None, False
-        about = "about " if known is None else ""
-        lost = lines if known is None else known
-        self._say("camera-away", lost, f"{about}{lost} lines from {self.next_line} on were lost: {why}")
+        about = "about " if counted is None else ""
+        lost = lines if counted is None else counted
+        self._report_lost(
+            "camera-away", lost, f"{about}{lost} lines from {self.next_line} on were lost: {why}"
+        )
         self._last_id = self._triggers = None
-        self._untold = 0
+        self._uncounted = 0
         return lost
 
     def _passed(self, grab: Grab, about: int) -> int | None:
-        """Lines that passed before a block since the last, by the camera's own count; None: that begins anew."""
+        """Return the lines that passed before a block since the last, by the camera's count; None if that was reset."""
         triggers, before = self._count(grab), self._triggers
         if triggers is None or before is None:
             return None
         passed = counted_on(triggers, before) - grab.lines
-        if triggers > before:  # a press may have stood, or run faster, but not many times as fast
+        if triggers > before:  # a press may have stopped, or run faster, but not many times as fast
             return passed if 0 <= passed <= 2 * about + MOST_IGNORED else None
-        # Either the counter has gone round, or the camera lost its power and counts from nought.
+        # Either the counter has wrapped around, or the camera lost its power and counts from 0.
         return passed if abs(passed - about) <= about // 4 else None
 
     @property
     def period(self) -> int:
-        """Lines after which its own count of triggers begins again."""
+        """Lines after which the camera's own count of triggers wraps around."""
         turn = SHORT if max(self._triggers or 0, self._encoder or 0) < SHORT else LONG
         return turn if self._encoder is None else max(turn // (self.encoder_steps or 1), 1)
 
     def take(self, grab: Grab) -> Iterator[LineBlock]:
-        """Its lines, cut where some are lost. ScanError: they are not of a camera with so many pixels and sensors."""
+        """Yield the lines of a block, split where some are lost.
+
+        ScanError: they are not of a camera with so many pixels and sensors.
+        """
         form = pixel_format(grab.pixel_format, where=self.name)
         self._check(grab.pixels, form.sensors)
         if grab.missing and not self.blocks and not self.next_line:
-            return  # the count begins with a whole block, which alone tells where the camera's own count stands
+            return  # the count begins with a complete block, which alone gives the camera's own count
         ahead = self._ahead(grab)
         if ahead <= 0:
             first = max(self.next_line + (ahead - 1) * grab.lines, 0)
             what = f"block {grab.block_id} came behind block {self._last_id}, and its lines were left out"
-            self._to_say.append(LineFault(kind="late-lines", first_line=first, lines=grab.lines, detail=what))
+            self._pending_faults.append(
+                LineFault(kind="late-lines", first_line=first, lines=grab.lines, detail=what)
+            )
             return
         triggers = self._count(grab)
         ignored = self._ignored(triggers, ahead * grab.lines)
-        untold = (
-            self._untold if ignored else 0
-        )  # of blocks that came without their count: they are in doubt as well
+        uncounted = self._uncounted if ignored else 0  # lines of blocks without a count are in doubt as well
         if ahead > 1:
             count = (ahead - 1) * grab.lines
             blocks = f"{ahead - 1} blocks before block {grab.block_id}"
-            self._say("lost-blocks", count, f"{self._lines(count)} lost: {blocks} did not come")
+            self._report_lost("lost-blocks", count, f"{self._lines(count)} lost: {blocks} did not come")
         self._last_id = grab.block_id
         if triggers is None:
-            self._untold += ahead * grab.lines
+            self._uncounted += ahead * grab.lines
         else:
-            self._triggers, self._untold = triggers, 0
+            self._triggers, self._uncounted = triggers, 0
         self.blocks += 1
-        gone = lost_lines(
+        missing = lost_lines(
             grab.missing,
             lines=grab.lines,
             line_bits=form.block_bits(lines=1, pixels=grab.pixels),
             padding=grab.padding,
         )
-        self.broken += bool(gone.any())
-        yield from self._pieces(grab, gone, ignored, untold)
+        self.broken += bool(missing.any())
+        yield from self._pieces(grab, missing, ignored, uncounted)
 
-    def _pieces(self, grab: Grab, gone: NDArray[np.bool_], ignored: int, untold: int) -> Iterator[LineBlock]:
-        """The lines that came, each run of them a block of its own; what is said of lost ones goes with the next."""
+    def _pieces(
+        self, grab: Grab, missing: NDArray[np.bool_], ignored: int, uncounted: int
+    ) -> Iterator[LineBlock]:
+        """Yield each run of lines that came as a block; faults of lost lines are attached to the next one."""
         first, form = self.next_line, pixel_format(grab.pixel_format, where=self.name)
         if ignored:
-            begin, lines = first - untold, untold + grab.lines + ignored
+            begin, lines = first - uncounted, uncounted + grab.lines + ignored
             what = f"{ignored} line triggers were passed over somewhere in lines {begin} to {first + grab.lines - 1}"
-            self._to_say.append(LineFault(kind="lost-triggers", first_line=begin, lines=lines, detail=what))
+            self._pending_faults.append(
+                LineFault(kind="lost-triggers", first_line=begin, lines=lines, detail=what)
+            )
             self.lost += ignored
         came = None
-        if not gone.all():
+        if not missing.all():
             came = unpacked(
                 grab.data, form, lines=grab.lines, pixels=grab.pixels, padding=grab.padding, where=self.name
             )
         at = 0
-        for begin, end in [*runs(~gone), (grab.lines, grab.lines)]:
+        for begin, end in [*runs(~missing), (grab.lines, grab.lines)]:
             if begin > at:
                 lost = f"parts of block {grab.block_id} did not arrive"
-                self._say("lost-packets", begin - at, f"{self._lines(begin - at)} lost: {lost}")
+                self._report_lost("lost-packets", begin - at, f"{self._lines(begin - at)} lost: {lost}")
             if end > begin and came is not None:
-                faults, self._to_say = tuple(self._to_say), []
+                faults, self._pending_faults = tuple(self._pending_faults), []
                 piece = came if end - begin == grab.lines else np.ascontiguousarray(came[:, begin:end])
                 block = LineBlock(first_line=self.next_line, lines=piece, time_s=grab.time_s, faults=faults)
                 self.next_line += end - begin
@@ -195,9 +210,11 @@ class LineCounter:
             at = end
         self.next_line += ignored
 
-    def _say(self, kind: LineFaultKind, lines: int, detail: str) -> None:
-        """So many lines are lost."""
-        self._to_say.append(LineFault(kind=kind, first_line=self.next_line, lines=lines, detail=detail))
+    def _report_lost(self, kind: LineFaultKind, lines: int, detail: str) -> None:
+        """Report lines as lost."""
+        self._pending_faults.append(
+            LineFault(kind=kind, first_line=self.next_line, lines=lines, detail=detail)
+        )
         self.next_line += lines
         self.lost += lines
 
@@ -213,7 +230,7 @@ class LineCounter:
         return blocks_ahead(grab.block_id, self._last_id, wraps=grab.id_wraps, period=self._period)
 
     def _count(self, grab: Grab) -> int | None:
-        """Line triggers by the end of a block, as the camera counts them or as its encoder's steps tell."""
+        """Return the line triggers by the end of a block, as the camera counts them or from its encoder's steps."""
         if grab.triggers is not None or grab.encoder is None or self.encoder_steps is None:
             return grab.triggers
         self._steps += grab.encoder if self._encoder is None else counted_on(grab.encoder, self._encoder)
@@ -221,23 +238,23 @@ class LineCounter:
         return self._steps // self.encoder_steps
 
     def _ignored(self, triggers: int | None, lines: int) -> int:
-        """Triggers that the camera saw since the last block and took no line for; lines: that it took or lost."""
+        """Return the triggers since the last block for which the camera took no line; lines: that it took or lost."""
         if triggers is None:
             return 0
         if self._triggers is None:
             if self.base is None:
                 self.base = triggers - lines - self.next_line
             return 0
-        ignored = counted_on(triggers, self._triggers) - lines - self._untold
+        ignored = counted_on(triggers, self._triggers) - lines - self._uncounted
         if ignored > MOST_IGNORED:
             self.base, self.exact = None, False
             return 0
         return max(ignored, 0)
 
     def _check(self, pixels: int, sensors: int) -> None:
-        known = self.pixels or pixels, self.sensors or sensors
-        if (pixels, sensors) != known:
+        expected = self.pixels or pixels, self.sensors or sensors
+        if (pixels, sensors) != expected:
             what = f"sends {sensors} sensors x {pixels} pixels"
-            remedy = f"set it to {known[1]} sensors x {known[0]} pixels, as the press has"
+            remedy = f"set it to {expected[1]} sensors x {expected[0]} pixels, as the press has"
             raise ScanError(self.name, what, remedy=remedy)
         self.pixels, self.sensors = pixels, sensors

@@ -1,8 +1,8 @@
-"""Bytes of a camera's block -> raw digital numbers, for the pixel formats of line cameras.
+"""Conversion of a camera's bytes to raw digital numbers, for the pixel formats of line cameras.
 
-Names are those of the Pixel Format Naming Convention (EMVA PFNC 2.4): an ending ``p`` packs pixels without a gap, the
-least bit first; ``Packed`` is GigE Vision's older way, two pixels in three bytes with the low bits of both in the
-middle one.
+Names are those of the Pixel Format Naming Convention (EMVA PFNC 2.4): an ending ``p`` packs pixels without a
+gap, the least bit first; ``Packed`` is GigE Vision's older way, two pixels in three bytes with the low bits
+of both in the middle one.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelFormat:
-    """How a block's bytes hold pixels."""
+    """Encoding of pixels in a block's bytes."""
 
     name: str
     bits: int
-    """Of a pixel's number."""
+    """Bits of a pixel's number."""
     sensors: int = 1
-    """Numbers of one place on the line: 3 of a colour camera."""
+    """Numbers at one place on the line: 3 of a colour camera."""
     group: tuple[int, int] = (1, 1)
-    """So many numbers lie in so many bytes, which cannot be read apart."""
+    """Numbers and bytes of the smallest group that can be decoded by itself."""
     unpacked: Callable[[Bytes], Numbers]
-    """Whole groups of bytes -> their numbers, in order."""
+    """Function that decodes whole groups of bytes to their numbers, in order."""
 
     @property
     def top_code_dn(self) -> int:
-        """The greatest number. [DN]"""
+        """Greatest digital number. [DN]"""
         return (1 << self.bits) - 1
 
     def block_bits(self, *, lines: int, pixels: int) -> int:
-        """Bits that so many lines take without padding."""
+        """Return the number of bits of so many lines without padding."""
         numbers, size = self.group
         return lines * pixels * self.sensors * 8 * size // numbers
 
@@ -53,71 +53,71 @@ def _bytes(data: Bytes) -> Numbers:
     return data
 
 
-def _words(data: Bytes) -> Numbers:
+def _uint16_codes(data: Bytes) -> Numbers:
     return data.view("<u2")
 
 
 def _ten_p(data: Bytes) -> Numbers:
     five = data.reshape(-1, 5).astype(np.uint16)
-    found = np.empty((len(five), 4), np.uint16)
+    codes = np.empty((len(five), 4), np.uint16)
     for at in range(4):
-        found[:, at] = (five[:, at] >> (2 * at)) | (five[:, at + 1] << (8 - 2 * at) & 0x3FF)
-    return found.ravel()
+        codes[:, at] = (five[:, at] >> (2 * at)) | (five[:, at + 1] << (8 - 2 * at) & 0x3FF)
+    return codes.ravel()
 
 
 def _twelve_p(data: Bytes) -> Numbers:
     three = data.reshape(-1, 3).astype(np.uint16)
-    found = np.empty((len(three), 2), np.uint16)
-    found[:, 0] = three[:, 0] | (three[:, 1] & 0xF) << 8
-    found[:, 1] = three[:, 1] >> 4 | three[:, 2] << 4
-    return found.ravel()
+    codes = np.empty((len(three), 2), np.uint16)
+    codes[:, 0] = three[:, 0] | (three[:, 1] & 0xF) << 8
+    codes[:, 1] = three[:, 1] >> 4 | three[:, 2] << 4
+    return codes.ravel()
 
 
 def _ten_packed(data: Bytes) -> Numbers:
     three = data.reshape(-1, 3).astype(np.uint16)
-    found = np.empty((len(three), 2), np.uint16)
-    found[:, 0] = three[:, 0] << 2 | (three[:, 1] & 0x3)
-    found[:, 1] = three[:, 2] << 2 | (three[:, 1] >> 4 & 0x3)
-    return found.ravel()
+    codes = np.empty((len(three), 2), np.uint16)
+    codes[:, 0] = three[:, 0] << 2 | (three[:, 1] & 0x3)
+    codes[:, 1] = three[:, 2] << 2 | (three[:, 1] >> 4 & 0x3)
+    return codes.ravel()
 
 
 def _twelve_packed(data: Bytes) -> Numbers:
     three = data.reshape(-1, 3).astype(np.uint16)
-    found = np.empty((len(three), 2), np.uint16)
-    found[:, 0] = three[:, 0] << 4 | (three[:, 1] & 0xF)
-    found[:, 1] = three[:, 2] << 4 | three[:, 1] >> 4
-    return found.ravel()
+    codes = np.empty((len(three), 2), np.uint16)
+    codes[:, 0] = three[:, 0] << 4 | (three[:, 1] & 0xF)
+    codes[:, 1] = three[:, 2] << 4 | three[:, 1] >> 4
+    return codes.ravel()
 
 
 PIXEL_FORMATS: Final = {
     one.name: one
     for one in (
         PixelFormat(name="Mono8", bits=8, unpacked=_bytes),
-        PixelFormat(name="Mono10", bits=10, group=(1, 2), unpacked=_words),
-        PixelFormat(name="Mono12", bits=12, group=(1, 2), unpacked=_words),
-        PixelFormat(name="Mono16", bits=16, group=(1, 2), unpacked=_words),
+        PixelFormat(name="Mono10", bits=10, group=(1, 2), unpacked=_uint16_codes),
+        PixelFormat(name="Mono12", bits=12, group=(1, 2), unpacked=_uint16_codes),
+        PixelFormat(name="Mono16", bits=16, group=(1, 2), unpacked=_uint16_codes),
         PixelFormat(name="Mono10p", bits=10, group=(4, 5), unpacked=_ten_p),
         PixelFormat(name="Mono12p", bits=12, group=(2, 3), unpacked=_twelve_p),
         PixelFormat(name="Mono10Packed", bits=10, group=(2, 3), unpacked=_ten_packed),
         PixelFormat(name="Mono12Packed", bits=12, group=(2, 3), unpacked=_twelve_packed),
         PixelFormat(name="RGB8", bits=8, sensors=3, unpacked=_bytes),
-        PixelFormat(name="RGB10", bits=10, sensors=3, group=(1, 2), unpacked=_words),
-        PixelFormat(name="RGB12", bits=12, sensors=3, group=(1, 2), unpacked=_words),
-        PixelFormat(name="RGB16", bits=16, sensors=3, group=(1, 2), unpacked=_words),
+        PixelFormat(name="RGB10", bits=10, sensors=3, group=(1, 2), unpacked=_uint16_codes),
+        PixelFormat(name="RGB12", bits=12, sensors=3, group=(1, 2), unpacked=_uint16_codes),
+        PixelFormat(name="RGB16", bits=16, sensors=3, group=(1, 2), unpacked=_uint16_codes),
     )
 }
 
 OLDER: Final = {f"RGB{bits}Packed": f"RGB{bits}" for bits in (8, 10, 12, 16)}
-"""GigE Vision 1 called by these names what the naming convention does not."""
+"""Names in GigE Vision 1 that differ from the naming convention."""
 
 
 def pixel_format(name: str, *, where: str) -> PixelFormat:
-    """The format of that name; ScanError names those that can be read. where: the camera, in errors."""
+    """Return the format of that name; ScanError names those that can be read. where: the camera, in errors."""
     name = OLDER.get(name, name)
     if name not in PIXEL_FORMATS:
-        known = ", ".join(PIXEL_FORMATS)
+        choices = ", ".join(PIXEL_FORMATS)
         raise ScanError(
-            where, f"sends pixels as {shortly(name)}", remedy=f"set its PixelFormat to one of {known}"
+            where, f"sends pixels as {shortly(name)}", remedy=f"set its PixelFormat to one of {choices}"
         )
     return PIXEL_FORMATS[name]
 
@@ -125,10 +125,11 @@ def pixel_format(name: str, *, where: str) -> PixelFormat:
 def unpacked(
     data: Bytes, form: PixelFormat, *, lines: int, pixels: int, padding: int = 0, where: str = "the camera"
 ) -> NDArray[np.uint16]:
-    """A block's numbers, (sensors, lines, pixels) [DN]; the array is new.
+    """Decode a block to numbers, (sensors, lines, pixels) [DN]; the array is new.
 
-    data: bytes as they came, (n,) uint8. padding: bytes behind each line that are no pixels; lines of packed pixels
-    that end within a byte go on in it, and then cannot be padded. ScanError: there are too few bytes.
+    data: bytes as they came, (n,) uint8. padding: bytes after each line that are no pixels; lines of packed
+    pixels that end within a byte continue in it, and then cannot be padded. ScanError: there are too few
+    bytes.
     """
     line_bits = form.block_bits(lines=1, pixels=pixels)
     if line_bits % 8 and padding:
@@ -147,5 +148,5 @@ def unpacked(
         data = data[:needed]
     if short := -data.size % form.group[1]:
         data = np.concatenate([data, np.zeros(short, np.uint8)])
-    found = form.unpacked(np.ascontiguousarray(data))[: lines * pixels * form.sensors]
-    return found.reshape(lines, pixels, form.sensors).transpose(2, 0, 1).astype(np.uint16, order="C")
+    codes = form.unpacked(np.ascontiguousarray(data))[: lines * pixels * form.sensors]
+    return codes.reshape(lines, pixels, form.sensors).transpose(2, 0, 1).astype(np.uint16, order="C")

@@ -16,7 +16,7 @@ from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
 from prooflight.scans.cameras.setting_up import (
     CHUNKS,
     chunk,
-    gone,
+    disconnected,
     not_taken,
     settable,
     temperature_c,
@@ -29,40 +29,40 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import FeatureKind
 
 BUFFERS: Final = 64
-"""Blocks that may wait to be filled or taken."""
+"""Number of buffers for blocks."""
 NO_ID: Final = (1 << 64) - 1
-"""Of a block that the camera did not number."""
+"""ID of a block that the camera did not number."""
 KINDS: Final[tuple[FeatureKind, ...]] = (
     *("other", "other", "integer", "boolean", "command", "float", "string", "other", "other", "enumeration"),
 )
-"""By GenApi's EInterfaceType."""
+"""Kinds of features by GenApi's EInterfaceType."""
 CATEGORY: Final = 8
 
 
 class Pylon:
-    """Finds and opens cameras through pylon."""
+    """Backend for cameras through pylon."""
 
     name = "pylon"
 
     @property
     def lacks(self) -> str:
-        """Why it cannot be used here, and what would help; empty: it can."""
+        """Why the backend cannot be used here, and what would help; empty if it can."""
         if importlib.util.find_spec("pypylon") is None:
             return 'pypylon is not installed; `pip install "prooflight[basler]"`'
         return ""
 
     def find(self) -> list[FoundCamera]:
         """See ``Backend``."""
-        return [] if self.lacks else [self._found(one) for one in _devices()]
+        return [] if self.lacks else [self._camera_info(one) for one in _devices()]
 
     def open(self, camera: FoundCamera) -> PylonCamera:
         """See ``Backend``."""
         for one in _devices():
             if one.GetSerialNumber() == camera.serial:
                 return PylonCamera(camera, one)
-        raise gone(camera.id, "does not answer")
+        raise disconnected(camera.id, "does not answer")
 
-    def _found(self, one: Any) -> FoundCamera:
+    def _camera_info(self, one: Any) -> FoundCamera:
         maker, model, serial = one.GetVendorName(), one.GetModelName(), one.GetSerialNumber()
         return FoundCamera(
             id="-".join((maker, model, serial)).replace(" ", "_"),
@@ -75,12 +75,12 @@ class Pylon:
 
 
 class PylonCamera:
-    """An open camera; see ``Camera``. Of a block that came incomplete pylon does not say which part, so all is lost."""
+    """An open camera; see ``Camera``. Pylon does not report which part of a block is missing, so all of it is lost."""
 
-    def __init__(self, found: FoundCamera, device: Any) -> None:
-        """ScanError: it does not answer, or another program controls it."""
+    def __init__(self, camera: FoundCamera, device: Any) -> None:
+        """Open a camera; ScanError: it does not answer, or another program controls it."""
         pylon, genicam = _library()
-        self.found = found
+        self.found = camera
         self._pylon, self._genicam = pylon, genicam
         self._error = genicam.GenericException
         self._form, self._lines, self._pixels, self._bytes = "", 0, 0, 0
@@ -89,9 +89,9 @@ class PylonCamera:
             self._camera.Open()
             self._nodes = self._camera.GetNodeMap()
         except self._error as error:
-            # Its message names the file and the line of pylon's own source behind a colon.
+            # Its message has the file and the line of pylon's own source after a colon.
             what = f"cannot be opened ({str(error).split(' : ')[0].strip()})"
-            raise gone(found.id, what) from error
+            raise disconnected(camera.id, what) from error
         self._networked = device.GetDeviceClass() == "BaslerGigE"
 
     def features(self) -> Mapping[str, Feature]:
@@ -123,7 +123,7 @@ class PylonCamera:
             self._camera.MaxNumBuffer.SetValue(BUFFERS)
             self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne)
         except self._error as error:
-            raise gone(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.found.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
@@ -132,10 +132,10 @@ class PylonCamera:
                 max(round(1e3 * timeout_s), 1), self._pylon.TimeoutHandling_Return
             )
         except self._error as error:
-            raise gone(self.found.id, f"is gone ({error})") from error
+            raise disconnected(self.found.id, f"is gone ({error})") from error
         if not result.IsValid():
             if self._camera.IsCameraDeviceRemoved():
-                raise gone(self.found.id, "is gone: it no longer answers")
+                raise disconnected(self.found.id, "is gone: it no longer answers")
             return None
         with contextlib.closing(_Released(result)):
             return self._grab(result)
@@ -163,7 +163,7 @@ class PylonCamera:
     def _grab(self, result: Any) -> Grab | None:
         block_id = result.GetBlockID()
         if block_id == NO_ID:
-            return None  # whose lines they are, nobody can tell
+            return None  # the place of its lines is unknown
         whole = result.GrabSucceeded()
         if whole:
             data = np.frombuffer(result.GetBuffer(), np.uint8)
@@ -187,16 +187,16 @@ class PylonCamera:
         )
 
     def _chunks(self, result: Any) -> dict[str, int]:
-        found: dict[str, int] = {}
+        values: dict[str, int] = {}
         if not result.IsChunkDataAvailable():
-            return found
+            return values
         nodes = result.GetChunkDataNodeMap()
         for name in (name for names in CHUNKS.values() for name in names):
             with contextlib.suppress(self._error):
                 node = nodes.GetNode(name)
                 if node is not None and self._genicam.IsReadable(node):
-                    found[name] = int(node.GetValue())
-        return found
+                    values[name] = int(node.GetValue())
+        return values
 
     def _node(self, name: str) -> Any:
         try:
@@ -236,7 +236,7 @@ class PylonCamera:
 
 
 class _Released:
-    """A result that goes back to pylon's buffers."""
+    """Context of a result that returns its buffer to pylon."""
 
     def __init__(self, result: Any) -> None:
         self._result = result
@@ -251,7 +251,7 @@ def _devices() -> list[Any]:
 
 
 def _library() -> tuple[Any, Any]:
-    # Its types have no module's name, of which Python warns; made an error, that warning ends the whole process.
+    # Its types lack a module name, of which Python warns; made an error, that warning ends the whole process.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return importlib.import_module("pypylon.pylon"), importlib.import_module("pypylon.genicam")

@@ -1,7 +1,7 @@
-"""What a user asks of a camera -> its own features by its own names, each checked before any is set.
+"""Mapping of a user's settings to a camera's own features, each checked before any is set.
 
-The standard (EMVA SFNC 2.7) has one name for each thing, older cameras have their maker's: ``NAMES`` lists those that
-are known, and a press file adds others by model.
+The standard (EMVA SFNC 2.7) has one name for each feature, older cameras have their maker's: ``NAMES`` lists
+those that are known, and a press file adds others by model.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "trigger_source": ("TriggerSource",),
     "position": ("EncoderValue", "ShaftEncoderModuleCounter", "RotaryEncoderCounterValue"),
 }
-"""The standard's name first, then those of makers: Basler's up to GigE ace and runner end in ``Abs``. position: how far
-the encoder has gone, which tells a press that stands from a camera that has hung."""
+"""Names of features, the standard's first, then those of makers: Basler's up to GigE ace and runner end in
+``Abs``. position: of the encoder, which distinguishes a stopped press from a camera that has hung."""
 CHUNKS: Final[Mapping[str, tuple[str, ...]]] = {
     "triggers": ("ChunkLineTriggerCount", "ChunkTriggerinputcounter", "ChunkLineTriggerEndToEndCounter"),
     "encoder": ("ChunkEncoderValue", "ChunkShaftEncoderCounter"),
     "frame": ("ChunkFrameID", "ChunkFramecounter"),
     "timestamp": ("ChunkTimestamp",),
 }
-"""What cameras send with a block: line triggers and encoder steps that they have seen, its number, its time."""
+"""Names of values that cameras send with a block: line triggers and encoder steps seen, its number, its
+time."""
 LINE_TRIGGERS: Final = ("LineStart", "LineTrigger")
 """Entries of ``TriggerSelector`` that start a line."""
 ENCODERS: Final = (
@@ -55,33 +56,35 @@ MOST_SHOWN: Final = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSettings:
-    """``[camera]`` of a press file; None: as the camera stands."""
+    """Section ``[camera]`` of a press file; None leaves the camera's own value."""
 
     id: str | None = None
-    """By which it is found: ID, serial number or address."""
+    """Name of the camera: ID, serial number or address."""
     pixel_format: str | None = None
     block_lines: int | None = None
     line_rate_hz: float | None = None
     exposure_us: float | None = None
     trigger: Literal["free", "encoder"] | None = None
-    """What starts a line: nothing but time, or the encoder."""
+    """Trigger of a line: only time, or the encoder."""
     trigger_source: str | None = None
-    """Of an encoder, by the camera's name; None: the first of ``ENCODERS`` that it has."""
+    """Trigger source of an encoder, by the camera's name; None: the first of ``ENCODERS`` that it has."""
     encoder_steps: int | None = None
-    """Of the encoder from line to line; where blocks tell its count, lines that it asked for can be told by it."""
+    """Steps of the encoder from line to line; where blocks have its count, requested lines can be derived
+    from it."""
     chunks: bool | None = None
-    """Whether it is to send what it has of ``CHUNKS`` with every block."""
+    """Whether the camera sends those of ``CHUNKS`` that it has with every block."""
     offset_lines: tuple[float, ...] = ()
-    """Of each of its sensors: how many lines later than in the press's count it sees a place of the page."""
+    """Offset of each of its sensors: number of lines by which it sees a place of the page later than the
+    press's count."""
     offset_pixels: tuple[float, ...] = ()
-    """Of each of its sensors: how many pixels further right it sees a place of the page."""
+    """Offset of each of its sensors: number of pixels by which it sees a place of the page further right."""
     features: Mapping[str, Value] = field(default_factory=dict)
-    """Others, by the camera's own names, set before all these and in this order."""
+    """Other features, by the camera's own names, set before all these and in this order."""
     names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """By model: what the words of ``NAMES`` are called there."""
+    """Names of the keys of ``NAMES``, by model."""
 
     def offsets(self, sensors: int | None = None) -> tuple[SensorOffset, ...]:
-        """Of each of its sensors that offsets are stated of; of none: of so many sensors, or of one."""
+        """Return the offsets of the sensors as stated; if none are, zeros for so many sensors, or for one."""
         count = max(len(self.offset_lines), len(self.offset_pixels)) or sensors or 1
         lines, pixels = self.offset_lines or (0.0,) * count, self.offset_pixels or (0.0,) * count
         return tuple(
@@ -90,9 +93,9 @@ class CameraSettings:
 
 
 def set_up(camera: Camera, settings: CameraSettings, *, where: str) -> None:
-    """Set a camera as it is asked; where: the press file, in errors.
+    """Set up a camera; where: the press file, in errors.
 
-    RequestError, before anything is set: the camera lacks a feature, or does not take its value.
+    RequestError, before anything is set: the camera lacks a feature, or does not accept its value.
     """
     wanted = [
         *_own(camera, settings, where),
@@ -105,7 +108,7 @@ def set_up(camera: Camera, settings: CameraSettings, *, where: str) -> None:
 
 
 def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
-    """RequestError: a feature does not take a value, by the camera's own description."""
+    """Raise RequestError unless a feature accepts a value, by the camera's own description."""
     if not one.writable:
         raise RequestError(
             where, f"{camera} does not let {one.name} be set now", remedy="leave it, or stop the camera"
@@ -125,7 +128,7 @@ def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
 
 
 def settable(camera: Camera, name: str, value: str) -> Feature:
-    """A camera's feature that takes a value, by its own description; RequestError: it has none, or that does not."""
+    """Return a camera's feature that accepts a value; RequestError: there is none, or it does not accept the value."""
     one = camera.feature(name)
     if one is None:
         raise RequestError(name, f"{camera.found.id} has no such feature", remedy=LOOK)
@@ -134,17 +137,17 @@ def settable(camera: Camera, name: str, value: str) -> Feature:
 
 
 def not_taken(camera: Camera, name: str, value: str, error: Exception) -> RequestError:
-    """The camera itself refused a value."""
+    """Return the error for a value that the camera itself refused."""
     return RequestError(name, f"{camera.found.id} does not take {value!r} ({error})", remedy=LOOK)
 
 
-def chunk(chunks: Mapping[str, int], word: str) -> int | None:
-    """What a block's chunks say of one of ``CHUNKS``; None: nothing."""
-    return next((chunks[name] for name in CHUNKS[word] if name in chunks), None)
+def chunk(chunks: Mapping[str, int], key: str) -> int | None:
+    """Return a block's value of one of ``CHUNKS``; None if it has none."""
+    return next((chunks[name] for name in CHUNKS[key] if name in chunks), None)
 
 
 def position(camera: Camera, settings: CameraSettings) -> int | None:
-    """How far the encoder has gone, in steps; None: the camera does not say. ScanError: it does not answer."""
+    """Return the encoder's position, in steps; None if the camera does not report it. ScanError: it does not answer."""
     own = settings.names.get(camera.found.model, {}).get("position")
     for name in NAMES["position"] if own is None else (own,):
         one = camera.feature(name)
@@ -154,7 +157,7 @@ def position(camera: Camera, settings: CameraSettings) -> int | None:
 
 
 def value_of(camera: Camera, name: str) -> str:
-    """Of a feature that lines cannot be read without; ScanError: the camera does not say it."""
+    """Return the value of a feature that is necessary for reading lines; ScanError: the camera does not report it."""
     one = camera.feature(name)
     if one is None or not one.value:
         raise ScanError(camera.found.id, f"does not say its {name}", remedy=LOOK)
@@ -162,45 +165,45 @@ def value_of(camera: Camera, name: str) -> str:
 
 
 def temperature_c(camera: Camera) -> float | None:
-    """None: the camera does not say it."""
+    """Return the camera's temperature; None if it does not report it."""
     one = camera.feature("DeviceTemperature")
     return float(one.value) if one is not None and one.value else None
 
 
-def gone(camera: str, what: str) -> ScanError:
-    """Nothing comes from a camera, by its ID."""
+def disconnected(camera: str, what: str) -> ScanError:
+    """Return the error for a camera, by its ID, that sends nothing."""
     return ScanError(camera, what, remedy="look at its cable, its power and `prooflight camera list`")
 
 
 def shown(names: tuple[str, ...]) -> str:
-    """Some of many names, for one line."""
+    """Return some of many names, for one line."""
     more = len(names) - MOST_SHOWN
     return ", ".join(names[:MOST_SHOWN]) + (f" and {more} more" if more > 0 else "") if names else "nothing"
 
 
 def _own(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str, str]]:
-    found = []
+    wanted = []
     for name, value in settings.features.items():
         field_name = f"{where}, camera.features.{name}"
         one = camera.feature(name)
         if one is None:
             raise _lacks(camera, field_name, (name,), nameable=False)
-        found.append((one, _text(value), field_name))
-    return _checked(camera, found)
+        wanted.append((one, _text(value), field_name))
+    return _checked(camera, wanted)
 
 
 def _common(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str, str]]:
-    found = []
-    for word in ("pixel_format", "block_lines", "line_rate_hz", "exposure_us"):
-        value = getattr(settings, word)
+    wanted = []
+    for key in ("pixel_format", "block_lines", "line_rate_hz", "exposure_us"):
+        value = getattr(settings, key)
         if value is not None:
-            field_name = f"{where}, camera.{word}"
-            found.append((_named(camera, settings, word, field_name), _text(value), field_name))
-    return _checked(camera, found)
+            field_name = f"{where}, camera.{key}"
+            wanted.append((_named(camera, settings, key, field_name), _text(value), field_name))
+    return _checked(camera, wanted)
 
 
 def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str, str]]:
-    """What starts a line; a camera without triggers runs free as it is."""
+    """Return the settings of what starts a line; a camera without triggers runs free as it is."""
     if settings.trigger is None:
         return []
     field_name = f"{where}, camera.trigger"
@@ -210,8 +213,8 @@ def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tup
     line = next((name for name in LINE_TRIGGERS if name in selector.choices), None)
     mode = _named(camera, settings, "trigger_mode", field_name)
     if settings.trigger == "free":
-        told = [] if line is None else [(selector, line, field_name)]
-        return _checked(camera, [*told, (mode, "Off", field_name)])
+        selection = [] if line is None else [(selector, line, field_name)]
+        return _checked(camera, [*selection, (mode, "Off", field_name)])
     if line is None:
         what = f"{camera.found.id} cannot start a line by a trigger: its {selector.name} has {shown(selector.choices)}"
         raise RequestError(field_name, what, remedy='take a line camera, or trigger = "free"')
@@ -222,12 +225,12 @@ def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tup
             f"{camera.found.id} has no encoder known by name: its {source.name} has {shown(source.choices)}"
         )
         raise RequestError(field_name, what, remedy="name it as camera.trigger_source")
-    asked = [
+    wanted = [
         (selector, line, field_name),
         (mode, "On", field_name),
         (source, encoder, f"{where}, camera.trigger_source"),
     ]
-    return _checked(camera, asked)
+    return _checked(camera, wanted)
 
 
 def _chunked(camera: Camera, settings: CameraSettings, where: str) -> list[tuple[str, str]]:
@@ -237,19 +240,19 @@ def _chunked(camera: Camera, settings: CameraSettings, where: str) -> list[tuple
     mode = camera.feature("ChunkModeActive")
     if mode is None:
         raise _lacks(camera, field_name, ("ChunkModeActive",), nameable=False)
-    told = _checked(camera, [(mode, _text(settings.chunks), field_name)])
+    wanted = _checked(camera, [(mode, _text(settings.chunks), field_name)])
     selector = camera.feature("ChunkSelector") if settings.chunks else None
-    known = {name.removeprefix("Chunk") for names in CHUNKS.values() for name in names}
+    supported = {name.removeprefix("Chunk") for names in CHUNKS.values() for name in names}
     for entry in () if selector is None else selector.choices:
-        if entry in known:
-            told += [("ChunkSelector", entry), ("ChunkEnable", "true")]
-    return told
+        if entry in supported:
+            wanted += [("ChunkSelector", entry), ("ChunkEnable", "true")]
+    return wanted
 
 
-def _named(camera: Camera, settings: CameraSettings, word: str, where: str) -> Feature:
-    """The camera's feature for one of our words."""
-    own = settings.names.get(camera.found.model, {}).get(word)
-    names = NAMES[word] if own is None else (own,)
+def _named(camera: Camera, settings: CameraSettings, key: str, where: str) -> Feature:
+    """Return the camera's feature for a key of ``NAMES``."""
+    own = settings.names.get(camera.found.model, {}).get(key)
+    names = NAMES[key] if own is None else (own,)
     for name in names:
         one = camera.feature(name)
         if one is not None:
@@ -257,17 +260,20 @@ def _named(camera: Camera, settings: CameraSettings, word: str, where: str) -> F
     raise _lacks(camera, where, names)
 
 
-def _checked(camera: Camera, asked: list[tuple[Feature, str, str]]) -> list[tuple[str, str]]:
-    for one, value, where in asked:
+def _checked(camera: Camera, wanted: list[tuple[Feature, str, str]]) -> list[tuple[str, str]]:
+    for one, value, where in wanted:
         refuse_unfit(one, value, where=where, camera=camera.found.id)
-    return [(one.name, value) for one, value, _ in asked]
+    return [(one.name, value) for one, value, _ in wanted]
 
 
 def _lacks(camera: Camera, where: str, names: tuple[str, ...], *, nameable: bool = True) -> RequestError:
-    """Says what the camera lacks, and what it has instead; nameable: whether a press file may name it otherwise."""
-    known = tuple(camera.features())
+    """Return the error for a missing feature, which names similar ones.
+
+    nameable: whether a press file may give the feature another name.
+    """
+    available = tuple(camera.features())
     near = dict.fromkeys(
-        [one for name in names for one in difflib.get_close_matches(name, known, n=4, cutoff=0.5)]
+        [one for name in names for one in difflib.get_close_matches(name, available, n=4, cutoff=0.5)]
     )
     what = f"{camera.found.id} has no feature {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}"
     has = f"it has {shown(tuple(near))}" if near else LOOK

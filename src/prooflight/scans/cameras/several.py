@@ -1,9 +1,9 @@
-"""Several line cameras as one source: the sensors of one press, kept in step by what their encoder counts.
+"""Several line cameras as one source: the sensors of one press, aligned by the count of their encoder.
 
-Each camera is read by a thread of its own (``source``), which also brings it back when it has died; what they bring is
-laid side by side by ``in_step``. Where blocks tell the count of line triggers, that is the common count, whatever was
-lost and whenever each camera was started. Where they do not, all cameras have to be started while the press stands, and
-count their lines from there.
+Each camera is read by a thread of its own (``source``), which also reopens it after a failure; ``in_step``
+aligns their blocks. Where blocks have the count of line triggers, that is the common count, whatever was lost
+and whenever each camera was started. Where they do not, all cameras have to be started while the press
+stands, and count their lines from there.
 """
 
 from __future__ import annotations
@@ -23,26 +23,29 @@ if TYPE_CHECKING:
     from prooflight.scans.alignment import SensorOffset
     from prooflight.scans.cameras.camera import Health
     from prooflight.scans.cameras.pixel_formats import PixelFormat
-    from prooflight.scans.cameras.source import CameraLines, Place, Told
+    from prooflight.scans.cameras.source import CameraLines, Notify, Place
     from prooflight.scans.lines import LineBlock
 
 WAITING: Final = 32
-"""Blocks of each camera that may wait to be laid side by side; then the camera's own buffers fill."""
-LOOK_S: Final = 0.1
-"""How often a thread that waits looks whether all is to end."""
+"""Number of blocks of each camera that may wait for alignment; then the camera's own buffers fill."""
+POLL_S: Final = 0.1
+"""Interval at which a waiting thread checks whether to end."""
 
 
 class SeveralCameras:
-    """The lines of several cameras, or of one whose sensors lie apart; see ``LineSource``."""
+    """The lines of several cameras, or of one with several offset sensors; see ``LineSource``."""
 
     def __init__(
         self,
         cameras: Sequence[CameraLines],
         offsets: Sequence[Sequence[SensorOffset]],
         *,
-        tell: Told = lambda _kind, _text: None,
+        tell: Notify = lambda _kind, _text: None,
     ) -> None:
-        """offsets: of each camera's sensors. RequestError, after which all are closed: they do not go together."""
+        """Combine cameras; offsets: of each camera's sensors.
+
+        RequestError, after which all are closed: the cameras do not match.
+        """
         self._cameras, self._offsets, self.tell = cameras, offsets, tell
         self._closed = threading.Event()
         self._queue: queue.Queue[tuple[int, LineBlock | str | Exception, Place | None]] = queue.Queue(
@@ -60,11 +63,11 @@ class SeveralCameras:
 
     @property
     def name(self) -> str:
-        """Of all cameras."""
+        """Names of all cameras."""
         return " + ".join(camera.name for camera in self._cameras)
 
     def blocks(self) -> Generator[LineBlock, None, None]:
-        """See ``LineSource``; ends only by ``close``. ScanError: a camera cannot start, or they are not in step."""
+        """See ``LineSource``; ends only by ``close``. ScanError: a camera cannot start, or they are not aligned."""
         if self._closed.is_set():
             return
         step = InStep(self._offsets, names=[camera.name for camera in self._cameras])
@@ -76,13 +79,13 @@ class SeveralCameras:
         for thread in threads:
             thread.start()
         try:
-            yield from self._laid(step)
+            yield from self._aligned(step)
         finally:
             self.close()
             for thread in threads:
                 while thread.is_alive():
                     self._empty()
-                    thread.join(LOOK_S)
+                    thread.join(POLL_S)
 
     def close(self) -> None:
         """See ``LineSource``."""
@@ -91,21 +94,21 @@ class SeveralCameras:
             camera.close()
 
     def healths(self) -> Mapping[str, Health]:
-        """Of each camera, by its name."""
+        """Return the health of each camera, by its name."""
         return {camera.name: camera.health() for camera in self._cameras}
 
     # --- threads ---
 
     def _read(self, number: int) -> None:
         camera = self._cameras[number]
-        camera.tell = partial(self._told, number)
+        camera.tell = partial(self._notified, number)
         try:
             for block in camera.blocks():
                 self._put(number, block, camera.place)
-        except Exception as error:  # whatever it is, it is raised where lines are taken
+        except Exception as error:  # any error is raised where lines are taken
             self._put(number, error, None)
 
-    def _told(self, number: int, kind: Literal["camera-away", "camera-back"], text: str) -> None:
+    def _notified(self, number: int, kind: Literal["camera-away", "camera-back"], text: str) -> None:
         self.tell(kind, text)
         if kind == "camera-away":
             self._put(number, text, None)
@@ -113,7 +116,7 @@ class SeveralCameras:
     def _put(self, number: int, what: LineBlock | str | Exception, place: Place | None) -> None:
         while not self._closed.is_set():
             try:
-                self._queue.put((number, what, place), timeout=LOOK_S)
+                self._queue.put((number, what, place), timeout=POLL_S)
             except queue.Full:
                 continue
             return
@@ -127,11 +130,11 @@ class SeveralCameras:
 
     # --- the thread that takes lines ---
 
-    def _laid(self, step: InStep) -> Generator[LineBlock, None, None]:
+    def _aligned(self, step: InStep) -> Generator[LineBlock, None, None]:
         start, silent = _Start(self._cameras), frozenset[int]()
         while not self._closed.is_set():
             try:
-                number, what, place = self._queue.get(timeout=LOOK_S)
+                number, what, place = self._queue.get(timeout=POLL_S)
             except queue.Empty:
                 continue
             if isinstance(what, Exception):
@@ -164,7 +167,7 @@ class SeveralCameras:
 
 
 class _Start:
-    """How the counts of the cameras' lines lie to one another, told by their first blocks."""
+    """Offsets between the counts of the cameras' lines, from their first blocks."""
 
     def __init__(self, cameras: Sequence[CameraLines]) -> None:
         self._cameras = cameras
@@ -173,16 +176,16 @@ class _Start:
         self._came_s: dict[int, float] = {}
 
     def ahead(self, number: int, block: LineBlock, place: Place) -> int:
-        """How much the common count is more than a camera's. ScanError: it cannot be known."""
+        """Return the common count minus a camera's. ScanError: it cannot be determined."""
         if number not in self._ahead:
             if self._first is None:
                 self._first = place
-            self._ahead[number] = self._apart(number, place)
+            self._ahead[number] = self._offset(number, place)
         if len(self._cameras) > 1 and place.base is None:
             self._refuse_moving(number, block)
         return self._ahead[number]
 
-    def _apart(self, number: int, place: Place) -> int:
+    def _offset(self, number: int, place: Place) -> int:
         first = self._first
         assert first is not None
         if (first.base is None) != (place.base is None):
@@ -192,12 +195,12 @@ class _Start:
             )
         if first.base is None or place.base is None:
             return 0
-        # Counters of 16 bits may have gone round since they began together.
+        # Counters of 16 bits may have wrapped around since they began together.
         period = min(first.period, place.period)
         return (place.base - first.base + period // 2) % period - period // 2
 
     def _refuse_moving(self, number: int, block: LineBlock) -> None:
-        """ScanError: lines were triggered before all cameras waited for them, and no camera says how many."""
+        """Raise ScanError if lines came before all cameras waited for them, and no camera counts them."""
         started_s = max(camera.started_s for camera in self._cameras)
         before_s = self._came_s.setdefault(number, block.time_s)
         if before_s == math.inf:

@@ -1,10 +1,10 @@
-"""A camera as an endless source of lines: it may die and come back, and the count goes on.
+"""A camera as an endless source of lines, which survives disconnections without losing count.
 
-One thread reads. Where no lines come though they should, or the camera says that it is gone, another thread closes it
-and opens it again until it answers: both take seconds, and the run can be ended meanwhile. A camera that waits for an
-encoder is asked beside the reading (``asking``). The lines that passed are what the camera's own count of triggers
-says; else they are reckoned by the time and the line rate, so that nothing is counted twice, and nobody claims to know
-them to the line.
+One thread reads. Where no lines come though they should, or the camera is disconnected, another thread closes
+it and opens it again until it answers: both take seconds, and the run can be ended meanwhile. A camera that
+waits for an encoder is queried beside the reading (``asking``). The number of lines that passed is taken from
+the camera's own count of triggers; else it is estimated from the time and the line rate, so that nothing is
+counted twice, and it is reported as approximate.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.errors import ScanError
-from prooflight.scans.cameras.asking import Asking
+from prooflight.scans.cameras.asking import Watchdog
 from prooflight.scans.cameras.camera import Health
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.pixel_formats import pixel_format
@@ -33,36 +33,37 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.camera import Camera, Grab
     from prooflight.scans.lines import LineBlock
 
-    Told = Callable[[Literal["camera-away", "camera-back"], str], None]
-    """Is given what happened, and a line for a person."""
+    Notify = Callable[[Literal["camera-away", "camera-back"], str], None]
+    """Callback with what happened, and a line for a person."""
 
 _log = logging.getLogger(__name__)
 
 GRAB_S: Final = 0.1
-"""How long a block is waited for at once: as long the run's end may be held up."""
+"""Longest wait for a block at once, which also bounds the delay of the run's end."""
 SILENT_S: Final = 1.0
-"""Without a block from a camera that runs free, after which it is taken for dead. assumed: its blocks come in less than
-a quarter of that; an operator is told within 2 s."""
+"""Time without a block, after which a free-running camera counts as dead. assumed: its blocks come in less
+than a quarter of that; an operator is informed within 2 s."""
 REOPEN_S: Final = 0.5
-"""Between two tries to open it again."""
+"""Time between two attempts to open it again."""
 RATE_BLOCKS: Final = 16
 """Blocks over which the line rate is measured."""
 STEPS_UNKNOWN: Final = 8
-"""Encoder steps from line to line, where the press file does not say. assumed: few are more finely divided."""
+"""Encoder steps from line to line, where the press file does not state them. assumed: few are more finely
+divided."""
 SILENT_BLOCKS: Final = 2.0
-"""Blocks for which the encoder may go on without one coming: one that is being read, one on its way."""
+"""Blocks for which the encoder may move without one coming: one that is being read, one on its way."""
 WARM_S: Final = 5.0
-"""For which what the camera itself says of its health stands."""
+"""Time for which the camera's own report of its health is valid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where the count of a camera's lines stands beside the camera's own count of triggers."""
+    """Relation between this count of a camera's lines and the camera's own count of triggers."""
 
     base: int | None
-    """What the camera's own is more; None: it tells none."""
+    """The camera's own count minus this one; None if it has none."""
     period: int
-    """Lines after which the camera's own begins again."""
+    """Lines after which the camera's own count wraps around."""
     exact: bool
     """Whether every line since the first was counted."""
 
@@ -76,14 +77,19 @@ class CameraLines:
         *,
         name: str,
         settings: CameraSettings | None = None,
-        tell: Told = lambda _kind, _text: None,
+        tell: Notify = lambda _kind, _text: None,
         silent_s: float = SILENT_S,
         reopen_s: float = REOPEN_S,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """opened: opens the camera and sets it up; called at once, and again whenever it has died. settings: as which
-        it was set up; of one that runs free, lines must always come; if it does not, a press may stand still, and the
-        camera is asked. tell: called from the reading thread. Errors of ``opened`` are raised.
+        """Open a camera as a source; errors of ``opened`` are raised.
+
+        Parameters
+        ----------
+        opened : opens the camera and sets it up; called at once, and again whenever it has died
+        settings : as it was set up. Lines of a free-running camera must always come; otherwise the press may
+            stand still, and the camera is queried
+        tell : called from the reading thread
         """
         self.settings = settings or CameraSettings()
         self._opened, self.name, self.tell = opened, name, tell
@@ -92,7 +98,7 @@ class CameraLines:
         self._closed = threading.Event()
         self._camera: Camera | None = opened()
         self._counter = LineCounter(name=name, encoder_steps=self.settings.encoder_steps)
-        self._asking = threading.Lock()  # of what is asked beside the lines, one thing at a time
+        self._request_lock = threading.Lock()  # one request beside the lines at a time
         self._suspected = ""
         self._own, self._own_s = Health(), -math.inf
         self.started_s = math.inf
@@ -124,15 +130,15 @@ class CameraLines:
     def _read(self, camera: Camera) -> Iterator[LineBlock]:
         heard_s = waited_s = (
             self._clock()
-        )  # the last line; since when this camera has been listened to in vain
-        away, asking = False, self._asked_of(camera)
+        )  # time of the last line, and time since which the open camera has been silent
+        away, watchdog = False, self._new_watchdog(camera)
         while not self._closed.is_set():
-            grab, why = self._grabbed(camera, asking, waited_s)
+            grab, why = self._grabbed(camera, watchdog, waited_s)
             if grab is not None:
                 if away:
                     self._returned(grab, heard_s)
                 away, heard_s, waited_s = False, grab.time_s, self._clock()
-                asking.heard()
+                watchdog.heard()
                 yield from self._counted(grab)
             elif why:
                 if not away:
@@ -141,10 +147,10 @@ class CameraLines:
                 again = self._again(camera)
                 if again is None:
                     return
-                (camera, asking), away, waited_s = again, True, self._clock()
+                (camera, watchdog), away, waited_s = again, True, self._clock()
 
-    def _grabbed(self, camera: Camera, asking: Asking, waited_s: float) -> tuple[Grab | None, str]:
-        """The next block, if one comes soon; and why none will, if that is known."""
+    def _grabbed(self, camera: Camera, watchdog: Watchdog, waited_s: float) -> tuple[Grab | None, str]:
+        """Return the next block, if one comes soon, and why none will come, if that is known."""
         try:
             grab = camera.grab(GRAB_S)
         except ScanError as error:
@@ -157,17 +163,17 @@ class CameraLines:
             silent = silent_s > self._silent_s
             return None, f"has sent no line for {silent_s:.1f} s" if silent else ""
         suspected, self._suspected = self._suspected, ""
-        return None, suspected or asking.silent(silent_s)
+        return None, suspected or watchdog.silent(silent_s)
 
     def suspect(self, why: str) -> None:
-        """Somebody else knows that lines should come; from any thread. It is opened again unless one has come since."""
+        """Report from any thread that lines should come; the camera is opened again unless one has come since."""
         self._suspected = why
 
-    def _asked_of(self, camera: Camera) -> Asking:
+    def _new_watchdog(self, camera: Camera) -> Watchdog:
         steps = self.settings.encoder_steps or STEPS_UNKNOWN
         height = camera.feature("Height")
         lines = float(height.value) if height is not None and height.value else BLOCK_LINES
-        return Asking(
+        return Watchdog(
             camera,
             position=self._position,
             most_steps=round(SILENT_BLOCKS * lines * steps),
@@ -175,11 +181,11 @@ class CameraLines:
         )
 
     def _position(self, camera: Camera) -> int | None:
-        with self._asking:
+        with self._request_lock:
             return position(camera, self.settings)
 
     def _returned(self, grab: Grab, heard_s: float) -> None:
-        """Reckon what passed since the last line was heard."""
+        """Count the lines that passed since the last one came."""
         away_s = grab.time_s - heard_s
         lines = max(round(away_s * self._rate_hz()) - grab.lines, 0)
         lost = self._counter.restarted(lines=lines, why=f"{CAMERA_AWAY} for {away_s:.1f} s", grab=grab)
@@ -189,7 +195,7 @@ class CameraLines:
 
     @property
     def place(self) -> Place:
-        """Where its count stands beside the camera's own."""
+        """Relation of this count to the camera's own."""
         counter = self._counter
         return Place(base=counter.base, period=counter.period, exact=counter.exact)
 
@@ -198,7 +204,7 @@ class CameraLines:
         self._times.append((grab.time_s, self._counter.next_line))
 
     def _rate_hz(self) -> float:
-        """Lines a second over the last blocks; 0: not known yet."""
+        """Return the lines per second over the last blocks; 0 if not known yet."""
         if len(self._times) < 2:
             return self._rate_before_hz
         (begun_s, first), (end_s, last) = self._times[0], self._times[-1]
@@ -206,25 +212,25 @@ class CameraLines:
             self._rate_before_hz = (last - first) / (end_s - begun_s)
         return self._rate_before_hz
 
-    def _again(self, dead: Camera) -> tuple[Camera, Asking] | None:
-        """The camera, opened and started anew by another thread; None: the source was closed meanwhile."""
-        ready: queue.SimpleQueue[tuple[Camera, Asking]] = queue.SimpleQueue()
+    def _again(self, dead: Camera) -> tuple[Camera, Watchdog] | None:
+        """Return the camera, opened and started again by another thread; None if the source was closed meanwhile."""
+        ready: queue.SimpleQueue[tuple[Camera, Watchdog]] = queue.SimpleQueue()
         threading.Thread(target=self._bring_back, args=(dead, ready), name="reopen", daemon=True).start()
         while not self._closed.is_set():
             with contextlib.suppress(queue.Empty):
                 return ready.get(timeout=GRAB_S)
         return None
 
-    def _bring_back(self, dead: Camera, ready: queue.SimpleQueue[tuple[Camera, Asking]]) -> None:
-        with self._asking:  # whoever asks it just now gives up by itself
+    def _bring_back(self, dead: Camera, ready: queue.SimpleQueue[tuple[Camera, Watchdog]]) -> None:
+        with self._request_lock:  # a request in progress ends by itself
             self._let_go(dead)
         while not self._closed.is_set():
             camera = None
             try:
                 camera = self._opened()
-                asking = self._asked_of(camera)
+                watchdog = self._new_watchdog(camera)
                 camera.start()
-            except Exception as error:  # whatever it is: a camera that is away must be tried again
+            except Exception as error:  # whatever the error, a disconnected camera must be tried again
                 _log.debug("%s cannot be opened again", self.name, exc_info=error)
                 self._let_go(camera)
                 self._closed.wait(self._reopen_s)
@@ -233,7 +239,7 @@ class CameraLines:
                 self._let_go(camera)
                 return
             self._camera = camera
-            ready.put((camera, asking))
+            ready.put((camera, watchdog))
             return
 
     def _let_go(self, camera: Camera | None) -> None:
@@ -249,21 +255,21 @@ class CameraLines:
             self._let_go(self._camera)
 
     def healths(self) -> Mapping[str, Health]:
-        """Its health, by its name."""
+        """Return its health, by its name."""
         return {self.name: self.health()}
 
     def health(self) -> Health:
-        """Lines, losses, and what the camera itself said last: it is asked in a thread of its own, now and then."""
+        """Return lines, losses, and the camera's last own report, which is requested now and then in another thread."""
         camera, counter = self._camera, self._counter
         if camera is None:
             self._own, self._own_s = Health(), -math.inf
         elif self._clock() - self._own_s > WARM_S:
             self._own_s = self._clock()
-            asked = threading.Thread(
+            request = threading.Thread(
                 target=self._ask_health, args=(camera,), name="camera health", daemon=True
             )
-            asked.start()
-            asked.join(GRAB_S)
+            request.start()
+            request.join(GRAB_S)
         return replace(
             self._own,
             lines=counter.lines,
@@ -276,10 +282,10 @@ class CameraLines:
         )
 
     def _ask_health(self, camera: Camera) -> None:
-        with self._asking:
+        with self._request_lock:
             if camera is not self._camera:
-                return  # it has been let go of meanwhile
+                return  # it has been closed meanwhile
             try:
                 self._own = camera.health()
-            except Exception as error:  # whatever a library says: nobody must lose a run for it
+            except Exception as error:  # no error of a library may end a run
                 _log.debug("%s does not tell its health", self.name, exc_info=error)

@@ -13,7 +13,14 @@ import numpy as np
 from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
 from prooflight.scans.cameras.chunk_places import chunk_places
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import CHUNKS, chunk, gone, not_taken, settable, temperature_c
+from prooflight.scans.cameras.setting_up import (
+    CHUNKS,
+    chunk,
+    disconnected,
+    not_taken,
+    settable,
+    temperature_c,
+)
 from prooflight.scans.lines import runs
 
 if TYPE_CHECKING:
@@ -25,9 +32,9 @@ if TYPE_CHECKING:
     from prooflight.scans.cameras.chunk_places import ChunkPlace
 
 FIND_MS: Final = 800
-"""How long cameras may take to answer: GigE Vision asks for 500 ms at most, and the way takes some."""
+"""Time for cameras to answer: GigE Vision allows them 500 ms, and transmission takes some more."""
 CONTROL_S: Final = 0.25
-"""How often it is asked whether this program still controls the camera; the library itself knows after 0.6 s."""
+"""Interval of checks whether this program still controls the camera; the library itself knows after 0.6 s."""
 OVERHEAD: Final = 36
 """Bytes of a packet that are headers: 20 of IP, 8 of UDP, 8 of GVSP."""
 KINDS: Final[Mapping[str, FeatureKind]] = {
@@ -45,29 +52,29 @@ KINDS: Final[Mapping[str, FeatureKind]] = {
 
 
 class Viva:
-    """Finds and opens cameras through viva-genicam."""
+    """Backend for cameras through viva-genicam."""
 
     name = "viva"
 
     @property
     def lacks(self) -> str:
-        """Why it cannot be used here, and what would help; empty: it can."""
+        """Why the backend cannot be used here, and what would help; empty if it can."""
         if importlib.util.find_spec("viva_genicam") is None:
             return 'viva-genicam is not installed; `pip install "prooflight[viva]"`'
         return ""
 
     def find(self) -> list[FoundCamera]:
         """See ``Backend``; loopback included."""
-        return [] if self.lacks else [self._found(one) for one in _answers()]
+        return [] if self.lacks else [self._camera_info(one) for one in _answers()]
 
     def open(self, camera: FoundCamera) -> VivaCamera:
         """See ``Backend``."""
         for one in _answers():
             if one.ip == camera.address:
                 return VivaCamera(camera, one)
-        raise gone(camera.id, "does not answer")
+        raise disconnected(camera.id, "does not answer")
 
-    def _found(self, one: Any) -> FoundCamera:
+    def _camera_info(self, one: Any) -> FoundCamera:
         parts = one.manufacturer or "camera", one.model or "", one.mac.replace(":", "")
         return FoundCamera(
             id="-".join(filter(None, parts)).replace(" ", "_"),
@@ -82,11 +89,11 @@ class Viva:
 class VivaCamera:
     """An open camera; see ``Camera``."""
 
-    def __init__(self, found: FoundCamera, answer: Any) -> None:
-        """ScanError: it does not answer, or another program controls it."""
+    def __init__(self, camera: FoundCamera, answer: Any) -> None:
+        """Open a camera; ScanError: it does not answer, or another program controls it."""
         import viva_genicam
 
-        self.found = found
+        self.found = camera
         self._error = viva_genicam.GenicamError
         self._lost = viva_genicam.ControlState.LOST
         self._stream: Any = None
@@ -97,17 +104,17 @@ class VivaCamera:
         try:
             self._camera = viva_genicam.connect_gige(answer)
         except self._error as error:
-            raise gone(found.id, f"cannot be opened ({error})") from error
+            raise disconnected(camera.id, f"cannot be opened ({error})") from error
 
     def features(self) -> Mapping[str, Feature]:
         """See ``Camera``."""
-        known: dict[str, Feature] = {}
+        listed: dict[str, Feature] = {}
         for category, names in self._camera.categories().items():
             for name in names:
-                one = None if name in known else self._feature(name, category)
+                one = None if name in listed else self._feature(name, category)
                 if one is not None:
-                    known[name] = one
-        return known
+                    listed[name] = one
+        return listed
 
     def feature(self, name: str) -> Feature | None:
         """See ``Camera``."""
@@ -129,27 +136,29 @@ class VivaCamera:
         try:
             packet = self.feature("GevSCPSPacketSize")
             self._packet_bytes = int(packet.value) - OVERHEAD if packet and packet.value else 0
-            known = {name for names in CHUNKS.values() for name in names}.intersection(self._camera.nodes())
-            self._chunk_places = chunk_places(self._camera.xml, known)
-            self._reckoned = known.difference(self._chunk_places)
+            available = {name for names in CHUNKS.values() for name in names}.intersection(
+                self._camera.nodes()
+            )
+            self._chunk_places = chunk_places(self._camera.xml, available)
+            self._reckoned = available.difference(self._chunk_places)
             self._stream = self._camera.stream(deliver_incomplete=True)
             self._stream.__enter__()
         except self._error as error:
-            raise gone(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.found.id, f"cannot be started ({error})") from error
         threading.Thread(target=self._watch_control, name="camera control", daemon=True).start()
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         begun_s = time.monotonic()
         if self._taken:  # lines may go on coming all the same
-            raise gone(self.found.id, "is gone, or another program has taken control")
+            raise disconnected(self.found.id, "is gone, or another program has taken control")
         try:
             frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
         except self._error:
             time.sleep(max(begun_s + timeout_s - time.monotonic(), 0.0))
             return None
         if frame is None:
-            raise gone(self.found.id, "has ended its stream")
+            raise disconnected(self.found.id, "has ended its stream")
         if not frame.width:
             return None  # its first packet was lost, which says what the others hold
         data = np.frombuffer(frame.payload(), np.uint8)
@@ -175,7 +184,7 @@ class VivaCamera:
         )
 
     def health(self) -> Health:
-        """See ``Camera``; the library does not say how many buffers are free."""
+        """See ``Camera``; the library does not report how many buffers are free."""
         resends = 0 if self._stream is None else self._stream.stats().resend_recovered
         return Health(resends=resends, temperature_c=temperature_c(self))
 
@@ -190,7 +199,7 @@ class VivaCamera:
             self._camera.close()
 
     def _watch_control(self) -> None:
-        """Ask who controls the camera, beside the reading: it waits for whatever else is being asked of it."""
+        """Check who controls the camera, in a thread of its own, since the check waits for other requests."""
         with contextlib.suppress(self._error):
             while not self._taken and not self._closed.wait(CONTROL_S):
                 self._taken = self._camera.control_state is self._lost
@@ -216,28 +225,28 @@ class VivaCamera:
         )
 
     def _chunks(self, frame: Any) -> dict[str, int]:
-        """Whole numbers that the camera sent with a block.
+        """Return the integers that the camera sent with a block.
 
-        The library would wait for what else is being asked of the camera, so only those are left to it that the camera
-        reckons from others.
+        The library would wait for other requests to the camera, so it is only used for numbers that the
+        camera derives from others.
         """
-        held = frame.chunks
-        told = {name: place.read(held) for name, place in self._chunk_places.items()}
-        found = {name: value for name, value in told.items() if value is not None}
+        raw_chunks = frame.chunks
+        numbers = {name: place.read(raw_chunks) for name, place in self._chunk_places.items()}
+        values = {name: value for name, value in numbers.items() if value is not None}
         if self._reckoned:
             for name, value in self._camera.chunk_features(frame).items():
                 if name in self._reckoned:
                     with contextlib.suppress(TypeError, ValueError):
-                        found[name] = int(value)
-        return found
+                        values[name] = int(value)
+        return values
 
 
 def empty_packets(data: NDArray[np.uint8], packet_bytes: int) -> tuple[tuple[int, int], ...]:
-    """First and behind the last byte of the parts of a block (bytes,) that were left empty, by whole packets.
+    """Return the first byte, and the one after the last, of the parts of a block (bytes,) that are empty, by packets.
 
-    Where a packet is missing the library leaves noughts. A packet that a camera sent as nothing but noughts looks
-    alike; a camera with a black level sends none. packet_bytes: that each holds; 0: not known, the block counts as
-    missing.
+    The library leaves zeros where a packet is missing. A packet of nothing but zeros looks the same; a camera
+    with a black level sends none. packet_bytes: payload of each; 0 if unknown, where the whole block counts
+    as missing.
     """
     if packet_bytes <= 0:
         return ((0, data.size),)
@@ -250,5 +259,5 @@ def empty_packets(data: NDArray[np.uint8], packet_bytes: int) -> tuple[tuple[int
 def _answers() -> list[Any]:
     import viva_genicam
 
-    found: list[Any] = viva_genicam.discover(timeout_ms=FIND_MS, all=True)
-    return found
+    cameras: list[Any] = viva_genicam.discover(timeout_ms=FIND_MS, all=True)
+    return cameras

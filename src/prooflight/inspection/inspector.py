@@ -14,7 +14,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.codes.finding import page_codes
 from prooflight.inspection.codes.reading import with_codes
-from prooflight.inspection.light import light_tolerance, wrong_light
+from prooflight.inspection.light import wrong_light
 from prooflight.inspection.light_level import light_levels, lit_squares
 from prooflight.inspection.registry import default_detector, detector
 from prooflight.scans.scan import Scan
@@ -155,7 +155,7 @@ class Inspector:
         wrong = wrong_light(
             light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost),
             sensors,
-            tolerance=light_tolerance(PrintPrior() if calibrated is None else calibrated.model.prior),
+            prior=PrintPrior() if calibrated is None else calibrated.model.prior,
         )
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict

@@ -17,6 +17,8 @@ OFF_SDS: Final = 5.0
 """Tolerance in standard deviations of the light of the press's good prints."""
 LEAST_OFF: Final = 0.1
 """Least tolerance for a press whose good prints hardly vary: noise is then off by a twentieth, as on good days. [-]"""
+DOT_OVER_AREA: Final = 2.0
+"""Relative change of a tint's area by a dot gain of 1, which is stated at the area of a half. [-]"""
 MOST_CLIPPED: Final = 0.05
 """Greatest share of a page at the top code that should lie well below it; the gloss of an ink is smaller."""
 WITNESS: Final = 0.5
@@ -42,20 +44,32 @@ class WrongLight:
     """Whether the cause may be the sheet alone: another paper, or a misprint, which is the more specific finding."""
 
 
-def light_tolerance(prior: PrintPrior) -> float:
-    """Return the tolerance of the light of a good print; prior: variation of the press's good prints. [-]
+def light_tolerance(prior: PrintPrior, ink_share: float) -> float:
+    """Return the tolerance of the light of a good print. [-]
 
-    Where no paper is bare, ink and tables are a part of it.
+    Where no paper is bare, ink and tables are a part of it: on a dark tint, of light L, a relative change of the ink's
+    area changes the light by (1 - L) / L as much (Murray-Davies), which is more than all of paper and lamp.
+
+    Parameters
+    ----------
+    prior
+        Variation of the press's good prints.
+    ink_share
+        See ``LightLevel.ink_share``. [-]
     """
-    sds = prior.white, prior.common, prior.lamp, prior.shape, prior.gain
+    ink = ink_share * math.hypot(prior.gain, DOT_OVER_AREA * prior.dot)
+    sds = prior.white, prior.common, prior.lamp, prior.shape, prior.gain, ink
     return max(LEAST_OFF, OFF_SDS * math.hypot(*sds))
 
 
 def wrong_light(
-    levels: Sequence[LightLevel], sensors: Sequence[SensorModel], *, tolerance: float
+    levels: Sequence[LightLevel], sensors: Sequence[SensorModel], *, prior: PrintPrior
 ) -> WrongLight | None:
-    """Return what is wrong with the light of a scan; None: nothing. tolerance: see ``light_tolerance``."""
-    faults = [_of_sensor(level, sensor, tolerance) for level, sensor in zip(levels, sensors, strict=True)]
+    """Return what is wrong with the light of a scan; None: nothing. prior: variation of the press's good prints."""
+    faults = [
+        _of_sensor(level, sensor, light_tolerance(prior, level.ink_share))
+        for level, sensor in zip(levels, sensors, strict=True)
+    ]
     reasons = [
         (f"sensor {sensor.name}: {one.reason}" if len(sensors) > 1 else one.reason, one.of_sheet)
         for one, sensor in zip(faults, sensors, strict=True)

@@ -74,7 +74,13 @@ class LightLevel:
     """Light level of a scan in one sensor."""
 
     page: float | None
-    """Light of the page over the expected; None: its squares do not agree. [-]"""
+    """Light of the page over the expected; None: its squares do not agree. [-]
+
+    All squares together, or those where the least ink is printed if these are off by less: light changes both, ink the
+    others alone.
+    """
+    ink_share: float = 0.0
+    """Relative change of light by a relative change of ink, (1 - L) / L of the expected L, where there is least. [-]"""
     backing: float | None
     """Light of the backing over the expected; None: its squares do not agree, or too few are in view."""
     clipped: float
@@ -137,6 +143,7 @@ def light_levels(
     if lost is not None:
         there &= ~touching(lost, squares.rows * SHRINK, SHRINK).any(axis=0)
     rows, columns, backing = squares.rows[there], squares.columns[there], squares.backing[there]
+    of_page = np.flatnonzero(~backing)
     step = np.arange(SHRINK)
     lines, pixels = rows[:, None] * SHRINK + step, columns[:, None] * SHRINK + step
     levels = []
@@ -147,11 +154,13 @@ def light_levels(
         mean = numbers.mean(axis=(1, 2), dtype=np.float64)
         offset, gain = (one[pixels].mean(axis=1) for one in (sensor.column_offset_dn, sensor.column_gain))
         ratio = (mean - offset) / (gain * sensor.white_dn * due)
+        lightest = of_page[np.argsort(-due[of_page], kind="stable")[: max(of_page.size // 4, LEAST_SQUARES)]]
         at_top = mean > sensor.top_code_dn - 1
         below = offset + gain * sensor.white_dn * due < WELL_BELOW * sensor.top_code_dn
         levels.append(
             LightLevel(
-                page=_agreed(ratio[~backing]),
+                page=_of_page(ratio[~backing], ratio[lightest]),
+                ink_share=float(np.median(1 / due[lightest] - 1)) if lightest.size else 0.0,
                 backing=_agreed(ratio[backing]),
                 clipped=float((at_top & below & ~backing).sum() / max(int((~backing).sum()), 1)),
                 brightest_dn=int(numbers.max(initial=0)),
@@ -160,6 +169,14 @@ def light_levels(
             )
         )
     return tuple(levels)
+
+
+def _of_page(every: NDArray[np.float64], lightest: NDArray[np.float64]) -> float | None:
+    """Return the ratio of the page from those of all its squares and of the lightest, whichever is nearer to 1."""
+    of_every, of_lightest = _agreed(every), _agreed(lightest)
+    if of_every is None or of_lightest is None:
+        return of_every
+    return min(of_every, of_lightest, key=lambda ratio: abs(ratio - 1))
 
 
 def _inside_and_outside(

@@ -16,7 +16,7 @@ from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.corpus.corpus import BLACK_ALONE, IN_BLACK, IN_COLOUR, design_name, design_page
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted
-from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS
@@ -53,7 +53,7 @@ class A4Designs:
         rng = stream(self.seed, "a4-design", index)
         black_alone = often(rng, BLACK_ALONE)
         layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
-        look = Look.draw(rng, black_alone=black_alone)
+        look = DesignStyle.draw(rng, black_alone=black_alone)
         sheet = Sheet(width_mm=210.0, height_mm=297.0, dpi=self.dpi)
         layout(sheet, rng, look)
         return Page(cmyk=sheet.cmyk, dpi=self.dpi, name=design_name(index), number=index + 1)

@@ -13,7 +13,7 @@ from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import design_name
 from prooflight.simulation.corpus.designs.chance import pick, some
 from prooflight.simulation.corpus.designs.inks import BLACK
-from prooflight.simulation.corpus.designs.look import Look
+from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight.simulation.misprints.drawing import INKED
 
@@ -60,7 +60,7 @@ EDGE: Final = INKED
 def nearly_blank(seed: int, index: int, *, dpi: float) -> Page:
     """Compose a page with one band, one gradient or one line of type, and nothing else."""
     rng = stream(seed, "visible-blank", index)
-    style = Look.draw(rng, black_alone=False)
+    style = DesignStyle.draw(rng, black_alone=False)
     sheet = Sheet(width_mm=BLANK_MM[0], height_mm=BLANK_MM[1], dpi=dpi)
     x, y = some(rng, 8, 40), some(rng, 10, 180)
     width, height = some(rng, 30, 100), some(rng, 2, 15)
@@ -95,9 +95,9 @@ class PlacesPage:
     def composed(cls, seed: int, index: int, *, dpi: float, slip: Slip | None = None) -> PlacesPage:
         """Compose page ``index`` of a seed, the same at every resolution but for its raster."""
         rng = stream(seed, "visible-page", index)
-        style = Look.draw(rng, black_alone=False)
+        style = DesignStyle.draw(rng, black_alone=False)
         while style.voice.script != "latin":
-            style = Look.draw(rng, black_alone=False)
+            style = DesignStyle.draw(rng, black_alone=False)
         sheet = _Noting(width_mm=PLACES_MM[0], height_mm=PLACES_MM[1], dpi=dpi, slip=slip)
         cyan, magenta, yellow, black = (ink * round(255 * TINT_SHARE) for ink in pick(rng, TINTS))
         sheet.rect(49.0, 52.0, PLACES_MM[0] - 49.0, 44.0, (cyan, magenta, yellow, black))
@@ -135,7 +135,7 @@ def _within(low: float, high: float, extent: float, rng: np.random.Generator) ->
     return float(rng.uniform(low + margin, high - margin))
 
 
-def _set_line(sheet: Sheet, rng: np.random.Generator, style: Look, y: float, size_pt: float) -> None:
+def _set_line(sheet: Sheet, rng: np.random.Generator, style: DesignStyle, y: float, size_pt: float) -> None:
     """Set words from x = 5 mm as far as 43 mm."""
     face, em, pen = style.voice.face, size_pt * MM_PER_PT, 5.0
     for word in style.voice.prose(rng, 30):

@@ -11,13 +11,19 @@ import pytest
 from prooflight.detectors.matched_filter.statistics.marks import (
     BORDER_MM,
     FLOOR_AREA_MM2,
-    NOT_INSPECTED,
     PLACE_CLASSES,
     REACH,
     classify,
     measure_marks,
 )
-from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, SIZES, WINDOWS, window_extremes
+from prooflight.kernels.statistics.marks import (
+    CLASSES,
+    LEAST_T,
+    NOT_INSPECTED,
+    SIZES,
+    WINDOWS,
+    window_extremes,
+)
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
@@ -158,7 +164,7 @@ def test_places_have_the_class_that_the_prediction_gives_them() -> None:
     assert small[middle, 140] == PLACE_CLASSES.index("flat")
     assert places.flat[middle, 98 - REACH] == 1
     assert places.flat[middle, 99 - REACH] == 0
-    assert places.areas().sum() == SIZES * inside.sum()
+    assert places.areas.sum() == SIZES * inside.sum()
 
 
 def test_what_edges_do_does_not_hide_what_lies_on_bare_paper() -> None:

@@ -27,7 +27,6 @@ from prooflight.detectors.matched_filter.statistics.marks import (
     FLOOR_AREA_MM2,
     FLOOR_SIGMAS,
     NAMES,
-    NOT_INSPECTED,
     PLACE_CLASSES,
     REFERENCE_T,
     classify,
@@ -35,7 +34,7 @@ from prooflight.detectors.matched_filter.statistics.marks import (
     usual_t,
 )
 from prooflight.kernels.residuals.residuals import VarianceShares, variances
-from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, SIZES, WINDOWS
+from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, NOT_INSPECTED, SIZES, WINDOWS
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.prediction.predict import predict
 from prooflight.prediction.tables import node_fractions
@@ -251,7 +250,7 @@ class ExpectedPage:
     def windows(self) -> NDArray[np.int64]:
         """(classes, sizes) number of windows of each class that are analysed, over all channels."""
         sensors = len(self.light)
-        return self.places.areas() * (sensors + (sensors > 1))
+        return self.places.areas * (sensors + (sensors > 1))
 
 
 def least_sizes(

@@ -13,7 +13,10 @@ TALLEST = WINDOWS[-1]
 STRIP = 64
 """Lines after which sums begin anew, so that they are the same to the last bit whoever shares the lines out."""
 CLASSES = 6
-"""Classes of places; any greater number stands for a place that is not inspected."""
+"""Classes of places: bare paper, flat tint, gradient, edge, text, border."""
+NOT_INSPECTED = 255
+"""Stands for the class of a place that is not inspected."""
+_BARE, _GRADIENT, _BORDER = 0, 2, 5
 LEAST_T = np.float32(2.5)
 """Deviations below are not looked at one by one: of Gaussian noise, 1.2 % are beyond."""
 _BLOCK = 64
@@ -47,6 +50,41 @@ def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
         if 0 < line < lines - 1:
             for s in range(light.shape[0]):
                 slope_row(light[s, line - 1], light[s, line], light[s, line + 1], white[s], out[line])
+
+
+@inner_kernel()
+def class_row(steps, bare, border, inside, out):  # type: ignore[no-untyped-def]
+    """Write the class of each place of a row (pixels,)."""
+    for x in range(out.size):
+        which = steps[x] + np.uint8(1)
+        which = np.uint8(_BARE) if bare[x] != 0 and which <= _GRADIENT else which
+        which = np.uint8(_BORDER) if border[x] == 0 else which
+        out[x] = which if inside[x] != 0 else np.uint8(NOT_INSPECTED)
+
+
+@inner_kernel()
+def count_row(classes, which):  # type: ignore[no-untyped-def]
+    """Return how many places of a row are of a class."""
+    count = 0
+    for x in range(classes.size):
+        count += classes[x] == which
+    return count
+
+
+@kernel(
+    "steps (L, P), bare (L, P), border (L, P), inside (L, P), first, last, out (L, P), counts (CLASSES)",
+    where="0 <= first, last <= L",
+)
+def classes_of(steps, bare, border, inside, first, last, out, counts):  # type: ignore[no-untyped-def]
+    """Write the class of each place (lines, pixels), and add how many there are of each to counts (classes,).
+
+    Lines first .. last - 1 are written. All arrays are bytes: how many limits the steepest slope near by exceeds, and
+    whether all places near by are bare paper, inside the border, and inspected.
+    """
+    for line in range(first, last):
+        class_row(steps[line], bare[line], border[line], inside[line], out[line])
+        for which in range(CLASSES):
+            counts[which] += count_row(out[line], np.uint8(which))
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

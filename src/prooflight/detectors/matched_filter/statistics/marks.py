@@ -30,6 +30,7 @@ from prooflight.kernels.statistics.marks import (
     STRIP,
     WINDOWS,
     beyond_share,
+    classes_of,
     slopes,
     window_extremes,
 )
@@ -52,7 +53,6 @@ NAMES: Final = {
     "text": "text or hard edge",
     "border": "border of the page",
 }
-NOT_INSPECTED: Final = 255
 SLOPES: Final = (0.006, 0.03, 0.15)
 """Upper limits of the steepest slope within reach of a place, for flat tint, gradient and edge; text is
 beyond. [shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt
@@ -88,11 +88,8 @@ class Places:
     ``WINDOWS``."""
     flat: NDArray[np.uint8]
     """(lines, pixels) 1 where no edge is within ``REACH`` pixels."""
-
-    def areas(self) -> NDArray[np.int64]:
-        """Return the number of places of each class and window, (classes, sizes)."""
-        counts = [np.bincount(one.ravel(), minlength=NOT_INSPECTED + 1)[:CLASSES] for one in self.of_windows]
-        return np.stack(counts, axis=1)
+    areas: NDArray[np.int64]
+    """(classes, sizes) number of places of each class and window."""
 
 
 def classify(
@@ -123,17 +120,23 @@ def classify(
     for limit in SLOPES:
         steps += slope >= np.float32(limit)
     within = inside.view(np.uint8)
-    border = _eroded(within, round(BORDER_MM / pixel_mm), beyond=0) == 0
-    found = np.empty((SIZES, *inside.shape), np.uint8)
-    for window, classes in zip(WINDOWS, found, strict=True):
+    border = _eroded(within, round(BORDER_MM / pixel_mm), beyond=0)
+    classes = np.empty((SIZES, *inside.shape), np.uint8)
+    parts = parts_of(len(inside), threads)
+    areas = np.zeros((len(parts), SIZES, CLASSES), np.int64)
+    for size, window in enumerate(WINDOWS):
         reach = REACH + window // 2
-        np.add(cv2.dilate(steps, _square(reach)), np.uint8(1), out=classes)
-        bare = _eroded(np.asarray(paper), reach, beyond=1) > 0
-        classes[bare & (classes <= PLACE_CLASSES.index("gradient"))] = PLACE_CLASSES.index("bare")
-        classes[border] = PLACE_CLASSES.index("border")
-        classes[~inside] = NOT_INSPECTED
+        near = cv2.dilate(steps, _square(reach)), _eroded(np.asarray(paper), reach, beyond=1), border, within
+        shared_out(
+            [
+                partial(classes_of, *near, *part, classes[size], areas[n, size])
+                for n, part in enumerate(parts)
+            ],
+            threads=threads,
+        )
     steep = (slope >= np.float32(FLOOR_FLAT)).view(np.uint8)
-    return Places(of_windows=found, flat=(cv2.dilate(steep, _square(REACH)) == 0).view(np.uint8) & within)
+    flat = (cv2.dilate(steep, _square(REACH)) == 0).view(np.uint8) & within
+    return Places(of_windows=classes, flat=flat, areas=areas.sum(axis=0).T)
 
 
 def _square(reach: int) -> NDArray[np.uint8]:
@@ -244,7 +247,7 @@ def measure_marks(
     )
     best = most.argmax(axis=0)
     channels = len(left) + (len(left) > 1)
-    windows = places.areas() * channels
+    windows = places.areas * channels
     left_mm, top_mm = -geometry.left_mm(page_width_mm), -geometry.lead_in_mm
     corner = left_mm, top_mm, geometry.pixel_pitch_mm
     return Marks(

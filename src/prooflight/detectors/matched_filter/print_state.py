@@ -1,4 +1,4 @@
-"""Print state from the fit: lamp, paper, inks and register, and the light of the columns of a good print."""
+"""Print state from the fit: the variation of lamp, paper, inks and register, and of the light of columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print state from the light of columns: lamp and streaks of a good print."""
+"""Print state from the light of columns: the variation of one print in lamp and streaks."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class Fit:
     """Nuisance parameters of one scan."""
 
     white: NDArray[np.float64]
-    """(sensors,) [-]"""
+    """(sensors,) light of each sensor, with what is common to all. [-]"""
     lamp: NDArray[np.float64]
     """(LAMP_WAVES,) amplitudes of cos(k pi x / W). [-]"""
     shape: NDArray[np.float64]

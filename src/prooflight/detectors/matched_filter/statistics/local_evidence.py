@@ -153,7 +153,7 @@ def summed(
     light : ``PlacedScan.light`` [DN].
     left : (sensors, lines, pixels) residuals without the variation of good prints [DN].
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
-    of_edges : (sensors, lines, pixels) the edges' share of ``weight``'s variance [-].
+    of_edges : (sensors, lines, pixels) the edges' share of that [-].
     geometry : of the pixels.
     page_width_mm : width of the page [mm].
     prior : of good prints.

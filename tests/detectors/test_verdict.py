@@ -57,7 +57,7 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
     dear = RunningCosts(false_alarm_cents=1.0, missed_misprint_cents=1.0)
     found = [
         without_gate(Verdict.from_decision("p", decision, costs=dear)),
-        without_gate(Verdict.from_decision("p", decision, costs=dear, surely=True)),
+        without_gate(Verdict.from_decision("p", decision, costs=dear, always_stop=True)),
         without_gate(Verdict.from_decision("p", replace(decision, probability=None))),
     ]
     assert found == [("accept", "costs"), ("stop", "default"), ("stop", "default")]
@@ -85,7 +85,7 @@ def test_a_verdict_says_what_was_decided(misprint: bool, word: str) -> None:
 
 def test_a_good_page_is_accepted_however_sure_a_misprint_would_be() -> None:
     decision = Decision(misprint=False, score=0.0, threshold=1.0, p_value=None, probability=0.9)
-    verdict = Verdict.from_decision("p", decision, costs=RunningCosts(), surely=True)
+    verdict = Verdict.from_decision("p", decision, costs=RunningCosts(), always_stop=True)
     assert without_gate(verdict) == ("accept", "default")
 
 

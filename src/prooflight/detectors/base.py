@@ -77,7 +77,7 @@ class PlannedPage:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrintState:
-    """State of one good print, for the run's control charts."""
+    """Variation of one print within that of good ones, for the run's control charts."""
 
     amounts: Mapping[str, float] = field(default_factory=dict)
     """Amounts by channel of ``line.monitor.channels``."""
@@ -150,7 +150,7 @@ class PreparedPage(Protocol):
 
 
 class Detector(Protocol):
-    """Decides of pages whether they are misprints; small and picklable."""
+    """A detector, which decides whether pages are misprints; small and picklable."""
 
     @property
     def name(self) -> str:
@@ -181,7 +181,7 @@ class Detector(Protocol):
 
 
 class RunTest(Protocol):
-    """Test whether the pages of one run are like those that the detector's guarantee rests on."""
+    """A test whether the pages of one run are like those that the detector's guarantee rests on."""
 
     def add(self, summary: NDArray[np.float64]) -> None:
         """Add the next page of the run by its ``Inspection.summary``."""

@@ -135,10 +135,10 @@ class GoodScores:
     @property
     def _tail(self) -> tuple[float, float, float]:
         """Where the tail begins, its mean excess at the upper bound, and the share of designs in it."""
-        known = self.worst[np.isfinite(self.worst)]
-        inside = min(max(round(TAIL_SHARE * known.size), LEAST_IN_TAIL), known.size - 1)
-        begin = float(known[-inside - 1])
-        excess = float((known[-inside:] - begin).mean()) * (1 + UNSURE / np.sqrt(inside))
+        finite = self.worst[np.isfinite(self.worst)]
+        inside = min(max(round(TAIL_SHARE * finite.size), LEAST_IN_TAIL), finite.size - 1)
+        begin = float(finite[-inside - 1])
+        excess = float((finite[-inside:] - begin).mean()) * (1 + UNSURE / np.sqrt(inside))
         return begin, max(excess, 1e-3), (inside + 1) / (self.worst.size + 1)
 
 

@@ -43,24 +43,24 @@ def inside(page: Page, geometry: ScanGeometry, placement: Placement, *, lines: i
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-def shift_of(found: Registration) -> tuple[float, float] | None:
+def shift_of(registration: Registration) -> tuple[float, float] | None:
     """Return the page's position minus the nominal one, x and y [mm]; None: it could not be found."""
-    x, y = found.placement.shift_mm
-    return (round(x, 4), round(y, 4)) if found.found else None
+    x, y = registration.placement.shift_mm
+    return (round(x, 4), round(y, 4)) if registration.found else None
 
 
-def shows_another(found: Registration) -> bool:
+def shows_another(registration: Registration) -> bool:
     """Return whether a scan shows another page, or its own where no good print is."""
-    return found.off_place or found.foreign
+    return registration.off_place or registration.foreign
 
 
-def place_reason(found: Registration) -> str:
+def place_reason(registration: Registration) -> str:
     """Return why a scan shows another page, or its own where no good print is."""
-    if found.turned:
+    if registration.turned:
         return "the page is turned by 180 degrees"
-    if found.foreign:
+    if registration.foreign:
         return "the scan shows another page: what is printed on it is not foretold by this one"
-    if not found.found:
-        return f"the scan does not show this page: {found.reason or 'its tiles show something else'}"
-    x, y = found.placement.shift_mm
-    return f"the page lies {x:+.1f}, {y:+.1f} mm and {found.placement.skew_deg:+.2f} degrees off its place"
+    if not registration.found:
+        return f"the scan does not show this page: {registration.reason or 'its tiles show something else'}"
+    x, y = registration.placement.shift_mm
+    return f"the page lies {x:+.1f}, {y:+.1f} mm and {registration.placement.skew_deg:+.2f} degrees off its place"

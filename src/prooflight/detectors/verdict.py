@@ -164,29 +164,34 @@ class Verdict(Shown):
         decision: Decision,
         *,
         costs: RunningCosts | None = None,
-        surely: bool = False,
-        **told: Any,
+        always_stop: bool = False,
+        **fields: Any,
     ) -> Self:
         """Return the verdict of a decision, ``not-inspected`` if one of its numbers is not finite.
 
-        costs: None: stopping is not said to cost more. surely: stop for this misprint whatever it costs.
-        told: all other fields.
+        Parameters
+        ----------
+        page : name of the page.
+        decision : decision of a detector.
+        costs : costs of errors; None: they do not count against stopping.
+        always_stop : whether a misprint stops the press whatever the costs.
+        fields : all other fields of the verdict.
         """
         if why := unsound(decision):
-            return cls.skipped(page, why, detector=told.get("detector", ""))
+            return cls.skipped(page, why, detector=fields.get("detector", ""))
         chance, pays = decision.probability, True
         if costs is not None and chance is not None:
             pays = costs.stopping_pays(chance)
-            told["expected_cost"] = costs.expected_cents(chance)
+            fields["expected_cost"] = costs.expected_cents(chance)
         return cls(
             page=page,
             verdict=decision.word,
-            stopping_costs_more=decision.misprint and not (surely or pays),
+            stopping_costs_more=decision.misprint and not (always_stop or pays),
             probability=chance,
             score=decision.score,
             threshold=decision.threshold,
             p_value=decision.p_value,
-            **told,
+            **fields,
         )
 
     @classmethod
@@ -197,8 +202,8 @@ class Verdict(Shown):
 
 def unsound(numbers: Decision | Verdict) -> str:
     """Return why nothing can be decided by these numbers; empty: something can."""
-    for name, word in NUMBERS.items():
+    for name, label in NUMBERS.items():
         value = getattr(numbers, name)
         if value is not None and not math.isfinite(value):
-            return f"the page's {word} is not a finite number ({value}), so that nothing was decided"
+            return f"the page's {label} is not a finite number ({value}), so that nothing was decided"
     return ""

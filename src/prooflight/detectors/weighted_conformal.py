@@ -97,7 +97,7 @@ class ToldPages:
     @property
     def threshold(self) -> float:
         """The least score above which ``p_value`` is at most ``rate``; RequestError: there is none."""
-        # p falls in steps: behind each score of a page, and where the weight of a new page changes.
+        # p decreases in steps: after each page's score, and where the weight of a new page changes.
         steps = np.unique(np.append(self.score, self.alarms_from))
         if not self.missing:
             for step in steps:
@@ -112,11 +112,11 @@ class ToldPages:
         """
         if not self.score.size:
             return self.score
-        kept = np.flatnonzero(rng.random(self.score.size) * self.weight.max() < self.weight)
+        retained = np.flatnonzero(rng.random(self.score.size) * self.weight.max() < self.weight)
         if self.design is not None:
-            kept = rng.permutation(kept)
-            kept = kept[np.unique(self.design[kept], return_index=True)[1]]
-        return np.asarray(self.score[kept])
+            retained = rng.permutation(retained)
+            retained = retained[np.unique(self.design[retained], return_index=True)[1]]
+        return np.asarray(self.score[retained])
 
     def rests_on(self, zones: str) -> bool:
         """Return whether pages were labelled with these zones in force, by their digest without a price.
@@ -144,8 +144,8 @@ class ToldPages:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what an artefact stores as tensors."""
-        held = {name: getattr(self, name) for name in TABLE}
-        return {name: array.astype(TABLE[name].dtype) for name, array in held.items() if array is not None}
+        stored = {name: getattr(self, name) for name in TABLE}
+        return {name: array.astype(TABLE[name].dtype) for name, array in stored.items() if array is not None}
 
     def facts(self) -> dict[str, Any]:
         """Return the rest: what JSON can hold."""
@@ -162,13 +162,13 @@ class ToldPages:
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str) -> None:
         """Raise Misfit unless ``from_parts`` makes of them pages that support their guarantee."""
-        told = checked(ToldFacts, facts, under=under)
+        stated = checked(ToldFacts, facts, under=under)
         check_arrays(arrays, TABLE, {}, under=under)
-        if not 0 < told.rate < 1:
-            raise Misfit(f"{under}rate", f"is {told.rate:g}, must lie between 0 and 1")
-        if told.passed_weight < 1:
-            raise Misfit(f"{under}passed_weight", f"is {told.passed_weight:g}, must be 1 or more")
-        if not math.isfinite(told.alarms_from):
+        if not 0 < stated.rate < 1:
+            raise Misfit(f"{under}rate", f"is {stated.rate:g}, must lie between 0 and 1")
+        if stated.passed_weight < 1:
+            raise Misfit(f"{under}passed_weight", f"is {stated.passed_weight:g}, must be 1 or more")
+        if not math.isfinite(stated.alarms_from):
             raise Misfit(f"{under}alarms_from", "is no finite number")
         try:
             _ = ToldPages.from_parts(arrays, facts).threshold
@@ -178,10 +178,10 @@ class ToldPages:
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
         """Build pages from ``arrays`` and ``facts`` that ``check`` has passed."""
-        held: dict[str, Any] = {name: arrays[name] for name in TABLE if name in arrays}
-        held |= {**facts, "passed": arrays["passed"].astype(bool)}
-        held |= {name: tuple(facts.get(name, ())) for name in ("journals", "zones")}
-        return cls(**held)
+        stored: dict[str, Any] = {name: arrays[name] for name in TABLE if name in arrays}
+        stored |= {**facts, "passed": arrays["passed"].astype(bool)}
+        stored |= {name: tuple(facts.get(name, ())) for name in ("journals", "zones")}
+        return cls(**stored)
 
 
 class ToldFacts(Block):
@@ -249,7 +249,7 @@ class SampleCounts:
             return None
         share = self.passed_misprints / self.passed_told
         low, high = exact_interval(self.passed_misprints, self.passed_told)
-        least = self.passed_misprints  # those were seen
+        least = self.passed_misprints  # these are certain
         return Estimate(
             value=share * self.passed, low=max(low * self.passed, least), high=max(high * self.passed, least)
         )
@@ -263,9 +263,9 @@ class SampleCounts:
         """
         if (self.alarms and not self.alarms_told) or (self.passed and not self.passed_told):
             return None
-        told = self.alarms_told / self.alarms if self.alarms else 1.0
+        labelled = self.alarms_told / self.alarms if self.alarms else 1.0
         good_passed = self.passed * self.passed_good / self.passed_told if self.passed else 0.0
-        trials = told * good_passed + self.alarms_good
+        trials = labelled * good_passed + self.alarms_good
         if trials <= 0:
             return None
         low, high = exact_interval(self.alarms_good, trials)
@@ -275,7 +275,7 @@ class SampleCounts:
 def exact_interval(hits: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return Clopper and Pearson's (1934) interval of a share; trials need not be a whole number."""
     tail = (1 - confidence) / 2
-    # Not scipy.stats, which takes longer to import than a page to judge.
+    # scipy.stats is avoided: its import takes longer than the judgement of a page.
     low = float(special.betaincinv(hits, trials - hits + 1, tail)) if hits > 0 else 0.0
     high = float(special.betaincinv(hits + 1, trials - hits, 1 - tail)) if hits < trials else 1.0
     return low, high

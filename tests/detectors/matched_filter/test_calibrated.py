@@ -313,7 +313,7 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
 def test_a_raised_threshold_raises_that_of_glyphs_too(model: DetectorModel) -> None:
     ours = with_glyphs(calibrated(model), np.full(60, -20.0))
     assert ours.glyphs is not None
-    raised = replace(ours, threshold=ours.taught_threshold + 5.0)
+    raised = replace(ours, threshold=ours.trained_threshold + 5.0)
     for above, here, there in ((1.0, 1, 0), (4.9, 1, 0), (5.1, 1, 1)):
         ratio = ours.glyphs.threshold + above
         page = WeighedPage(

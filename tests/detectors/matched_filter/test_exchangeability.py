@@ -162,7 +162,7 @@ def test_runs_like_the_told_pages_suspend_at_most_1_in_1000_and_others_are_told_
     """
     rng, alike_runs, others = np.random.default_rng(21), 0, 0
     for run in range(1040):
-        test = ExchangeabilityTest.of_told(sampled(rng, sheets=10_000), rng)
+        test = ExchangeabilityTest.of_labelled(sampled(rng, sheets=10_000), rng)
         for score in rng.standard_normal(60) + (1.5 if run >= 1000 else 0.0):
             test.add(np.array([score]), rng)
         alike_runs, others = (

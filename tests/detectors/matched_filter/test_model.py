@@ -14,10 +14,10 @@ from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
+    ADDED_FROM,
+    ADDED_SLOPE,
     ALONE_FROM,
     ALONE_SLOPE,
-    BESIDE_FROM,
-    BESIDE_SLOPE,
     every_column,
     marks_of,
     strongest_alone,
@@ -247,7 +247,7 @@ def test_a_score_is_all_misprints_odds_those_of_the_likeliest_kind_and_a_family_
     of_kinds = np.array([forest.score(every) for forest in trained.kind_forests])
     alone = strongest_alone(evidence, marks_of(trained.families))
     by_forests = trained.forest.score(every) + of_kinds.max(axis=0)
-    by_forests += BESIDE_SLOPE * np.maximum(alone - BESIDE_FROM, 0)
+    by_forests += ADDED_SLOPE * np.maximum(alone - ADDED_FROM, 0)
     alone = ALONE_SLOPE * (alone - ALONE_FROM)
     asked = np.maximum(by_forests, alone)
     assert trained.score(values, page_features) == pytest.approx(asked)

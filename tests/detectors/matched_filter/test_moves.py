@@ -9,11 +9,11 @@ import pytest
 
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.fit.moves import (
+    CORRECTED_SHARE,
     LOCAL_PIXELS,
-    NEARER,
     by_prediction,
+    corrected,
     local_moves,
-    nearer,
     take_moves,
 )
 from prooflight.detectors.matched_filter.fit.nuisance import (
@@ -86,7 +86,7 @@ def test_rules_that_lie_a_little_off_are_all_but_gone_once_predicted_anew(press:
     for _ in range(2):
         take_moves(linear, weight, light, local_moves(linear, weight, light))
     moves = local_moves(left, weight, light)
-    placement = nearer(IN_PLACE, moves, press.geometry, rules.width_mm)
+    placement = corrected(IN_PLACE, moves, press.geometry, rules.width_mm)
     by_prediction(left, weight, placed.seen.expected_dn, seen_at(press, rules, placement).expected_dn)
     take_moves(left, weight, light, local_moves(left, weight, light))
     # Seen where this was written: 19,500 at first, 10,500 after two linear steps, 1,440 after this, 48 by noise alone.
@@ -121,12 +121,14 @@ def test_a_page_goes_as_far_as_its_squares_do(press: Press, rules: Page, before:
     moves = np.stack(
         [np.broadcast_to(across, (squares, squares)), np.full((squares, squares), -0.25, np.float32)]
     )
-    after = nearer(before, moves, press.geometry, rules.width_mm)
+    after = corrected(before, moves, press.geometry, rules.width_mm)
     x0, y0 = press.geometry.centres_x_mm(rules.width_mm)[0], press.geometry.centres_y_mm(1)[0]
     middles = (LOCAL_PIXELS - 1) / 2 + LOCAL_PIXELS * np.arange(squares)
     x, y = np.meshgrid(x0 + middles * pitch_mm, y0 + middles * press.geometry.line_pitch_mm)
     size = {"page_width_mm": rules.width_mm, "page_height_mm": rules.height_mm}
     (was_x, was_y), (is_x, is_y) = before.seen_mm(x, y, **size), after.seen_mm(x, y, **size)
     # What lies further right is seen further left on the page.
-    np.testing.assert_allclose((was_x - is_x) / pitch_mm, NEARER * moves[0], atol=2e-3)
-    np.testing.assert_allclose((was_y - is_y) / press.geometry.line_pitch_mm, NEARER * moves[1], atol=2e-3)
+    np.testing.assert_allclose((was_x - is_x) / pitch_mm, CORRECTED_SHARE * moves[0], atol=2e-3)
+    np.testing.assert_allclose(
+        (was_y - is_y) / press.geometry.line_pitch_mm, CORRECTED_SHARE * moves[1], atol=2e-3
+    )

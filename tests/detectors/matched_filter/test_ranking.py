@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.ranking import (
+    ADDED_FROM,
+    ADDED_SLOPE,
     ALONE_FROM,
     ALONE_SLOPE,
-    BESIDE_FROM,
-    BESIDE_SLOPE,
     Forest,
     every_column,
     family_columns,
@@ -40,12 +40,12 @@ def test_a_page_need_look_like_one_kind_only() -> None:
 
 
 def test_a_family_that_is_far_out_adds_to_what_forests_say() -> None:
-    """After Bonferroni of three families, from ``BESIDE_FROM`` on."""
+    """After Bonferroni of three families, from ``ADDED_FROM`` on."""
     nothing, none = np.full(3, 50.0), np.zeros((3, 0))
-    far = BESIDE_FROM + np.log10(3)
+    far = ADDED_FROM + np.log10(3)
     evidence = np.array([[0.5, far - 1, 1.0], [far + 2, 0.1, 0.0], [far + 2, far + 1, 0.0]])
     found = ranked(nothing, none, evidence, np.zeros(3, bool))
-    assert found == pytest.approx([50, 50 + 2 * BESIDE_SLOPE, 50 + 2 * BESIDE_SLOPE])
+    assert found == pytest.approx([50, 50 + 2 * ADDED_SLOPE, 50 + 2 * ADDED_SLOPE])
 
 
 def test_forests_only_add_to_what_the_strongest_family_says_alone() -> None:

@@ -18,7 +18,7 @@ from prooflight.detectors.matched_filter.statistics.slants import (
     lines_of,
     of_slants,
     scatter_about,
-    weighed,
+    tile_contributions,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import OWN_PAGE, Observed, Statistic
 from prooflight.kernels.statistics.slants import slanted
@@ -104,7 +104,7 @@ def test_a_tile_counts_up_to_its_most_and_no_information_counts_nothing() -> Non
     power = np.full((64, 64), 50, np.float32)
     own = (rng.standard_normal(power.shape) * np.sqrt(power)).astype(np.float32)
     own[5, 5], power[7, 7], own[7, 7] = 1e6, 0, 1e6
-    push, known = weighed(own, power, np.zeros_like(power), WHITE)
+    push, known = tile_contributions(own, power, np.zeros_like(power), WHITE)
     assert known[5, 5] == pytest.approx(50)
     assert push[5, 5] == pytest.approx(MOST * np.sqrt(50))
     assert push[7, 7] == known[7, 7] == 0
@@ -114,7 +114,9 @@ def test_a_page_that_scatters_more_by_itself_says_so_much_less() -> None:
     rng = np.random.default_rng([SEED, 4])
     power = np.full((64, 64), 50, np.float32)
     own = (rng.standard_normal(power.shape) * np.sqrt(power)).astype(np.float32)
-    once, thrice = (weighed(times * own, power, np.zeros_like(power), WHITE)[0] for times in (1, 3))
+    once, thrice = (
+        tile_contributions(times * own, power, np.zeros_like(power), WHITE)[0] for times in (1, 3)
+    )
     # The scale is that below which 68 % of |t| lie, as interpolated: of 1024 numbers, the same but for rounding.
     np.testing.assert_allclose(thrice, once, rtol=1e-3)
 
@@ -129,8 +131,10 @@ def test_a_part_that_scatters_more_says_no_more_and_a_line_across_it_still_tells
     for row in range(64):
         lined[64 + row, 40 + row // 2] += 6 * np.sqrt(50)  # one and a half standard deviations there
     none = np.zeros_like(power)
-    most, with_one = (lines_of(*weighed(each, power, none, WHITE)).values.max() for each in (own, lined))
-    whole = lines_of(*weighed(own[:64], power[:64], none[:64], WHITE)).values.max()
+    most, with_one = (
+        lines_of(*tile_contributions(each, power, none, WHITE)).values.max() for each in (own, lined)
+    )
+    whole = lines_of(*tile_contributions(own[:64], power[:64], none[:64], WHITE)).values.max()
     assert most < whole + 1.5
     assert with_one > most + 3
 

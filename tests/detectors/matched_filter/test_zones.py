@@ -188,7 +188,7 @@ def press_of(rate: float, rng: np.random.Generator) -> Any:
     own = GoodScores(worst=np.sort(rng.normal(size=2000)))
     return SimpleNamespace(
         ranking_rate=rate,
-        taught_threshold=-4.0,
+        trained_threshold=-4.0,
         scores=PressScores(reference=own, own=own),
         decision=lambda score, threshold, p_value: Decision(
             misprint=score > threshold, score=score, threshold=threshold, p_value=p_value, probability=None
@@ -237,7 +237,7 @@ def test_few_good_prints_in_heaps_hide_nothing(prints: int) -> None:
         return np.sort(np.where(np.arange(count) % 10 < 8, -12.0, -1.0) + rng.normal(0, 0.3, count))
 
     ours, zoned = press_of(0.01, rng), heaps(prints)
-    ours.scores, ours.taught_threshold = (
+    ours.scores, ours.trained_threshold = (
         PressScores(reference=GoodScores(worst=heaps(1000)), own=GoodScores(worst=heaps(60))),
         0.5,
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.paper.finding import FoundPage, SoughtPage, find
+from prooflight.detectors.paper.finding import PlacedPage, SoughtPage, find
 from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import IN_PLACE, Placement
@@ -33,7 +33,7 @@ def verdict(page: Page, scan: np.ndarray, press: Press) -> Verdict:
     return Inspector.of(press, "chi-square").inspect(page, scan).verdict
 
 
-def find_page(page: Page, scan: np.ndarray, press: Press) -> FoundPage:
+def find_page(page: Page, scan: np.ndarray, press: Press) -> PlacedPage:
     return find(SoughtPage.of(PlannedPage(page, press.station())), scan, press.station())
 
 

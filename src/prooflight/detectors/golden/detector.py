@@ -86,7 +86,7 @@ class GoldenSheet(PreparedOnly):
     golden: str
     """Name of the golden scan, for errors."""
     light: NDArray[np.float32]
-    """(channels, lines, pixels) light, corrected for columns' gains if the press states them."""
+    """(channels, lines, pixels) light, corrected for columns' offsets and gains if the press states them."""
     pitch_mm: tuple[float, float]
     """Pitch of pixels, across and along."""
     left_mm: float = 0.0
@@ -132,7 +132,7 @@ class GoldenSheet(PreparedOnly):
             regions=regions,
             shift_mm=(across, along) if where.found else None,
             detector=NAME,
-            reason=_reason(where.likeness, off_place=off_place, found=where.found, places=len(places)),
+            reason=_reason(where.likeness, off_place=off_place, registered=where.found, places=len(places)),
         )
 
     def _misfit(self, difference: GoldenDifference) -> str:
@@ -244,8 +244,8 @@ def _kind(width_mm: float, height_mm: float, *, lighter: bool) -> str:
     return "missing-content" if lighter else "unknown"
 
 
-def _reason(likeness: float, *, off_place: bool, found: bool, places: int) -> str:
-    if not found:
+def _reason(likeness: float, *, off_place: bool, registered: bool, places: int) -> str:
+    if not registered:
         return f"the scan does not show what the golden shows: their edges agree to {max(likeness, 0):.0%}"
     if off_place:
         return f"the page lies {WRONG_SHIFT_MM} mm or more from where the golden lies"

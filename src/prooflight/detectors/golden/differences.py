@@ -118,10 +118,10 @@ def compare(
     weight = np.zeros_like(excess)
     loose, misfit = where.loose_pixels(excess.shape), 0.0
     for one, other in zip(golden, scan, strict=True):
-        found, counted, off = _of_channel(where.moved(one), other, allowed, loose)
+        channel_excess, counted, off = _of_channel(where.moved(one), other, allowed, loose)
         misfit = max(misfit, off)
-        stronger = np.abs(found) > np.abs(excess)
-        excess[stronger] = found[stronger]
+        stronger = np.abs(channel_excess) > np.abs(excess)
+        excess[stronger] = channel_excess[stronger]
         np.maximum(weight, counted, out=weight)
     return GoldenDifference(excess=excess, weight=weight, place=where, misfit=misfit)
 
@@ -130,26 +130,26 @@ def _of_channel(
     moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance, loose: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
     """Return excess, weight and misfit of one channel."""
-    known = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels)
-    moved = np.where(known, moved, scan)
+    valid = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels)
+    moved = np.where(valid, moved, scan)
     disc = _disc(allowed.edge_pixels)
     varying = _range(moved, disc)
-    flat = known & (varying < FLAT)
+    flat = valid & (varying < FLAT)
     moved = moved + level_difference(moved, scan, varying)
     sd = _noise_sd(moved, scan - moved, flat)
     noise = EDGE_SIGMAS * sd / np.sqrt(2)
-    excess = np.where(known, _excess(moved, scan, disc, noise), 0)
+    excess = np.where(valid, _excess(moved, scan, disc, noise), 0)
     for more in range(1, int(loose.max()) + 1):
         if (loose == more).any():
             looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
-            excess = np.where(known & (loose == more), looser, excess)
-    misfit = _misfit(moved, scan, excess, known & (varying > EDGE), noise, allowed.least[0][1])
+            excess = np.where(valid & (loose == more), looser, excess)
+    misfit = _misfit(moved, scan, excess, valid & (varying > EDGE), noise, allowed.least[0][1])
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
         if side == 1:
             mean, noise = excess, sd
         else:
-            # What a smaller window has found is left out with its surroundings, which only blur its outline.
+            # Results of smaller windows are masked with their surroundings, which only blur their outline.
             seen = cv2.dilate((weight > 0).astype(np.uint8), np.ones((side, side), np.uint8))
             mean = cv2.blur(np.where(seen, 0, excess), (side, side), borderType=cv2.BORDER_REFLECT)
             noise = np.minimum(np.float32(_sd(mean[flat])), least / 2)
@@ -244,10 +244,10 @@ def _noise_sd(
     """
     level, off = golden[flat][::7], difference[flat][::7]
     step = np.clip((level * LEVELS).astype(np.intp), 0, LEVELS - 1)
-    found = [_sd(off[step == at]) if (step == at).sum() > LEAST_SAMPLES else np.nan for at in range(LEVELS)]
-    sds = np.array(found)
-    told = np.isfinite(sds)
+    by_step = [_sd(off[step == at]) if (step == at).sum() > LEAST_SAMPLES else np.nan for at in range(LEVELS)]
+    sds = np.array(by_step)
+    measured = np.isfinite(sds)
     centres = (np.arange(LEVELS) + 0.5) / LEVELS
-    if not told.any():
+    if not measured.any():
         return np.full(golden.shape, LEAST_SD, np.float32)
-    return np.maximum(np.interp(golden, centres[told], sds[told]), LEAST_SD).astype(np.float32)
+    return np.maximum(np.interp(golden, centres[measured], sds[measured]), LEAST_SD).astype(np.float32)

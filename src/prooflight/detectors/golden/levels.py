@@ -49,15 +49,15 @@ def level_difference(
     along = ((chosen // columns) + 0.5) * BLOCK_PIXELS / lines
     model = np.stack(_terms(across, along, tone), axis=1)
     step = np.clip((tone * TONES).astype(np.intp), 0, TONES - 1)
-    worth = 1 / (1 + (busy / BUSY) ** 2)
-    of_step = np.bincount(step, worth, TONES)
-    worth *= worth.sum() / TONES / np.maximum(of_step, LEAST_BLOCKS)[step]
-    weight = worth
+    base_weight = 1 / (1 + (busy / BUSY) ** 2)
+    of_step = np.bincount(step, base_weight, TONES)
+    base_weight *= base_weight.sum() / TONES / np.maximum(of_step, LEAST_BLOCKS)[step]
+    weight = base_weight
     for _ in range(8):
         weighted = model * (weight / BLOCK_SD**2)[:, None]
         normal = weighted.T @ model + np.eye(model.shape[1]) / PRIOR_SD**2
         coefficients = np.linalg.solve(normal, weighted.T @ off)
-        weight = worth / (1 + ((off - model @ coefficients) / BLOCK_SD) ** 2)
+        weight = base_weight / (1 + ((off - model @ coefficients) / BLOCK_SD) ** 2)
     x = ((np.arange(pixels, dtype=np.float32) + 0.5) / pixels)[None, :]
     y = ((np.arange(lines, dtype=np.float32) + 0.5) / lines)[:, None]
     total = np.zeros_like(golden)

@@ -166,7 +166,7 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
         small, seen = pictures[shrink]
         return replace(where, likeness=_likeness(where.moved(small, shrink=shrink), seen))
 
-    def worth(where: GoldenPlace) -> float:
+    def penalised_likeness(where: GoldenPlace) -> float:
         return where.likeness - FAR * (np.hypot(*where.shift_pixels) / (REACH * max(golden.shape))) ** 2
 
     tried = []
@@ -174,7 +174,7 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
         nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
         start = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
         tried += [compared(stepped(start, steps), 2) for steps in STARTS]
-    return compared(stepped(max(tried, key=worth), STEPS), 8)
+    return compared(stepped(max(tried, key=penalised_likeness), STEPS), 8)
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
@@ -234,14 +234,14 @@ def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArr
     top, bottom = np.maximum(shifts, 0), np.minimum(lines, lines + shifts)
     left, right = np.maximum(shifts, 0), np.minimum(pixels, pixels + shifts)
     corners = (total[np.ix_(y, x)] for y, x in ((bottom, right), (top, left), (bottom, left), (top, right)))
-    whole, outer, below, beside = corners
-    return np.asarray(whole + outer - below - beside, np.float64)
+    whole, outer, below, upper = corners
+    return np.asarray(whole + outer - below - upper, np.float64)
 
 
 def _likeness(moved: NDArray[np.float32], scan: NDArray[np.float32]) -> float:
     """Return the correlation of the scan's edges with those of the moved golden, where both are defined."""
-    known = np.isfinite(moved)
-    one, two = _edges(np.where(known, moved, scan))[known], _edges(scan)[known]
+    valid = np.isfinite(moved)
+    one, two = _edges(np.where(valid, moved, scan))[valid], _edges(scan)[valid]
     if np.abs(one).max(initial=0) < LEAST_EDGE:
         return 0.0
     energy = np.sqrt((np.abs(one) ** 2).sum() * (np.abs(two) ** 2).sum())
@@ -274,14 +274,14 @@ def _tile_moves(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return tiles' own displacements (tiles, 2) [pixels] and their precision (tiles, 2, 2) [1/pixel^2]."""
     moved = now.moved(golden, shrink=shrink)
-    known = np.isfinite(moved)
-    moved = np.where(known, moved, scan)
-    slope = np.where(known, _edges(moved), np.complex64(0)) / np.float32(shrink * EDGE_SD)
+    valid = np.isfinite(moved)
+    moved = np.where(valid, moved, scan)
+    slope = np.where(valid, _edges(moved), np.complex64(0)) / np.float32(shrink * EDGE_SD)
     off = (moved - scan) / np.float32(EDGE_SD)
     tile = now.tile_pixels // shrink
     gx, gy = np.asarray(slope.real, np.float32), np.asarray(slope.imag, np.float32)
-    # What lies above the golden all over a tile is light, not a move: means are taken out.
-    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off, known.astype(np.float32))
+    # A constant offset over a tile is light, not a displacement: means are removed.
+    parts = (gx * gx, gx * gy, gy * gy, gx * off, gy * off, gx, gy, off, valid.astype(np.float32))
     xx, xy, yy, x, y, *sums = (_tile_sums(part, tile).astype(np.float64).ravel() for part in parts)
     sum_x, sum_y, sum_off = (each / np.sqrt(np.maximum(sums[-1], 1)) for each in sums[:-1])
     xx, xy, yy = xx - sum_x**2, xy - sum_x * sum_y, yy - sum_y**2
@@ -337,9 +337,9 @@ def _solved(
 
     Tiles without information are held weakly.
     """
-    held = precision + np.eye(2) * WEAK
+    regularised = precision + np.eye(2) * WEAK
     bands = stiff.copy()
-    bands[-1] += np.einsum("naa->na", held).ravel()
-    bands[-2, 1::2] += held[:, 0, 1]
-    wanted = np.einsum("nab,nb->na", held, goal).ravel()
+    bands[-1] += np.einsum("naa->na", regularised).ravel()
+    bands[-2, 1::2] += regularised[:, 0, 1]
+    wanted = np.einsum("nab,nb->na", regularised, goal).ravel()
     return np.asarray(solveh_banded(bands, wanted, overwrite_ab=True, check_finite=False)).reshape(-1, 2)

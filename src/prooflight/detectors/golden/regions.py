@@ -50,11 +50,11 @@ def marks(
     Lighter differences are joined only with lighter ones, and darker with darker: missing content is not
     additional content.
     """
-    found = []
+    result = []
     for lighter in (True, False):
         weight = np.where((difference.excess > 0) == lighter, difference.weight, np.float32(0))
-        found += _of_sign(weight, lighter, joining_pixels, least_volume)
-    return tuple(sorted(found, key=lambda mark: -mark.volume))
+        result += _of_sign(weight, lighter, joining_pixels, least_volume)
+    return tuple(sorted(result, key=lambda mark: -mark.volume))
 
 
 def _of_sign(
@@ -66,7 +66,7 @@ def _of_sign(
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(cv2.dilate(counted, disc))
     dense = weight * cv2.blur(counted.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     volumes = np.bincount(labels.ravel(), dense.ravel(), count)
-    found = []
+    result = []
     for label in range(1, count):
         if volumes[label] < least_volume:
             continue
@@ -74,7 +74,7 @@ def _of_sign(
         inside = (slice(top, top + height), slice(left, left + width))
         own = (labels[inside] == label) & (counted[inside] > 0)
         right, down, columns, rows = cv2.boundingRect(own.astype(np.uint8))
-        found.append(
+        result.append(
             Mark(
                 left=left + right,
                 top=top + down,
@@ -84,4 +84,4 @@ def _of_sign(
                 lighter=lighter,
             )
         )
-    return found
+    return result

@@ -28,7 +28,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     pixel_map,
     prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.moves import by_prediction, local_moves, nearer, take_moves
+from prooflight.detectors.matched_filter.fit.moves import by_prediction, corrected, local_moves, take_moves
 from prooflight.detectors.matched_filter.fit.nuisance import (
     PlacedScan,
     PrintPrior,
@@ -42,7 +42,7 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
     NOTHING,
     chance_astray,
     prepare_glyphs,
-    weighed,
+    score_glyphs,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks
@@ -73,11 +73,11 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
-PREDICTED_ANEW: Final = 2
+MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
 """... minimum displacement of some part of it that requires another prediction ..."""
-STILL_ASKED: Final = 0.75
+REMAINING_SHARE: Final = 0.75
 """... unless that displacement is at least this share of the previous one: displacements caused by a page's
 edge and by uneven light do not decrease."""
 ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
@@ -134,10 +134,17 @@ def prepare_page(
     zones: PageZones | None = None,
     glyphs: bool = False,
 ) -> PreparedPage:
-    """Prepare a design for its scans; expected: its prediction in its nominal place.
+    """Prepare a design for its scans.
 
-    fringes: whether prediction follows the fringes of planes that share edges (``register_by_fringes``).
-    prior: of good prints, by default the press world's. glyphs: whether its glyphs are tested.
+    Parameters
+    ----------
+    page : the design.
+    expected : its prediction in its nominal place.
+    sensors, geometry : of the camera's own pixels.
+    fringes : whether prediction follows the fringes of planes that share edges (``register_by_fringes``).
+    prior : of good prints; None: the press world's.
+    zones : of the page; None: there are none.
+    glyphs : whether its glyphs are tested.
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
@@ -203,13 +210,21 @@ def analyse(
     floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
-    """Find the page in a scan (sensors, lines, pixels), remove good prints' variation, sum up the residuals.
+    """Find the page in a scan, remove the variation of good prints, and sum up the residuals.
 
-    A scan may have fewer lines than its geometry states, and no more: missing lines are unknown, like what is
-    off the page, and so are ``lost`` lines (sensors, lines). Where good prints are exact
-    (``ResidualVariance.exact``) nothing is removed: the results of registration and fit are evidence alone.
-    looked_at: modes that are summed up at once, of ``MODES``, light the first. floor_share: as in
-    ``measure_marks``. threads: number of threads that share the work.
+    Where good prints are exact (``ResidualVariance.exact``) nothing is removed: the results of registration
+    and fit are evidence alone.
+
+    Parameters
+    ----------
+    prepared : the page.
+    scan : (sensors, lines, pixels) raw digital numbers [DN]. It may have fewer lines than its geometry states, and
+        no more: missing lines are unknown, like what is off the page.
+    lost : (sensors, lines) lines of the scan that are unknown as well; None: none are.
+    residual_variance : variance of good prints in addition to the fit; None: an office-class press's.
+    looked_at : modes that are summed up at once, of ``MODES``, light the first.
+    floor_share : as in ``measure_marks``.
+    threads : number of threads that share the work.
     """
     return analyse_found(
         prepared,
@@ -226,7 +241,7 @@ def analyse(
 def analyse_found(
     prepared: PreparedPage,
     scan: NDArray[np.uint16],
-    found: Registration,
+    registration: Registration,
     *,
     lost: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance,
@@ -240,9 +255,9 @@ def analyse_found(
     bins = bins_of(geometry)
     residual_variance = residual_variance.with_edges_off(page.edge_sd_mm / at.pixel_pitch_mm)
     if residual_variance.exact:
-        placement, planes_mm = IN_PLACE, np.zeros_like(found.planes_mm)
+        placement, planes_mm = IN_PLACE, np.zeros_like(registration.planes_mm)
     else:
-        placement, planes_mm = _followed(prepared, scan, found, lost, threads)
+        placement, planes_mm = _followed(prepared, scan, registration, lost, threads)
     where = pixel_map(page, at, placement)
     if scan.shape[1] < geometry.lines(page.height_mm):
         where = where.of_first(scan.shape[1] // bins)
@@ -305,11 +320,11 @@ def analyse_found(
     glyphs = NOTHING
     if prepared.glyphs is not None:
         pitches_mm = at.pixel_pitch_mm, at.line_pitch_mm
-        sd_pixels = [sd / pitch for sd, pitch in zip(found.shift_sd_mm, pitches_mm, strict=True)]
-        astray = chance_astray(sd_pixels) if found.found else 1.0
-        glyphs = weighed(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
+        sd_pixels = [sd / pitch for sd, pitch in zip(registration.shift_sd_mm, pitches_mm, strict=True)]
+        astray = chance_astray(sd_pixels) if registration.found else 1.0
+        glyphs = score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
     return ScanAnalysis(
-        found=found,
+        found=registration,
         fit=fit,
         sums=sums_of(looked_at),
         marks=marks,
@@ -339,13 +354,13 @@ def _take_moves(
     """
     before, width_mm = seen.expected_dn, prepared.page.width_mm
     moves = local_moves(left, weight, light, threads=threads)
-    for _ in range(PREDICTED_ANEW):
-        placement = nearer(placement, moves, prepared.binned_geometry, width_mm)
+    for _ in range(MAX_REPREDICTIONS):
+        placement = corrected(placement, moves, prepared.binned_geometry, width_mm)
         after = _predicted(prepared, printed, placement, exact=False, threads=threads).expected_dn
         by_prediction(left, weight, before, after, threads=threads)
-        before, moves, asked = after, local_moves(left, weight, light, threads=threads), moves
+        before, moves, previous = after, local_moves(left, weight, light, threads=threads), moves
         far = np.abs(moves) > FAR_PIXELS
-        if not (far & (np.abs(moves) < STILL_ASKED * np.abs(asked))).any():
+        if not (far & (np.abs(moves) < REMAINING_SHARE * np.abs(previous))).any():
             break
     take_moves(left, weight, light, moves, threads=threads)
 
@@ -381,16 +396,16 @@ def with_added(placed: PlacedScan, added: AddedInks, *, threads: int = 1) -> Pla
 def _followed(
     prepared: PreparedPage,
     scan: NDArray[np.uint16],
-    found: Registration,
+    registration: Registration,
     lost: NDArray[np.bool_] | None,
     threads: int,
 ) -> tuple[Placement, NDArray[np.float64]]:
     """Return the placement and the planes (4, 2) [mm] that prediction follows."""
-    if prepared.overlaps is None or not found.found:
-        return found.placement, found.planes_mm
+    if prepared.overlaps is None or not registration.found:
+        return registration.placement, registration.planes_mm
     fringes = register_by_fringes(
-        prepared.overlaps, prepared.landmarks, scan, found, lost=lost, threads=threads
+        prepared.overlaps, prepared.landmarks, scan, registration, lost=lost, threads=threads
     )
     if fringes is None:
-        return found.placement, found.planes_mm
+        return registration.placement, registration.planes_mm
     return fringes.placement, fringes.planes_mm

@@ -17,7 +17,7 @@ from prooflight.detectors.false_alarm_rate import (
     posterior_bound,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphPromise, together
+from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphThreshold, combined_score
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
@@ -39,7 +39,7 @@ PAGES: Final = ("values", "page_features", "glyphs", "variation")
 """Arrays of ``GoodPages``."""
 LEAST_SCORES: Final = 2
 """Minimum number of scores, of which one is needed to begin a tail."""
-MOST_TOLD: Final = 1000
+MAX_RECALIBRATIONS: Final = 1000
 """Maximum number of times that one press may be recalibrated before it is built again."""
 FLOOR_SHARE_OF_RATE: Final = 0.1
 """Share of the guaranteed rate that the floor has: fewer of the good pages by which the ranking is evaluated
@@ -100,11 +100,11 @@ class CalibratedDetector:
     """Number of them that are real pages; 0: they are simulated."""
     promise: Promise
     threshold: float
-    asked_when_taught: float
+    requested_rate: float
     """False-alarm rate that was requested in training. [-]"""
-    taught_rate: float
+    trained_rate: float
     """False-alarm rate that was guaranteed then. [-]"""
-    taught_threshold: float
+    trained_threshold: float
     misprint_rate: float
     """Rate of misprints of the press, before a page is seen. [-]"""
     told: tuple[ToldPages, ...] = ()
@@ -151,39 +151,43 @@ class CalibratedDetector:
             real=real,
             promise=promise,
             threshold=threshold,
-            asked_when_taught=false_alarm_rate,
-            taught_rate=rate,
-            taught_threshold=threshold,
+            requested_rate=false_alarm_rate,
+            trained_rate=rate,
+            trained_threshold=threshold,
             misprint_rate=misprint_rate,
         )
 
-    def recalibrated(self, told: ToldPages) -> Self:
+    def recalibrated(self, labelled: ToldPages) -> Self:
         """Return the detector with the threshold of labelled pages; RequestError: they are too few."""
         return replace(
             self,
-            threshold=told.threshold,
+            threshold=labelled.threshold,
             promise=Promise(
-                rate=told.rate, simulated=0, real=int(told.passed.sum()), asked=told.rate, told=str(told)
+                rate=labelled.rate,
+                simulated=0,
+                real=int(labelled.passed.sum()),
+                asked=labelled.rate,
+                told=str(labelled),
             ),
-            told=(*self.told, told),
+            told=(*self.told, labelled),
         )
 
     def before_told(self) -> Self | None:
         """Return the detector that ``recalibrated`` was applied to; None: it never was."""
         if not self.told:
             return None
-        found = self.calibrated(
+        detector = self.calibrated(
             self.model,
             self.own,
             references=self.references,
             pages=self.pages,
-            false_alarm_rate=self.asked_when_taught,
+            false_alarm_rate=self.requested_rate,
             misprint_rate=self.misprint_rate,
             real=self.real,
         )
-        for told in self.told[:-1]:
-            found = found.recalibrated(told)
-        return found
+        for labelled in self.told[:-1]:
+            detector = detector.recalibrated(labelled)
+        return detector
 
     @property
     def scores(self) -> PressScores:
@@ -191,11 +195,11 @@ class CalibratedDetector:
         return PressScores(reference=self.references.by(self.own.worst.size), own=self.own)
 
     @property
-    def glyphs(self) -> GlyphPromise | None:
+    def glyphs(self) -> GlyphThreshold | None:
         """Test of glyphs; None: this press was trained before glyphs were tested."""
         if not self.pages.glyphs.size:
             return None
-        return GlyphPromise(own=self.pages.glyphs, rate=SHARE * self.taught_rate)
+        return GlyphThreshold(own=self.pages.glyphs, rate=SHARE * self.trained_rate)
 
     def wrong_glyphs(self, page: WeighedPage) -> tuple[WeighedGlyph, ...]:
         """Return the glyphs that alarm by themselves, the worst first.
@@ -211,30 +215,30 @@ class CalibratedDetector:
 
     @property
     def ranking_rate(self) -> float:
-        """Share of ``taught_rate`` that the ranking has; the floor and the glyphs have the rest."""
-        return _of_ranking(self.pages) * self.taught_rate
+        """Share of ``trained_rate`` that the ranking has; the floor and the glyphs have the rest."""
+        return _of_ranking(self.pages) * self.trained_rate
 
     @property
     def raised(self) -> float:
         """Increase of the threshold by labelled pages; negative: a decrease."""
-        return self.threshold - self.taught_threshold
+        return self.threshold - self.trained_threshold
 
     def decide(self, score: float, glyphs: float = NONE, floor_mm2: float = 0.0) -> Decision:
         """Decide by one page's score, ``WeighedPage.score`` of its glyphs and ``FloorFinding.area_mm2``."""
         of_ranking = self.decision(
-            score, self.taught_threshold, self.scores.p_value(score, self.ranking_rate)
+            score, self.trained_threshold, self.scores.p_value(score, self.ranking_rate)
         )
         return self.decided(of_ranking, glyphs, floor_mm2)
 
-    def decided(self, taught: Decision, glyphs: float, floor_mm2: float = 0.0) -> Decision:
-        """Combine a decision at ``taught_threshold``, which has used ``ranking_rate``, with glyphs and floor.
+    def decided(self, of_ranking: Decision, glyphs: float, floor_mm2: float = 0.0) -> Decision:
+        """Combine a decision at ``trained_threshold``, by ``ranking_rate``, with glyphs and floor.
 
         With labelled pages the combined score of all tests decides, as the press was trained to compute it:
         the greatest excess of any test over its threshold. Labels do not change that score, so that weighted
         split-conformal prediction (``weighted_conformal``) gives all tests together the labelled pages' rate,
         however they share it. Labels do not raise the floor: what reaches it is a misprint.
         """
-        all_tests = self._with_floor(self._of_all_tests(taught, glyphs), floor_mm2)
+        all_tests = self._with_floor(self._of_all_tests(of_ranking, glyphs), floor_mm2)
         if not self.told:
             return all_tests
         labelled = self.decision(all_tests.score, self.threshold, self.told[-1].p_value(all_tests.score))
@@ -247,7 +251,7 @@ class CalibratedDetector:
         p_value, score = decision.p_value / _of_ranking(self.pages), decision.score
         if self.glyphs is not None:
             p_value = min(p_value, self.glyphs.p_value(glyphs) / SHARE)
-            score = together(score, decision.threshold, glyphs, self.glyphs.threshold)
+            score = combined_score(score, decision.threshold, glyphs, self.glyphs.threshold)
         return self.decision(score, decision.threshold, min(p_value, 1.0))
 
     def _with_floor(self, decision: Decision, floor_mm2: float) -> Decision:
@@ -279,27 +283,27 @@ class CalibratedDetector:
             "own": self.own.worst,
         }
         scores |= {"values": self.pages.values, "page_features": self.pages.page_features}
-        if len(self.pages.glyphs):  # absent of presses of before
+        if len(self.pages.glyphs):  # absent from presses that were trained before glyphs were tested
             scores["glyphs"] = self.pages.glyphs
-        if len(self.pages.variation):  # absent where no real page was learned from
+        if len(self.pages.variation):  # absent if no real page was learned from
             scores["variation"] = self.pages.variation
-        for number, told in enumerate(self.told):
-            scores |= {f"told{number}.{name}": array for name, array in told.arrays().items()}
+        for number, labelled in enumerate(self.told):
+            scores |= {f"told{number}.{name}": array for name, array in labelled.arrays().items()}
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
         """Return the rest: what JSON can hold."""
         model = self.model.facts()
-        if not np.isfinite(model["threshold"]):  # JSON knows no infinity; ours stands beside it
+        if not np.isfinite(model["threshold"]):  # JSON has no infinity; the calibrated threshold is separate
             model["threshold"] = None
         facts = {
-            "false_alarm_rate": self.asked_when_taught,
+            "false_alarm_rate": self.requested_rate,
             "misprint_rate": self.misprint_rate,
             "real": self.real,
             "tolerance": model,
         }
-        if self.told:  # a press that nobody calibrated anew is what it was before that could be
-            facts["told"] = [told.facts() for told in self.told]
+        if self.told:  # a press without recalibration keeps its old format
+            facts["told"] = [labelled.facts() for labelled in self.told]
         return facts
 
     @staticmethod
@@ -308,28 +312,28 @@ class CalibratedDetector:
 
         Misfit: this version cannot judge by them. under: prefix of their names.
         """
-        told = checked(CalibratedFacts, facts, under=under)
+        stated = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
-        DetectorModel.check(part_of(arrays, mark), told.tolerance, under=under + mark)
-        marks = [f"told{number}." for number in range(len(told.told))]
-        for told_mark, pages in zip(marks, told.told, strict=True):
-            ToldPages.check(part_of(arrays, told_mark), pages, under=under + told_mark)
+        DetectorModel.check(part_of(arrays, mark), stated.tolerance, under=under + mark)
+        marks = [f"told{number}." for number in range(len(stated.told))]
+        for label_mark, pages in zip(marks, stated.told, strict=True):
+            ToldPages.check(part_of(arrays, label_mark), pages, under=under + label_mark)
         own = {name: a for name, a in arrays.items() if not name.startswith((mark, *marks))}
-        sizes = {"statistics": len(told.tolerance["names"]), "features": PAGE_FEATURES}
+        sizes = {"statistics": len(stated.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
         for name in ("reference", "own"):
             if arrays[name].shape[-1] < LEAST_SCORES:
                 raise Misfit(f"{under}{name}", f"holds fewer than {LEAST_SCORES} scores")
-        if told.real > arrays["own"].size:
-            raise Misfit(f"{under}real", f"is {told.real}, of {arrays['own'].size} pages")
+        if stated.real > arrays["own"].size:
+            raise Misfit(f"{under}real", f"is {stated.real}, of {arrays['own'].size} pages")
 
     @classmethod
     def from_parts(cls, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> Self:
         """Build a detector from ``arrays`` and ``facts`` that ``check`` has passed."""
-        told = dict(facts["tolerance"])
-        told["threshold"] = np.inf if told["threshold"] is None else told["threshold"]
-        found = cls.calibrated(
-            DetectorModel.from_parts(part_of(arrays, "tolerance."), told),
+        model_facts = dict(facts["tolerance"])
+        model_facts["threshold"] = np.inf if model_facts["threshold"] is None else model_facts["threshold"]
+        detector = cls.calibrated(
+            DetectorModel.from_parts(part_of(arrays, "tolerance."), model_facts),
             GoodScores(worst=arrays["own"]),
             references=ReferenceScores(pages=arrays["reference_pages"], worst=arrays["reference"]),
             false_alarm_rate=facts["false_alarm_rate"],
@@ -338,8 +342,8 @@ class CalibratedDetector:
             real=facts["real"],
         )
         for number, pages in enumerate(facts.get("told", ())):
-            found = found.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
-        return found
+            detector = detector.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
+        return detector
 
 
 def _of_ranking(pages: GoodPages) -> float:
@@ -354,7 +358,7 @@ class CalibratedFacts(Block):
     misprint_rate: Chance
     real: Count
     tolerance: dict[str, Any]
-    told: Annotated[tuple[dict[str, Any], ...], Field(max_length=MOST_TOLD)] = ()
+    told: Annotated[tuple[dict[str, Any], ...], Field(max_length=MAX_RECALIBRATIONS)] = ()
 
 
 TABLE: Final = {

@@ -20,13 +20,13 @@ from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
     distinct_inks,
-    inks_found,
+    floor_explanation,
+    measured_inks,
     reason_for,
     regions_of,
-    told_of_floor,
     whole_page,
 )
-from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyphs_name, told_of_glyphs
+from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
 from prooflight.detectors.matched_filter.print_state import print_state
@@ -90,7 +90,7 @@ class MatchedFilterDetector(StationDetector):
     def prepare(self, planned: PlannedPage) -> MatchedFilterPage:
         """See ``Detector``."""
         station = planned.station
-        known = prepare_page(
+        prepared = prepare_page(
             planned.page,
             planned.expected,
             sensors=station.sensors,
@@ -101,10 +101,10 @@ class MatchedFilterDetector(StationDetector):
             glyphs=self.in_full or self.calibrated.glyphs is not None,
         )
         model = self.calibrated.model
-        widening = 1.0 if model.residual_variance.exact else known.colours.widening
+        widening = 1.0 if model.residual_variance.exact else prepared.colours.widening
         return MatchedFilterPage(
             detector=self,
-            known=known,
+            known=prepared,
             inks=present_inks(planned.page),
             model=model.widened(widening),
             widening=widening,
@@ -115,14 +115,14 @@ class MatchedFilterDetector(StationDetector):
     def decided_again(self, kept: KeptArrays) -> Decision:
         """See ``Detector``."""
         model, another = self.calibrated.model, kept.wrong_page
-        with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
+        with np.errstate(all="ignore"):  # the caller checks results that are not finite
             values = kept.array("values", "fiu", (len(model.statistics),))
             page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
             model = model.widened(_widening_of(kept))
             glyphs = float(kept.array("glyphs", "f", ())) if "glyphs" in kept.kept else NONE
             floor_mm2 = float(kept.array("floor_mm2", "f", ())) if "floor_mm2" in kept.kept else 0.0
             score = score_of(model, values, page_features, another=another)
-            zoned = ZonedJudge.kept(kept)
+            zoned = ZonedJudge.from_stored(kept)
             if zoned is None:
                 return self.calibrated.decide(score, glyphs, floor_mm2)
             judge, careful = zoned
@@ -165,46 +165,49 @@ class MatchedFilterPage:
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
-        station, ours, known = self.detector.station, self.detector.calibrated, self.known
-        page, page_features = known.page, known.page_features
-        analysis, statistics, score = self._looked_at(scan)
+        station, calibrated, prepared = self.detector.station, self.detector.calibrated, self.known
+        page, page_features = prepared.page, prepared.page_features
+        analysis, statistics, score = self._analysed(scan)
         strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
         values, another = self.model.laid_out(statistics), shows_another(analysis.found)
         glyphs = NOTHING if another else analysis.glyphs
         floor = NO_FLOOR if another else analysis.marks.floor
-        kept: dict[str, NDArray[Any]] = {}
+        stored: dict[str, NDArray[Any]] = {}
         careful = self._careful(analysis)
         if self.judge is not None:
-            kept |= self.judge.keeps(values_of(careful))
-            in_zones = self.judge.decide(ours, score, values_of(careful))
+            stored |= self.judge.stored_arrays(values_of(careful))
+            in_zones = self.judge.decide(calibrated, score, values_of(careful))
             decision, by_ranking = (
-                ours.decided(in_zones, glyphs.score, floor.area_mm2),
-                in_zones.score > ours.threshold,
+                calibrated.decided(in_zones, glyphs.score, floor.area_mm2),
+                in_zones.score > calibrated.threshold,
             )
         else:
-            kept |= {"careful": values_of(careful)} if careful else {}
-            decision, by_ranking = ours.decide(score, glyphs.score, floor.area_mm2), score > ours.threshold
-        told = self._explained(analysis, strongest, values, careful) if by_ranking else {}
-        if floor.alarms and not told:
-            told = told_of_floor(floor, analysis.found)
-        wrong = ours.wrong_glyphs(glyphs) if decision.misprint else ()
-        if wrong and known.glyphs is not None:
-            others = told.get("regions", ())
-            if not told or glyphs_name(known.glyphs, wrong, others, kind=told["kind"]):
-                told = told_of_glyphs(known.glyphs, wrong, others)
+            stored |= {"careful": values_of(careful)} if careful else {}
+            decision, by_ranking = (
+                calibrated.decide(score, glyphs.score, floor.area_mm2),
+                score > calibrated.threshold,
+            )
+        explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
+        if floor.alarms and not explanation:
+            explanation = floor_explanation(floor, analysis.found)
+        wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
+        if wrong and prepared.glyphs is not None:
+            others = explanation.get("regions", ())
+            if not explanation or glyphs_name(prepared.glyphs, wrong, others, kind=explanation["kind"]):
+                explanation = glyph_explanation(prepared.glyphs, wrong, others)
         verdict = Verdict.from_decision(
             page.name,
             decision,
             costs=station.costs,
             shift_mm=shift_of(analysis.found),
-            detector=ours.name,
-            family=FAMILY if told.get("kind") in KINDS else strongest[0][0] if strongest else None,
-            inks=inks_found(analysis, self.inks),
+            detector=calibrated.name,
+            family=FAMILY if explanation.get("kind") in KINDS else strongest[0][0] if strongest else None,
+            inks=measured_inks(analysis, self.inks),
             widened=round(self.widening, 2),
-            **told,
+            **explanation,
         )
         if decision.misprint and scan.lost is not None and not (another or analysis.found.found):
-            verdict = Verdict.skipped(page.name, UNPLACED, detector=ours.name)
+            verdict = Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
         placement = analysis.found.placement if analysis.found.found else IN_PLACE
         area = inside(page, station.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(
@@ -214,7 +217,7 @@ class MatchedFilterPage:
             measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
             expect=lambda: cut(station.predict(page, placement), area),
-            kept=kept
+            kept=stored
             | {
                 "wrong_page": np.array(another),
                 "values": values,
@@ -224,7 +227,7 @@ class MatchedFilterPage:
                 "floor_mm2": np.array(floor.area_mm2),
             },
             state=partial(print_state, analysis, station.sensors),
-            variation=partial(page_variation, known, analysis),
+            variation=partial(page_variation, prepared, analysis),
             summary=None if another else self._summary(values, score, decision),
         )
 
@@ -241,42 +244,42 @@ class MatchedFilterPage:
 
     def whole_score(self, inspection: Inspection) -> float:
         """Return the score of the page as a whole in one of its inspections, without careful areas."""
-        kept = KeptArrays(inspection.kept, self.detector.name)
-        values = kept.array("values", "fiu", (len(self.model.statistics),))
-        score = score_of(self.model, values, self.known.page_features, another=kept.wrong_page)
+        stored = KeptArrays(inspection.kept, self.detector.name)
+        values = stored.array("values", "fiu", (len(self.model.statistics),))
+        score = score_of(self.model, values, self.known.page_features, another=stored.wrong_page)
         return score if np.isfinite(score) else WRONG_PAGE
 
-    def _looked_at(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
+    def _analysed(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
         """Return the analysis of a scan, its statistics and its score.
 
         All statistics are computed only for a page that alarms.
         """
-        ours, model = self.detector.calibrated, self.model
+        calibrated, model = self.detector.calibrated, self.model
         threads = self.detector.station.threads or os.cpu_count() or 1
-        looks_first = model.screen is not None and not self.detector.in_full
-        modes = SCREEN_MODES if looks_first else MODES
+        screens = model.screen is not None and not self.detector.in_full
+        modes = SCREEN_MODES if screens else MODES
         analysis = analyse(
             self.known,
             scan.dn,
             lost=scan.lost,
-            residual_variance=ours.model.residual_variance,
+            residual_variance=calibrated.model.residual_variance,
             looked_at=modes,
             floor_share=self.detector.station.floor_share,
             threads=threads,
         )
-        another, scatter = shows_another(analysis.found), ours.model.scatter
+        another, scatter = shows_another(analysis.found), calibrated.model.scatter
 
         def scored(statistics: list[Observed]) -> tuple[list[Observed], float]:
             values = looked_up(model, statistics, self.known.page_features)
             return statistics, score_of(model, values, self.known.page_features, another=another)
 
         seen: list[Observed] = []
-        if looks_first and not another:
+        if screens and not another:
             seen = screen_statistics(
                 analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=threads
             )
             statistics, score = scored(seen)
-            if score <= ours.threshold:
+            if score <= calibrated.threshold:
                 return analysis, statistics, score
         analysis = analysis.of_every_mode()
         if not seen:
@@ -306,7 +309,7 @@ class MatchedFilterPage:
             self.detector.calibrated, values_of(careful)
         )
         if self.judge is not None and alarmed and not another:
-            return self._in_careful(analysis, self.judge.telling(careful))
+            return self._careful_explanation(analysis, self.judge.greatest(careful))
         learned = model.kinds_of(values[None], self.known.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.found)
         regions = _regions(strongest, kind, analysis, page)
@@ -314,23 +317,23 @@ class MatchedFilterPage:
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
         )
         place = regions[0] if regions else None
-        inks = inks_found(analysis, self.inks)
+        inks = measured_inks(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
         distinct = distinct_inks(self.detector.station.sensors)
         reason = reason_for(kind, speaking, place, inks, analysis.found, distinct=distinct)
         reason = PARTS if only_parts else reason
         return {"kind": kind, "regions": regions, "reason": reason}
 
-    def _in_careful(self, analysis: ScanAnalysis, telling: Observed) -> dict[str, Any]:
+    def _careful_explanation(self, analysis: ScanAnalysis, greatest: Observed) -> dict[str, Any]:
         """Return kind, places and reason of a misprint in a careful area.
 
-        telling: the area's greatest statistic.
+        greatest: the area's greatest statistic, with its deviation.
         """
-        kind, strongest = kind_of(telling.statistic), [(telling.statistic.cause, telling)]
+        kind, strongest = kind_of(greatest.statistic), [(greatest.statistic.cause, greatest)]
         regions = _regions(strongest, kind, analysis, self.known.page)
-        inks, place = inks_found(analysis, self.inks), regions[0] if regions else None
+        inks, place = measured_inks(analysis, self.inks), regions[0] if regions else None
         distinct = distinct_inks(self.detector.station.sensors)
-        reason = reason_for(kind, telling, place, inks, analysis.found, distinct=distinct)
+        reason = reason_for(kind, greatest, place, inks, analysis.found, distinct=distinct)
         zone = None
         if place is not None and self.zones is not None:
             middle = place.x_mm + place.width_mm / 2, place.y_mm + place.height_mm / 2
@@ -357,7 +360,7 @@ def _regions(
     """Return places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
     shift_mm = analysis.found.placement.shift_mm if analysis.found.found else (0.0, 0.0)
-    if kind == WRONG_PAGE_KIND:  # no place says more than another
+    if kind == WRONG_PAGE_KIND:  # no place is more specific than another
         return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
     kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
     order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
@@ -366,11 +369,11 @@ def _regions(
     )
 
 
-def _widening_of(kept: KeptArrays) -> float:
+def _widening_of(stored: KeptArrays) -> float:
     """Return the stored widening; 1 for evidence from before there was any."""
-    if "widening" not in kept.kept:
+    if "widening" not in stored.kept:
         return 1.0
-    return max(float(kept.array("widening", "f", (), finite=True)), 1.0)
+    return max(float(stored.array("widening", "f", (), finite=True)), 1.0)
 
 
 def summary_of(
@@ -384,8 +387,8 @@ def summary_of(
 
     It is None if one of them is not finite.
     """
-    known = np.isfinite(values[of_every_page(model)]).all()
-    if not (known and np.isfinite(page_features).all() and np.isfinite(score)):
+    finite = np.isfinite(values[of_every_page(model)]).all()
+    if not (finite and np.isfinite(page_features).all() and np.isfinite(score)):
         return None
     return summaries(model, model.deviations(values[None], page_features[None]), np.array([score]))[0]
 

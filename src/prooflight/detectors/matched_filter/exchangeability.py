@@ -68,11 +68,11 @@ def summaries(
     They are the scores (pages,), and the mean of the deviations (pages, statistics) in each group of one
     first word.
     """
-    looked_at = of_every_page(model)
-    words = [model.statistics[index].word for index in looked_at]
-    number = {word: index for index, word in enumerate(dict.fromkeys(words))}
-    group = np.array([number[word] for word in words])
-    means = [deviations[:, looked_at[group == index]].mean(axis=1) for index in range(len(number))]
+    indices = of_every_page(model)
+    labels = [model.statistics[index].word for index in indices]
+    number = {label: index for index, label in enumerate(dict.fromkeys(labels))}
+    group = np.array([number[label] for label in labels])
+    means = [deviations[:, indices[group == index]].mean(axis=1) for index in range(len(number))]
     return np.column_stack([score, *means])
 
 
@@ -105,26 +105,26 @@ class ExchangeabilityTest:
     """Greatest logarithm so far of any group's wealth times its share."""
 
     @classmethod
-    def of(cls, ours: CalibratedDetector) -> ExchangeabilityTest:
+    def of(cls, detector: CalibratedDetector) -> ExchangeabilityTest:
         """Start the test of a run.
 
         A page's own score is by a model adapted to the other pages of the press, as a new page's is.
         """
-        names = groups_of(ours.model)
-        deviations = ours.model.deviations(ours.pages.values, ours.pages.page_features)
-        known = list(summaries(ours.model, deviations, ours.own.worst))
-        return cls._before(known, names)
+        names = groups_of(detector.model)
+        deviations = detector.model.deviations(detector.pages.values, detector.pages.page_features)
+        pool = list(summaries(detector.model, deviations, detector.own.worst))
+        return cls._before(pool, names)
 
     @classmethod
-    def of_told(cls, told: ToldPages, rng: np.random.Generator) -> ExchangeabilityTest:
+    def of_labelled(cls, labelled: ToldPages, rng: np.random.Generator) -> ExchangeabilityTest:
         """Start the test of a run from labelled pages; rng: draws which of these are retained."""
-        return cls._before([np.array([score]) for score in told.alike(rng)], (SCORE,))
+        return cls._before([np.array([score]) for score in labelled.alike(rng)], (SCORE,))
 
     @classmethod
-    def _before(cls, known: list[NDArray[np.float64]], names: tuple[str, ...]) -> ExchangeabilityTest:
+    def _before(cls, pool: list[NDArray[np.float64]], names: tuple[str, ...]) -> ExchangeabilityTest:
         return cls(
-            known=known,
-            room=len(known) + REMEMBERED,
+            known=pool,
+            room=len(pool) + REMEMBERED,
             names=names,
             log_wealth=np.zeros((len(names), STAKES.size)),
         )

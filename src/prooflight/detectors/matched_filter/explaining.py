@@ -26,9 +26,9 @@ LIGHTENING: Final = ("light", "void")
 MOST_OF_PLANE: Final = 0.5
 DISTINCT_DEGREES: Final = 10.0
 """assumed: noise turns the direction of a spot of 10 standard deviations by 6 degrees."""
-GONE_PERCENT: Final = -60.0
+MISSING_PERCENT: Final = -60.0
 """Gain below which an ink is called missing, not weak: less than 40 % is there."""
-LEAST_TOLD_MM: Final = 0.05
+LEAST_REPORTED_MM: Final = 0.05
 """Minimum displacement of a plane that is reported with its amount: 0.0 mm would be read as none."""
 TIE_MM: Final = 0.05
 """Tolerance of the test whether a point is inside a region. Boxes of one size overlap by half, so that the
@@ -65,21 +65,21 @@ def distinct_inks(sensors: Sequence[SensorModel]) -> frozenset[str]:
     seen = length > 0
     direction = density / np.where(seen, length, 1.0)[:, None]
     degrees = np.degrees(np.arccos(np.clip(direction @ direction.T, -1.0, 1.0)))
-    degrees[:, ~seen] = np.inf  # an ink that no sensor sees is mistaken for none
+    degrees[:, ~seen] = np.inf  # an ink that no sensor sees cannot be mistaken for another
     np.fill_diagonal(degrees, np.inf)
     distinct = seen & (degrees.min(axis=1) > DISTINCT_DEGREES)
     return frozenset(letter for letter, alone in zip(NAME_OF_INK, distinct, strict=True) if alone)
 
 
-def inks_found(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
+def measured_inks(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
     """Return the state of the inks of ``present``, letters of CMYK, in a print.
 
     A plane of which most is displaced further than registration follows is out of register by that
     displacement.
     """
-    fit, found = analysis.fit, analysis.found
+    fit, registration = analysis.fit, analysis.found
     far = analysis.sums.shifts[:, 1] > MOST_OF_PLANE
-    register_mm = found.planes_mm + np.where(far[:, None], analysis.sums.shifts[:, 2:], 0)
+    register_mm = registration.planes_mm + np.where(far[:, None], analysis.sums.shifts[:, 2:], 0)
     return {
         letter: Ink(
             gain_percent=round(100 * float(fit.gain[ink, 0]), 2),
@@ -103,7 +103,7 @@ def regions_of(
     A box whose middle is in an earlier region, or within ``TIE_MM`` of one, gives no region of its own.
     Without any box the region is the page as a whole.
     """
-    found: list[Region] = []
+    regions: list[Region] = []
     for (_, statistic), kind in zip(strongest, kinds, strict=True):
         x, y, width, height = statistic.box
         if math.isnan(x):
@@ -115,18 +115,18 @@ def regions_of(
             min(max(v - shift_mm[1], 0.0), size_mm[1]) for v in (y, y + min(height, 2 * size_mm[1]))
         )
         middle = (left + right) / 2, (top + bottom) / 2
-        if right <= left or bottom <= top or any(_holds(one, middle) for one in found):
+        if right <= left or bottom <= top or any(_holds(one, middle) for one in regions):
             continue
         box_mm = left, top, right - left, bottom - top
-        found.append(Region.rounded(box_mm, score=abs(statistic.value), kind=kind))
-    if not found and strongest:
-        found = [whole_page(size_mm, strongest[0][1], kinds[0])]
-    return tuple(found)
+        regions.append(Region.rounded(box_mm, score=abs(statistic.value), kind=kind))
+    if not regions and strongest:
+        regions = [whole_page(size_mm, strongest[0][1], kinds[0])]
+    return tuple(regions)
 
 
-def told_of_floor(floor: FloorFinding, found: Registration) -> dict[str, Any]:
+def floor_explanation(floor: FloorFinding, registration: Registration) -> dict[str, Any]:
     """Return kind, place and reason of a misprint whose light differs by more than the floor."""
-    shift_mm = found.placement.shift_mm if found.found else (0.0, 0.0)
+    shift_mm = registration.placement.shift_mm if registration.found else (0.0, 0.0)
     x, y, width, height = floor.box
     box_mm = max(x - shift_mm[0], 0.0), max(y - shift_mm[1], 0.0), width, height
     region = Region.rounded(box_mm, score=floor.area_mm2, kind="spots-voids")
@@ -150,20 +150,27 @@ def reason_for(
     statistic: Observed | None,
     region: Region | None,
     inks: dict[str, Ink],
-    found: Registration,
+    registration: Registration,
     *,
     distinct: Collection[str],
 ) -> str:
     """Return one line: what is wrong, with which ink, by how much and where.
 
-    statistic: the strongest one; region: the first place, None if there is none. distinct: letters of the
-    inks that the sensors distinguish from others. No other ink is named, except the only ink of a page where
-    the print of that ink as a whole is off.
+    Only distinct inks are named, and the only ink of a page where the print of that ink as a whole is off.
+
+    Parameters
+    ----------
+    kind : kind of the misprint.
+    statistic : the strongest statistic; None: there is none.
+    region : the first place; None: there is none.
+    inks : measured state of each ink.
+    registration : of the scan.
+    distinct : letters of the inks that the sensors distinguish from others.
     """
     ink = _ink_of(statistic)
     match kind:
         case "wrong-page":
-            return place_reason(found)
+            return place_reason(registration)
         case "plane-register":
             return _of_register(ink, inks, distinct)
         case "density" | "missing-plane" | "swapped-planes":
@@ -172,10 +179,8 @@ def reason_for(
             return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink, distinct)}"
         case "banding":
             return f"bands across the page{_in(ink, distinct)}"
-        case "unknown" if not found.found:
-            return (
-                f"where the page lies cannot be told: {found.reason or 'its tiles lie in different places'}"
-            )
+        case "unknown" if not registration.found:
+            return f"where the page lies cannot be told: {registration.reason or 'its tiles lie in different places'}"
     what = {
         "spots-voids": "spot" if _darker(statistic) else "void",
         "ghost-smear": "ghost",
@@ -191,7 +196,7 @@ def _of_register(ink: str, inks: dict[str, Ink], distinct: Collection[str]) -> s
     if not off:
         return "planes out of register"
     worst = ink if ink in off else max(off, key=lambda letter: off[letter])
-    amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_TOLD_MM else ""
+    amount = f" {off[worst]:.1f} mm" if off[worst] >= LEAST_REPORTED_MM else ""
     return f"register of {_named(worst, inks, distinct)}{amount}"
 
 
@@ -211,8 +216,8 @@ def _of_gain(
         return f"ink is off{where}"
     gain = gains[named]
     if kind == "missing-plane" and (local or gain < 0):
-        word = "missing" if gain < GONE_PERCENT or (local and not _darker(statistic)) else "weak"
-        return f"{word} {_named(named, inks, distinct).removeprefix('an ')}{where}"
+        adjective = "missing" if gain < MISSING_PERCENT or (local and not _darker(statistic)) else "weak"
+        return f"{adjective} {_named(named, inks, distinct).removeprefix('an ')}{where}"
     if ink == "" and len(gains) > 1 and np.ptp(np.sign(list(gains.values()))) == 0:
         return f"all inks {_amount(float(np.mean(list(gains.values()))))}{where}"
     return f"{_named(named, inks, distinct)} {_amount(gain)}{where}"

@@ -69,11 +69,11 @@ STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
 
 def compressed(values: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compress statistics of any size to numbers of about 1: sign(v) log(1 + 3 |v|)."""
-    known = _known(values)
-    return np.asarray(np.sign(known) * np.log1p(3 * np.abs(known)))
+    finite = _finite(values)
+    return np.asarray(np.sign(finite) * np.log1p(3 * np.abs(finite)))
 
 
-def _known(values: NDArray[np.floating]) -> NDArray[np.float64]:
+def _finite(values: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1e6, neginf=-1e6)
 
 
@@ -143,8 +143,8 @@ class DetectorModel:
         mean, sd = self.centre
         x = np.column_stack([np.ones(len(page_features)), ((page_features - mean) / sd).clip(-3, 3)])
         compared = (compressed(values) - x @ self.baseline) / self.sd
-        told = np.where(in_deviations(self.statistics), _known(values), compared)
-        return np.asarray((told - self.shift) / self.scale)
+        stated = np.where(in_deviations(self.statistics), _finite(values), compared)
+        return np.asarray((stated - self.shift) / self.scale)
 
     def values_at(
         self, deviations: NDArray[np.floating], page_features: NDArray[np.floating]
@@ -179,15 +179,15 @@ class DetectorModel:
         """
         deviations = self.deviations(values, page_features)
         needed = values if self.screen is None else values[:, self.screen.statistic]
-        known = np.isfinite(needed).all(axis=1)
+        finite = np.isfinite(needed).all(axis=1)
         score = np.full(len(values), np.nan)
-        if not known.any():
+        if not finite.any():
             return score
         if self.screen is not None:
-            score[known] = self.screen.score(deviations[known], page_features[known])
+            score[finite] = self.screen.score(deviations[finite], page_features[finite])
         else:
-            evidence = self.family_evidence(deviations[known])
-            score[known] = self._summed(evidence, page_features[known], deviations[known])
+            evidence = self.family_evidence(deviations[finite])
+            score[finite] = self._summed(evidence, page_features[finite], deviations[finite])
         return score
 
     def _summed(
@@ -216,28 +216,28 @@ class DetectorModel:
         deviations = self.deviations(values, page_features)
         evidence = self.family_evidence(deviations)
         against_good = self.of_kinds(every_column(evidence, page_features, deviations))
-        told = scores_of(self.name_forests, family_columns(evidence)) + AGAINST_GOOD * against_good
-        return [self.kinds[index] for index in told.argmax(axis=1)]
+        log_odds = scores_of(self.name_forests, family_columns(evidence)) + AGAINST_GOOD * against_good
+        return [self.kinds[index] for index in log_odds.argmax(axis=1)]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what an artefact stores as tensors."""
-        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
-        found |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
+        tensors: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ARRAYS}
+        tensors |= {f"scatter.{name}": getattr(self.scatter, name) for name in (*SCATTER_SHAPES, "light")}
         forests = {} if self.forest is None else {"forest": self.forest}
         of_kinds = [("kind", self.kind_forests), ("name", self.name_forests)]
         if self.screen is not None:
-            found |= {f"first.{name}": getattr(self.screen, name) for name in FIRST}
+            tensors |= {f"first.{name}": getattr(self.screen, name) for name in FIRST}
             forests["screen"] = self.screen.forest
             of_kinds.append(("screenkind", self.screen.kind_forests))
         for of, those in of_kinds:
             forests |= {f"{of}{index}": forest for index, forest in enumerate(those)}
         for which, forest in forests.items():
-            found |= {f"{which}.{name}": getattr(forest, name) for name in FOREST}
-        return found
+            tensors |= {f"{which}.{name}": getattr(forest, name) for name in FOREST}
+        return tensors
 
     def facts(self) -> dict[str, Any]:
         """Return the rest: what JSON can hold."""
-        # A press that is as others is what it was before there was this.
+        # The default prior is omitted, so that artefacts from before priors were stored stay the same.
         prior = {} if self.prior == PrintPrior() else {"prior": asdict(self.prior)}
         return prior | {
             "names": [one.key for one in self.statistics],
@@ -257,20 +257,20 @@ class DetectorModel:
 
         Misfit: this version cannot judge by them. under: prefix of their names.
         """
-        told = checked(ModelFacts, facts, under=under)
-        told.check(under)
-        forests = dict(_forests_of(told))
+        stated = checked(ModelFacts, facts, under=under)
+        stated.check(under)
+        forests = dict(_forests_of(stated))
         own = {name: array for name, array in arrays.items() if name.split(".")[0] not in forests}
-        sizes = told.sizes()
-        table = TABLE | FIRST_TABLE if told.screened else TABLE
+        sizes = stated.sizes()
+        table = TABLE | FIRST_TABLE if stated.screened else TABLE
         check_arrays(own, table, sizes, under=under)
-        known = {name: at for at, name in enumerate(told.families)}
-        if arrays["family"].tolist() != [known[one.cause] for one in told.statistics]:
+        index_of = {name: at for at, name in enumerate(stated.families)}
+        if arrays["family"].tolist() != [index_of[one.cause] for one in stated.statistics]:
             raise Misfit(f"{under}family", "must say of which family each statistic is")
         if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
             raise Misfit(f"{under}tail", "must begin where quantiles end")
-        if told.screened:
-            check_screen(part_of(arrays, "first."), told.statistics, under=f"{under}first.")
+        if stated.screened:
+            check_screen(part_of(arrays, "first."), stated.statistics, under=f"{under}first.")
         for which, columns in forests.items():
             Forest.check(part_of(arrays, f"{which}."), sizes[columns], under=f"{under}{which}.")
 
@@ -321,12 +321,13 @@ class DetectorModel:
             families, family = self.screen.families, self.screen.family
         else:
             evidence, families, family = self.family_evidence(deviations)[0], self.families, self.family
-        found = []
-        for index in np.argsort(-evidence, kind="stable")[:most]:  # many families reach ``LEAST_P`` at once
+        result = []
+        # Stable, so that families of equal evidence keep their order.
+        for index in np.argsort(-evidence, kind="stable")[:most]:
             members = np.flatnonzero(family == index)
             best = members[int(np.argmax(deviations[0, members]))]
-            found.append((families[index], statistics[best]))
-        return found
+            result.append((families[index], statistics[best]))
+        return result
 
     def laid_out(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
         """Return values (n,) of all the model's statistics, with NaN for those that were not computed.

@@ -90,16 +90,16 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> str:
     Tiles that do not look as designed are the least specific indication.
     """
     kinds = [kind_of(statistic.statistic) for _, statistic in strongest]
-    known = [kind for kind in kinds if kind != UNKNOWN]
-    return next((kind for kind in known if kind != WRONG_PAGE_KIND), known[0] if known else UNKNOWN)
+    specific = [kind for kind in kinds if kind != UNKNOWN]
+    return next((kind for kind in specific if kind != WRONG_PAGE_KIND), specific[0] if specific else UNKNOWN)
 
 
-def supported(kind: str, found: Registration) -> str:
+def supported(kind: str, registration: Registration) -> str:
     """Return a kind.
 
     It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
     """
-    return UNKNOWN if kind == WRONG_PAGE_KIND and not found.found else kind
+    return UNKNOWN if kind == WRONG_PAGE_KIND and not registration.found else kind
 
 
 def _of_box(box: Statistic) -> str:

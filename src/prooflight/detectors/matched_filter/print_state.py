@@ -1,4 +1,4 @@
-"""Print state from the fit: lamp, paper, inks and register, and the light of the columns of a good print."""
+"""Print state from the fit: the variation of lamp, paper, inks and register, and of the light of columns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.fit.nuisance import Fit
     from prooflight.prediction.tables import SensorModel
 
-LEAST_KNOWN: Final = 0.4
+LEAST_SHARE: Final = 0.4
 """Minimum share of an ink's amount that the page determines, instead of the prior, for it to count."""
 
 
@@ -35,10 +35,10 @@ def fitted_amounts(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> di
     for sensor, white in zip(sensors, fit.white, strict=True):
         values[f"light-{sensor.name}"] = float(white)
     values |= {f"lamp-{k}": float(one) for k, one in enumerate(fit.lamp, start=1)}
-    known = known_shares(fit)
+    shares = known_shares(fit)
     for ink, name in enumerate(INK_NAMES):
-        if known[ink] >= LEAST_KNOWN:
-            values[f"gain-{name}"] = float(fit.gain[ink, 0] / known[ink])
+        if shares[ink] >= LEAST_SHARE:
+            values[f"gain-{name}"] = float(fit.gain[ink, 0] / shares[ink])
         if analysis.found.plane_parts[:, ink].min() > 0:
             for axis, letter in enumerate("xy"):
                 values[f"register-{name}-{letter}"] = float(analysis.found.planes_mm[ink, axis])

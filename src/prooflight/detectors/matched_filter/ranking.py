@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 LEAST_CHANCE: Final = 0.01
 MARK: Final = "mark/"
 """First word of the families of small windows by class of place (``statistics.marks``)."""
-BESIDE_FROM, BESIDE_SLOPE = 2.0, 2.0
+ADDED_FROM, ADDED_SLOPE = 2.0, 2.0
 """The evidence e of the strongest family, -log10 p after Bonferroni (``strongest_alone``), adds
-``BESIDE_SLOPE`` x (e - ``BESIDE_FROM``) to the forests' log odds ..."""
+``ADDED_SLOPE`` x (e - ``ADDED_FROM``) to the forests' log odds ..."""
 ALONE_FROM, ALONE_SLOPE = 3.0, 6.0
 """... and a page scores at least ``ALONE_SLOPE`` x (e - ``ALONE_FROM``), whatever the forests' log odds.
 (both chosen on the ranking's own folds, seed 31)"""
@@ -77,11 +77,11 @@ def strongest_alone(evidence: NDArray[np.floating], marks: NDArray[np.bool_]) ->
     Families of marks and all others are two groups; within a group the strongest counts after Bonferroni.
     evidence (pages, families); marks (families,): which are of marks.
     """
-    found = np.full(len(evidence), -np.inf)
+    strongest = np.full(len(evidence), -np.inf)
     for group in (marks, ~marks):
         if group.any():
-            np.maximum(found, evidence[:, group].max(axis=1) - np.log10(group.sum()), out=found)
-    return found
+            np.maximum(strongest, evidence[:, group].max(axis=1) - np.log10(group.sum()), out=strongest)
+    return strongest
 
 
 def marks_of(families: Sequence[str]) -> NDArray[np.bool_]:
@@ -178,17 +178,20 @@ def ranked(
     evidence: NDArray[np.floating],
     marks: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Combine the forests' log odds in one score per page, (pages,).
+    """Combine the forests' log odds and the strongest family in one score per page, (pages,).
 
-    of_all (pages,): log odds of all misprints against good pages; of_kinds (pages, kinds): of each kind, of
-    which the greatest counts. evidence (pages, families): the strongest family's is added; marks (families,):
-    which are of marks.
-
-    The sum ranks kinds that were not trained on better than the log odds of either forest alone (`study
+    The plain sum ranks kinds that were not trained on better than learned weights did (decision 19; `study
     ranking`). Evidence in a single family, as in no misprint of the training data, is used by itself, so that
     forests can only add to it.
+
+    Parameters
+    ----------
+    of_all : (pages,) log odds of all misprints against good pages.
+    of_kinds : (pages, kinds) log odds of each kind against good pages, of which the greatest counts.
+    evidence : (pages, families) -log10 p of the families.
+    marks : (families,) which families are of marks.
     """
     most = of_kinds.max(axis=1) if of_kinds.shape[1] else 0.0
     alone = strongest_alone(evidence, marks)
-    together = of_all + most + BESIDE_SLOPE * np.maximum(alone - BESIDE_FROM, 0)
-    return np.maximum(together, ALONE_SLOPE * (alone - ALONE_FROM))
+    combined = of_all + most + ADDED_SLOPE * np.maximum(alone - ADDED_FROM, 0)
+    return np.maximum(combined, ALONE_SLOPE * (alone - ALONE_FROM))

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 PAGES_TO_LEARN: Final = 40
 """Number of good pages that a person is asked to inspect. (assumed: what a person inspects in one session)"""
-TAUGHT_REMEDY: Final = (
+TRAINING_REMEDY: Final = (
     f"look at {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
 )
-TOLD_REMEDY: Final = (
+FEEDBACK_REMEDY: Final = (
     "watch runs with --sample, say what their sheets were, and run `prooflight press recalibrate`"
 )
 
@@ -32,16 +32,18 @@ class PressRunTest:
 
     test: ExchangeabilityTest
     rng: np.random.Generator
-    remedy: str = TAUGHT_REMEDY
+    remedy: str = TRAINING_REMEDY
     """See ``RunTest``."""
 
     @classmethod
-    def of(cls, ours: CalibratedDetector, *, seed: int) -> Self:
+    def of(cls, detector: CalibratedDetector, *, seed: int) -> Self:
         """Start the test of a run."""
         rng = stream(seed, "exchangeability-ties")
-        if ours.told:
-            return cls(test=ExchangeabilityTest.of_told(ours.told[-1], rng), rng=rng, remedy=TOLD_REMEDY)
-        return cls(test=ExchangeabilityTest.of(ours), rng=rng)
+        if detector.told:
+            return cls(
+                test=ExchangeabilityTest.of_labelled(detector.told[-1], rng), rng=rng, remedy=FEEDBACK_REMEDY
+            )
+        return cls(test=ExchangeabilityTest.of(detector), rng=rng)
 
     def add(self, summary: NDArray[np.float64]) -> None:
         """See ``RunTest``."""

@@ -82,8 +82,8 @@ def screened(statistics: Sequence[Statistic]) -> tuple[NDArray[np.int32], tuple[
 def check(arrays: Mapping[str, NDArray[Any]], statistics: Sequence[Statistic], *, under: str) -> None:
     """Raise Misfit unless a screen's arrays state its statistics, and the family of each."""
     which, _, family = screened(statistics)
-    for name, asked in (("statistic", which), ("family", family)):
-        if not np.array_equal(arrays[name], asked):
+    for name, expected in (("statistic", which), ("family", family)):
+        if not np.array_equal(arrays[name], expected):
             raise Misfit(f"{under}{name}", "must be that of the statistics that every page is analysed for")
     if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
         raise Misfit(f"{under}tail", "must begin where quantiles end")

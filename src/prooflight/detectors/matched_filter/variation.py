@@ -54,7 +54,7 @@ UNTOLD: Final = {
 """Amounts of ``[variation]`` that are not estimated, and why."""
 EVEN: Final = 3.0
 """a^2 over the variance of a uniform distribution between -a and a."""
-LEAST_TOLD: Final = 0.3
+LEAST_SHARE: Final = 0.3
 """Minimum share of an amount that a page must determine to count."""
 BARE: Final = 0.005
 """Ink area up to which a tile is bare paper."""
@@ -74,11 +74,11 @@ def page_variation(prepared: PreparedPage, analysis: ScanAnalysis) -> NDArray[np
     The weight is 0 if the page does not determine the amount. A square may be below 0, because noise has been
     subtracted.
     """
-    found: dict[str, tuple[float, float]] = {}
-    found |= _of_place(analysis)
-    found |= _of_fit(prepared, analysis)
-    found |= _of_light(prepared, analysis)
-    rows = [found.get(names[0], (0.0, 0.0)) for names in AMOUNTS]
+    by_name: dict[str, tuple[float, float]] = {}
+    by_name |= _of_place(analysis)
+    by_name |= _of_fit(prepared, analysis)
+    by_name |= _of_light(prepared, analysis)
+    rows = [by_name.get(names[0], (0.0, 0.0)) for names in AMOUNTS]
     table = np.array(rows, np.float32)
     table[~np.isfinite(table).all(axis=1)] = 0
     return table
@@ -89,25 +89,25 @@ def _of_place(analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
     registered, place = analysis.found, analysis.found.placement
     if not registered.found:
         return {}
-    found = {
+    result = {
         "page.shift_mm": (EVEN * _square(place.shift_mm), 1.0),
         "page.skew_deg": (EVEN * _square(place.skew_deg), 1.0),
         "page.scale_percent": (EVEN * _square(place.stretch_percent), 1.0),
     }
     if place.warp is not None:
         across, along = np.moveaxis(1e3 * place.warp.nodes_mm.astype(np.float64), -1, 0)
-        found |= {"page.warp_across_um": (_square(across), 1.0), "page.warp_along_um": (_square(along), 1.0)}
+        result |= {"page.warp_across_um": (_square(across), 1.0), "page.warp_along_um": (_square(along), 1.0)}
     squares, shares = [], []
     for axis, parts in enumerate(registered.plane_parts):
-        # Planes lie off their weighted mean, which is where the page was found.
+        # Planes are displaced from their weighted mean, which is the page's registered place.
         part = parts / max(float(parts.sum()), 1e-9)
         share = 1 - 2 * part + (part**2).sum()
-        seen = (part > 0) & (share > LEAST_TOLD)
+        seen = (part > 0) & (share > LEAST_SHARE)
         squares += ((1e3 * registered.planes_mm[seen, axis]) ** 2).tolist()
         shares += share[seen].tolist()
     if shares:
-        found["register.plane_um"] = sum(squares) / sum(shares), sum(shares)
-    return found
+        result["register.plane_um"] = sum(squares) / sum(shares), sum(shares)
+    return result
 
 
 def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
@@ -117,21 +117,21 @@ def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[f
     share, amounts = layout.parts(fit.told), layout.parts(fit.pulls * np.sqrt(fit.told))
 
     def square(
-        of: FitParts, told: FitParts, name: str, sd: float, *, at: int | slice | None = None
+        of: FitParts, shares: FitParts, name: str, sd: float, *, at: int | slice | None = None
     ) -> tuple[float, float]:
-        m, r = (getattr(one, name) for one in (of, told))
+        m, r = (getattr(one, name) for one in (of, shares))
         m, r = (m, r) if at is None else (m[:, at], r[:, at])
-        known = r > LEAST_TOLD
-        if not known.any():
+        sufficient = r > LEAST_SHARE
+        if not sufficient.any():
             return 0.0, 0.0
-        m, r = m[known], r[known]
+        m, r = m[sufficient], r[sufficient]
         weight = float((r**2).sum())
         return (100 * sd) ** 2 * float((m**2 - r * (1 - r)).sum()) / weight, weight
 
-    # What the camera sees of bare paper: tables' errors of gain and shape there look alike.
+    # Signal of bare paper, where a table's errors of gain and of shape cannot be distinguished.
     bare = prepared.colours.root @ np.exp(-((prepared.colours.centres / COLOUR_LENGTH) ** 2).sum(axis=1))
     paper = 100 * (fit.white + prior.shape * (fit.shape @ bare))
-    found = {
+    result = {
         "ink.gain_session_percent": square(amounts, share, "gain", prior.gain, at=0),
         "ink.gain_tilt_percent": square(amounts, share, "gain", prior.tilt, at=slice(1, 3)),
         "ink.dot_gain_percent": square(amounts, share, "dot", prior.dot),
@@ -139,10 +139,10 @@ def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[f
         "camera.sigma_error": (EVEN * _square(np.log(analysis.noise) / 2), 1.0),
     }
     if paper.size > 1:
-        apart = float(paper.var(ddof=1))
-        found["paper.white_channel_percent"] = apart, 1.0
-        found["paper.white_percent"] = float(paper.mean() ** 2) - apart / paper.size, 1.0
-    return found
+        variance = float(paper.var(ddof=1))
+        result["paper.white_channel_percent"] = variance, 1.0
+        result["paper.white_percent"] = float(paper.mean() ** 2) - variance / paper.size, 1.0
+    return result
 
 
 def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
@@ -151,7 +151,7 @@ def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple
     push, power, _, edges = sums.tiles[:, 0].astype(np.float64)
     bare = (sums.cover.sum(axis=0) < BARE) & (edges <= FLAT * power) & (power > 1)
     push, power = push * bare, power * bare
-    found: dict[str, tuple[float, float]] = {}
+    result: dict[str, tuple[float, float]] = {}
     lines = max(round(sums.tile_mm / geometry.line_pitch_mm), 1)
     wide = round(COLUMN_MM / sums.tile_mm) | 1
     halves = [(push[:, at::2].sum(axis=1), power[:, at::2].sum(axis=1)) for at in (0, 1)]
@@ -160,7 +160,7 @@ def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple
     if rows.sum() > FEWEST:
         levels = [_rough(n / np.maximum(d, 1e-9), rows, wide)[rows] for n, d in halves]
         flicker = _shared(*levels) * wide / (wide - 1)
-        found["lamp.flicker_percent"] = 1e4 * lines * flicker, 1.0
+        result["lamp.flicker_percent"] = 1e4 * lines * flicker, 1.0
     down, across = (extent // BOX for extent in push.shape)
     chess = np.add.outer(np.arange(push.shape[0]), np.arange(push.shape[1])) % 2
     parts = []
@@ -172,31 +172,31 @@ def _of_light(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple
     whole = bare[: down * BOX, : across * BOX].reshape(down, BOX, across, BOX).all(axis=(1, 3))
     if whole.sum() > FEWEST:
         clouds = _shared(*(n[whole] / d[whole] for n, d in parts)) - flicker / BOX
-        found["paper.cloudiness_percent"] = 1e4 * clouds, 1.0
+        result["paper.cloudiness_percent"] = 1e4 * clouds, 1.0
     gains, sensors = sums.column_gains.astype(np.float64), len(sums.column_gains)
-    known = sums.columns[1, 0].sum(axis=0).astype(np.float64) / sensors
-    seen = known > 0.5 * known.max()
+    information = sums.columns[1, 0].sum(axis=0).astype(np.float64) / sensors
+    seen = information > 0.5 * information.max()
     if seen.sum() > FEWEST:
-        together = max(round(sums.pixel_mm / geometry.pixel_pitch_mm), 1)
+        bins = max(round(sums.pixel_mm / geometry.pixel_pitch_mm), 1)
         wide = round(COLUMN_MM / sums.pixel_mm) | 1
-        told = float(np.median(known[seen] / (known[seen] + sums.prior.column**-2)))
-        scatter = (NORMAL * np.median(np.abs(gains[:, seen]))) ** 2 / told**2 * wide / (wide - 1)
-        found["camera.column_gain_percent"] = (
-            1e4 * together * (scatter - 1 / float(np.median(known[seen]))),
+        share = float(np.median(information[seen] / (information[seen] + sums.prior.column**-2)))
+        scatter = (NORMAL * np.median(np.abs(gains[:, seen]))) ** 2 / share**2 * wide / (wide - 1)
+        result["camera.column_gain_percent"] = (
+            1e4 * bins * (scatter - 1 / float(np.median(information[seen]))),
             1.0,
         )
-    return found
+    return result
 
 
 def _square(values: object) -> float:
     return float(np.mean(np.asarray(values, np.float64) ** 2))
 
 
-def _rough(level: NDArray[np.float64], known: NDArray[np.bool_], wide: int) -> NDArray[np.float64]:
+def _rough(level: NDArray[np.float64], valid: NDArray[np.bool_], wide: int) -> NDArray[np.float64]:
     """Return the part of a level that is not smooth over ``wide`` places."""
     smooth, share = (
         ndimage.uniform_filter1d(one, wide, mode="nearest")
-        for one in (level * known, known.astype(np.float64))
+        for one in (level * valid, valid.astype(np.float64))
     )
     return np.asarray(level - smooth / np.maximum(share, 1e-9))
 
@@ -229,13 +229,13 @@ def learned_amounts(pages: NDArray[np.floating]) -> list[Learned]:
 
     Those that no page determines are omitted.
     """
-    found = []
+    result = []
     for index, names in enumerate(AMOUNTS):
         squares, weights = np.asarray(pages, np.float64)[:, index].T
-        told = weights > 0
-        if told.sum() < 2:
+        measured = weights > 0
+        if measured.sum() < 2:
             continue
-        squares, weights = squares[told], weights[told] / weights[told].sum()
+        squares, weights = squares[measured], weights[measured] / weights[measured].sum()
         most = WIDEST * float(np.median(np.abs(squares)))
         squares = squares.clip(-most, most)
         mean = float(weights @ squares)
@@ -243,5 +243,5 @@ def learned_amounts(pages: NDArray[np.floating]) -> list[Learned]:
         value, low, high = np.sqrt(np.maximum([mean, mean - error, mean + error], 0)).tolist()
         if names[0] == "camera.sigma_error":
             value, low, high = (float(np.exp(one)) for one in (value, low, high))
-        found.append(Learned(names=names, value=value, low=low, high=high, pages=int(told.sum())))
-    return found
+        result.append(Learned(names=names, value=value, low=low, high=high, pages=int(measured.sum())))
+    return result

@@ -178,7 +178,7 @@ def limits(
     """
     deciding = model.screen or model
     marks = int(marks_of(deciding.families).sum())
-    # Without forests that misprints taught, the strongest family counts as it is.
+    # Without forests trained on misprints, the strongest family's evidence is the score.
     alone = model.screen is None and model.forest is None
     evidence = threshold if alone else alarming_evidence(threshold, max(marks, 1))
     of_families = deviation_at(evidence, deciding.quantiles, deciding.tail, deciding.tail_from)
@@ -187,13 +187,13 @@ def limits(
     deviations[which] = of_families[deciding.family]
     with np.errstate(over="ignore", invalid="ignore"):
         values = model.values_at(deviations, page_features)
-    found = np.full((CLASSES, SIZES, 2), np.inf)
+    result = np.full((CLASSES, SIZES, 2), np.inf)
     usual = usual_t(np.asarray(windows / np.square(WINDOWS)))
     for one, value in zip(model.statistics, values, strict=True):
         if one.family == "mark":
             c, s = PLACE_CLASSES.index(one.mode), WINDOWS.index(one.size or 0)
-            found[c, s, "+-".index(one.sign)] = value - REFERENCE_T + usual[c, s]
-    return np.maximum(found, LEAST_T)
+            result[c, s, "+-".index(one.sign)] = value - REFERENCE_T + usual[c, s]
+    return np.maximum(result, LEAST_T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -279,7 +279,7 @@ def least_sizes(
     sensors = len(light)
     with np.errstate(divide="ignore", invalid="ignore"):
         for size, side in enumerate(WINDOWS):
-            asked = np.append(limiting_t[:, size, DARKER], np.inf)[
+            required = np.append(limiting_t[:, size, DARKER], np.inf)[
                 np.minimum(expected.places.of_windows[size], CLASSES)
             ]
             sums = np.stack([_box_sums(one, side) for one in power])
@@ -287,8 +287,8 @@ def least_sizes(
             channels = list(zip(pushes, sums, strict=True))
             if sensors > 1:
                 channels.append((pushes.sum(axis=0), sums.sum(axis=0)))
-            for push, known in channels:
-                cover = asked * np.sqrt(known + (tolerance * known) ** 2) / push
+            for push, information in channels:
+                cover = required * np.sqrt(information + (tolerance * information) ** 2) / push
                 np.minimum(least, _size_of(cover, mark.sums[:, size], mark.sizes_mm), out=least)
         if floor_share:
             noise = FLOOR_SIGMAS / np.sqrt(expected.weight)
@@ -344,14 +344,14 @@ class VisibleMarks:
     @classmethod
     def of(cls, prepared: MatchedFilterPage) -> Self:
         """Compute the limits of a page that is prepared for its scans."""
-        known, model, station = prepared.known, prepared.model, prepared.detector.station
-        sensors, geometry = known.binned_sensors, known.binned_geometry
-        inside = pixel_map(known.page, geometry, IN_PLACE).inside
-        if known.zones is not None:
-            inside &= known.zones.images[0] < 0.5
+        design, model, station = prepared.known, prepared.model, prepared.detector.station
+        sensors, geometry = design.binned_sensors, design.binned_geometry
+        inside = pixel_map(design.page, geometry, IN_PLACE).inside
+        if design.zones is not None:
+            inside &= design.zones.images[0] < 0.5
         expected = ExpectedPage.of(
-            known.page,
-            Modes(images=known.images, sensors=len(sensors)),
+            design.page,
+            Modes(images=design.images, sensors=len(sensors)),
             inside,
             sensors=sensors,
             geometry=geometry,
@@ -359,29 +359,29 @@ class VisibleMarks:
             threads=station.threads or 1,
         )
         limiting_t = limits(
-            model, prepared.detector.calibrated.threshold, known.page_features, expected.windows
+            model, prepared.detector.calibrated.threshold, design.page_features, expected.windows
         )
         spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, station.floor_share)
         return cls(
             spot_mm=spot,
             hair_mm=hair,
             place=expected.places.of_windows[0],
-            left_mm=-geometry.left_mm(known.page.width_mm),
+            left_mm=-geometry.left_mm(design.page.width_mm),
             top_mm=-geometry.lead_in_mm,
             pixel_mm=geometry.pixel_pitch_mm,
             line_mm=geometry.line_pitch_mm,
-            page_mm=(known.page.width_mm, known.page.height_mm),
+            page_mm=(design.page.width_mm, design.page.height_mm),
         )
 
     def rows(self) -> list[PlaceRow]:
         """Return a row for each class of place on the page."""
         inspected = np.count_nonzero(self.place != NOT_INSPECTED)
-        found = []
+        result = []
         for number, name in enumerate(PLACE_CLASSES):
             here = self.place == number
             if here.any():
                 spot, hair = self.spot_mm[here], self.hair_mm[here]
-                found.append(
+                result.append(
                     PlaceRow(
                         place=NAMES[name],
                         share=float(np.count_nonzero(here) / inspected),
@@ -391,7 +391,7 @@ class VisibleMarks:
                         worst_hair_mm=float(hair.max()),
                     )
                 )
-        return found
+        return result
 
 
 def _median(sizes: NDArray[np.float32]) -> float:
@@ -416,7 +416,7 @@ def _spot_and_hair(
     return spot, hair
 
 
-def on_tint(ours: CalibratedDetector, station: Station, black: float) -> tuple[float, float]:
+def on_tint(detector: CalibratedDetector, station: Station, black: float) -> tuple[float, float]:
     """Return the smallest spot and the narrowest hair that alarm on an A4 page of one tint. [mm]
 
     They are computed from the press's tables alone, for a page with the mean features of the training pages.
@@ -426,7 +426,7 @@ def on_tint(ours: CalibratedDetector, station: Station, black: float) -> tuple[f
     geometry = binned_geometry(station.geometry, bins)
     pitch_mm = station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm
     sensors = tuple(binned_sensor(one, bins, pitch_mm) for one in station.sensors)
-    pixel_mm, model = geometry.pixel_pitch_mm, ours.model
+    pixel_mm, model = geometry.pixel_pitch_mm, detector.model
     extent = round(min(SAMPLE_MM, station.geometry.field_mm) / pixel_mm)
     cmyk = np.zeros((extent, extent, 4), np.uint8)
     cmyk[..., INK_LETTERS.index("K")] = round(255 * black)
@@ -441,7 +441,7 @@ def on_tint(ours: CalibratedDetector, station: Station, black: float) -> tuple[f
     )
     channels = len(sensors) + (len(sensors) > 1)
     windows = np.full((CLASSES, SIZES), channels * A4_MM2 / (pixel_mm * geometry.line_pitch_mm))
-    limiting_t = limits(model, ours.threshold, model.centre[0], windows)
+    limiting_t = limits(model, detector.threshold, model.centre[0], windows)
     spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, station.floor_share)
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(len(spot))
     line, pixel = np.abs(y_mm - page.height_mm / 2).argmin(), np.abs(x_mm - page.width_mm / 2).argmin()

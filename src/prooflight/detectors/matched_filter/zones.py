@@ -121,8 +121,8 @@ def _of_streaks(sums: Sums, scatter: Scatter, within: NDArray[np.bool_]) -> Iter
         ]
         width = WIDTHS.index(2 * tiles)
         for index, name in enumerate(sums.modes):
-            pushed, known, at_edges = (one[index] for one in parts)
-            t = t_statistic(pushed, known, at_edges, scatter.streaks[index, width, SPAN])
+            pushed, information, at_edges = (one[index] for one in parts)
+            t = t_statistic(pushed, information, at_edges, scatter.streaks[index, width, SPAN])
             for sign, signed in (("+", t), ("-", -t)):
                 column = int(signed.argmax())
                 which = Statistic("streak", *mode_and_ink(name), sign, 2 * tiles, "careful", GOOD_PRINTS)
@@ -175,45 +175,46 @@ class ZonedJudge:
         return cls.by(zones.calibration, zones.careful_share, careful="careful" in zones.kinds)
 
     @classmethod
-    def by(cls, known: Calibration, share: float, *, careful: bool) -> Self:
+    def by(cls, calibration: Calibration, share: float, *, careful: bool) -> Self:
         """Return the rule of a calibration; careful: whether the page has careful areas.
 
         RequestError: as for ``of``.
         """
         if careful and not (
-            len(known.careful_scores) > 1 and len(known.careful_mean) == STATISTICS == len(known.careful_sd)
+            len(calibration.careful_scores) > 1
+            and len(calibration.careful_mean) == STATISTICS == len(calibration.careful_sd)
         ):
             raise RequestError("zones", "their price is of other careful areas", remedy="price them again")
-        if len(known.page_scores) < 2:
+        if len(calibration.page_scores) < 2:
             raise RequestError("zones", "their price is of fewer than 2 prints", remedy="price them again")
-        good = known.careful_scores if careful else ()
+        good = calibration.careful_scores if careful else ()
         return cls(
-            page_good=np.sort(np.array(known.page_scores, np.float64)),
+            page_good=np.sort(np.array(calibration.page_scores, np.float64)),
             careful_good=np.sort(np.array(good, np.float64)),
-            baseline=np.array([known.careful_mean, known.careful_sd], np.float64)
+            baseline=np.array([calibration.careful_mean, calibration.careful_sd], np.float64)
             if careful
             else np.zeros((2, 0)),
             share=share,
         )
 
     @classmethod
-    def kept(cls, kept: KeptArrays) -> tuple[Self, NDArray[np.float32]] | None:
+    def from_stored(cls, stored: KeptArrays) -> tuple[Self, NDArray[np.float32]] | None:
         """Return the stored rule and the careful area's statistics; None: the page has no zones."""
-        if "zones_page" not in kept.kept:
+        if "zones_page" not in stored.kept:
             return None
-        share = float(kept.array("zones_share", "f", (), finite=True))
-        page = kept.array("zones_page", "f", (None,), finite=True)
-        if "careful" not in kept.kept:
+        share = float(stored.array("zones_share", "f", (), finite=True))
+        page = stored.array("zones_page", "f", (None,), finite=True)
+        if "careful" not in stored.kept:
             nothing = np.zeros(0)
             judge = cls(page_good=page, careful_good=nothing, baseline=np.zeros((2, 0)), share=share)
             return judge, nothing.astype(np.float32)
-        careful = kept.array("careful_good", "f", (None,), finite=True)
-        baseline = kept.array("careful_baseline", "f", (2, STATISTICS), finite=True)
+        careful = stored.array("careful_good", "f", (None,), finite=True)
+        baseline = stored.array("careful_baseline", "f", (2, STATISTICS), finite=True)
         judge = cls(page_good=page, careful_good=careful, baseline=baseline, share=share)
-        return judge, kept.array("careful", "f", (STATISTICS,))
+        return judge, stored.array("careful", "f", (STATISTICS,))
 
-    def keeps(self, values: NDArray[np.float32]) -> Mapping[str, NDArray[Any]]:
-        """Return what ``kept`` needs."""
+    def stored_arrays(self, values: NDArray[np.float32]) -> Mapping[str, NDArray[Any]]:
+        """Return what ``from_stored`` needs."""
         always = {"zones_page": self.page_good, "zones_share": np.array(self.share)}
         if not self.careful_good.size:
             return always
@@ -223,7 +224,7 @@ class ZonedJudge:
             "careful_baseline": self.baseline,
         }
 
-    def rates(self, promised: float) -> tuple[float, float]:
+    def rates(self, nominal: float) -> tuple[float, float]:
         """Return the shares of a rate of the page as a whole and of its careful areas.
 
         The latter is 0 if there are no careful areas.
@@ -231,15 +232,15 @@ class ZonedJudge:
         RequestError: the prints are too few for alarms that rare.
         """
         if not self.careful_good.size:
-            return promised, 0.0
-        careful = max(self.share * promised, GoodScores(worst=self.careful_good).least_rate)
-        if careful > MOST_OF_RATE * promised:
+            return nominal, 0.0
+        careful = max(self.share * nominal, GoodScores(worst=self.careful_good).least_rate)
+        if careful > MOST_OF_RATE * nominal:
             count = self.careful_good.size
-            what = f"{count} prints cannot say how careful areas do in 1 of {1 / (self.share * promised):,.0f} pages"
+            what = f"{count} prints cannot say how careful areas do in 1 of {1 / (self.share * nominal):,.0f} pages"
             raise RequestError("zones", what, remedy=TOO_FEW)
-        return promised - careful, careful
+        return nominal - careful, careful
 
-    def decide(self, ours: CalibratedDetector, score: float, values: NDArray[np.floating]) -> Decision:
+    def decide(self, detector: CalibratedDetector, score: float, values: NDArray[np.floating]) -> Decision:
         """Decide at the trained threshold; score: of the page as a whole.
 
         values (statistics,): of its careful areas.
@@ -247,30 +248,30 @@ class ZonedJudge:
         The decision's score is above its threshold by the greater of the two excesses over their own
         thresholds.
         """
-        page_rate, careful_rate = self.rates(ours.ranking_rate)
-        zoned = PressScores(reference=ours.scores.reference, own=GoodScores(worst=self.page_good))
-        both, at = (ours.scores, zoned), ours.taught_threshold
+        page_rate, careful_rate = self.rates(detector.ranking_rate)
+        zoned = PressScores(reference=detector.scores.reference, own=GoodScores(worst=self.page_good))
+        both, at = (detector.scores, zoned), detector.trained_threshold
         threshold = max(at, *(of.threshold(page_rate)[0] for of in both))
         p_page = max(of.p_value(score, page_rate) for of in both) if np.isfinite(score) else 1.0
         if not careful_rate:
-            return ours.decision(at + (score - threshold), at, p_page)
+            return detector.decision(at + (score - threshold), at, p_page)
         good = GoodScores(worst=self.careful_good)
         careful = float(careful_scores(values[None], self.baseline)[0])
         above = careful - good.threshold(careful_rate)[0]
         p_careful = good.p_value(careful) if np.isfinite(careful) else 1.0
-        part = careful_rate / ours.ranking_rate
+        part = careful_rate / detector.ranking_rate
         p_value = min(p_page / (1 - part), p_careful / part, 1.0)
-        return ours.decision(at + float(np.maximum(score - threshold, above)), at, p_value)
+        return detector.decision(at + float(np.maximum(score - threshold, above)), at, p_value)
 
-    def careful_alarms(self, ours: CalibratedDetector, values: NDArray[np.floating]) -> bool:
+    def careful_alarms(self, detector: CalibratedDetector, values: NDArray[np.floating]) -> bool:
         """Return whether careful areas alone are enough for an alarm."""
-        _, rate = self.rates(ours.ranking_rate)
+        _, rate = self.rates(detector.ranking_rate)
         return bool(rate) and bool(
             careful_scores(values[None], self.baseline)[0]
-            > GoodScores(worst=self.careful_good).threshold(rate)[0] + ours.raised
+            > GoodScores(worst=self.careful_good).threshold(rate)[0] + detector.raised
         )
 
-    def telling(self, observed: Sequence[Observed]) -> Observed:
+    def greatest(self, observed: Sequence[Observed]) -> Observed:
         """Return the careful area's statistic with the greatest deviation, with that as its value."""
         deviations = (values_of(observed) - self.baseline[0]) / self.baseline[1]
         most = int(deviations.argmax())

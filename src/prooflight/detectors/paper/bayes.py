@@ -96,12 +96,23 @@ class BayesianNetwork:
         binning: Binning = "quantile",
         smoothing: float = 1.0,
     ) -> Self:
-        """Count the bins of pages (pages, n) whose labels are ``correct`` or a type of misprint.
+        """Count the bins of pages in each class.
 
-        Quantile bins contain equally many training pages each; equal-width ones extend from the least to the
-        greatest value in training. smoothing: pages added to every bin (Laplace: 1). ValueError: no correct
-        page, no misprint, a statistic that is not finite, fewer than 2 bins, or a misprint_rate that is no
-        probability.
+        Parameters
+        ----------
+        statistics : (pages, n) statistics of the pages.
+        labels : ``correct`` or a type of misprint, one for each page.
+        misprint_rate : prior probability of a misprint.
+        bins : number of bins of each statistic.
+        binning : quantile bins contain equally many training pages each; equal-width ones extend from the least to the
+            greatest value in training.
+        smoothing : pages added to every bin (Laplace: 1).
+
+        Raises
+        ------
+        ValueError
+            There is no correct page, no misprint, a statistic that is not finite, fewer than 2 bins, or a misprint_rate
+            that is no probability.
         """
         _check(statistics, labels, misprint_rate, bins)
         kinds = np.asarray(labels)
@@ -130,8 +141,8 @@ class BayesianNetwork:
         place = _bins_of(statistics, self.edges)
         of_type = np.moveaxis(self.log_likelihood[:, np.arange(len(self.edges)), place].sum(axis=-1), 0, -1)
         of_misprint = special.logsumexp(of_type[..., 1:] + self.log_type_share, axis=-1)
-        known = np.isfinite(statistics).all(axis=-1)
-        return np.where(known, of_misprint - of_type[..., 0], np.nan)
+        finite = np.isfinite(statistics).all(axis=-1)
+        return np.where(finite, of_misprint - of_type[..., 0], np.nan)
 
     def posterior(self, statistics: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the probability of a misprint given statistics (..., n): (...)."""
@@ -201,10 +212,10 @@ class BayesDetector:
 
         Misfit: they cannot judge so many sensors. under: prefix of their names.
         """
-        told = checked(BayesFacts, facts, under=under)
-        if told.types[0] != CORRECT or len(set(told.types)) < len(told.types):
+        stated = checked(BayesFacts, facts, under=under)
+        if stated.types[0] != CORRECT or len(set(stated.types)) < len(stated.types):
             raise Misfit(f"{under}types", f"must be {CORRECT} and kinds of misprints, each once")
-        sizes = {"sensors": sensors, "statistics": sensors * len(STATISTICS), "types": len(told.types)}
+        sizes = {"sensors": sensors, "statistics": sensors * len(STATISTICS), "types": len(stated.types)}
         if arrays.get("edges", np.zeros(0)).ndim == 2:
             sizes["bins"] = arrays["edges"].shape[1] + 1
         check_arrays(arrays, TABLE, sizes | {"misprints": sizes["types"] - 1}, under=under)
@@ -273,7 +284,7 @@ def _check(statistics: NDArray[np.float64], labels: Sequence[str], misprint_rate
 def _edges(statistics: NDArray[np.float64], bins: int, binning: Binning) -> NDArray[np.float64]:
     shares = np.linspace(0, 1, bins + 1)[1:-1]
     if binning == "quantile":
-        # An edge is a value that was seen, not one between: so bins follow any rising change of scale exactly.
+        # Edges are values of the data, not interpolated, so that bins are invariant to monotonic scaling.
         return np.ascontiguousarray(np.quantile(statistics, shares, axis=0, method="higher").T)
     low, high = statistics.min(axis=0), statistics.max(axis=0)
     return np.ascontiguousarray(low[:, None] + (high - low)[:, None] * shares)

@@ -72,7 +72,7 @@ class ChiSquare:
     def decide(self, evidence: Evidence) -> Decision:
         """Decide on one page; the p-value is for people, the decision compares statistics."""
         of_page = float(pearson(evidence.histogram, interval_shares()).sum())
-        # Not scipy.stats, which takes longer to import than a page to judge.
+        # scipy.stats is avoided: its import takes longer than the judgement of a page.
         freedom = evidence.histogram.shape[0] * (evidence.histogram.shape[1] - 1)
         allowed = 1 / self.good_pages_per_false_alarm
         p_of_page = float(special.chdtrc(freedom, of_page))
@@ -81,7 +81,7 @@ class ChiSquare:
         of_tiles = tile_statistics(evidence)
         worst = float(of_tiles.max())
         most_of_page, most = special.chdtri(freedom, [allowed / 2, allowed / 2 / of_tiles.size])
-        # Of numpy's, for Python's max and min may leave out a NaN.
+        # np.maximum and np.minimum, because Python's max and min may drop a NaN.
         score = float(np.maximum(of_page / most_of_page, worst / most))
         p_value = 2 * float(np.minimum(p_of_page, special.chdtrc(freedom, worst) * of_tiles.size))
         return self._judgement(score, float(np.minimum(p_value, 1.0)))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import KeptArrays, Station
     from prooflight.detectors.paper.evidence import Evidence, EvidenceDetector
-    from prooflight.detectors.paper.finding import FoundPage
+    from prooflight.detectors.paper.finding import PlacedPage
     from prooflight.detectors.verdict import Decision
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
@@ -58,7 +58,7 @@ class PaperDetector(StationDetector):
 
     def decided_again(self, kept: KeptArrays) -> Decision:
         """See ``Detector``."""
-        with np.errstate(all="ignore"):  # what comes of odd numbers is looked at by whoever asks
+        with np.errstate(all="ignore"):  # the caller checks results that are not finite
             return self.test.decide(self.test.evidence_of(kept, sensors=len(self.station.sensors)))
 
 
@@ -76,41 +76,41 @@ class PaperPage:
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``; seed: of the randomised integral transform."""
         page, station, test = self.sought.page, self.detector.station, self.detector.test
-        found_page = find(self.sought, scan.dn, station)
-        seen, measured = cut(found_page.prediction, found_page.area), scan.dn[:, *found_page.area]
+        placed = find(self.sought, scan.dn, station)
+        seen, measured = cut(placed.prediction, placed.area), scan.dn[:, *placed.area]
         evidence = _gathered(measured, seen, station, seed=seed + page.number)
-        decision, wrong = test.decide(evidence), found_page.wrong_page
+        decision, wrong = test.decide(evidence), placed.wrong_page
         decision = replace(decision, misprint=decision.misprint or wrong)
-        found = Findings(regions=(), kind=None)
+        result = Findings(regions=(), kind=None)
         if decision.misprint:
-            found = findings(_grid(page, station.geometry, evidence, found_page))
+            result = findings(_grid(page, station.geometry, evidence, placed))
         verdict = Verdict.from_decision(
             page.name,
             decision,
             costs=station.costs,
-            surely=wrong,
-            kind=WRONG_PAGE_KIND if wrong else found.kind,
-            regions=found.regions,
-            shift_mm=found_page.shift_mm,
+            always_stop=wrong,
+            kind=WRONG_PAGE_KIND if wrong else result.kind,
+            regions=result.regions,
+            shift_mm=placed.shift_mm,
             detector=test.name,
-            reason=found_page.reason,
+            reason=placed.reason,
         )
         return Inspection(
             verdict=verdict,
-            placement=found_page.placement,
-            area=found_page.area,
+            placement=placed.placement,
+            area=placed.area,
             measured_dn=measured,
             block_z=evidence.block_z,
             expect=lambda: seen,
             kept={"wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND), **test.kept(evidence)},
-            state=partial(print_state, measured, seen.expected_dn, found_page.area[1], station),
+            state=partial(print_state, measured, seen.expected_dn, placed.area[1], station),
         )
 
 
 def page_evidence(page: Page, scan_dn: NDArray[np.uint16], station: Station) -> Evidence:
     """Return the evidence of the paper's detectors from one scan (sensors, lines, pixels) of a page."""
-    found = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
-    seen, measured = cut(found.prediction, found.area), scan_dn[:, *found.area]
+    placed = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
+    seen, measured = cut(placed.prediction, placed.area), scan_dn[:, *placed.area]
     return _gathered(measured, seen, station, seed=page.number)
 
 
@@ -125,10 +125,10 @@ def _gathered(measured: NDArray[np.uint16], seen: Prediction, station: Station, 
     )
 
 
-def _grid(page: Page, geometry: ScanGeometry, evidence: Evidence, found: FoundPage) -> BlockGrid:
+def _grid(page: Page, geometry: ScanGeometry, evidence: Evidence, placed: PlacedPage) -> BlockGrid:
     """Return the blocks in millimetres on the page as printed, without its shift."""
-    lines, columns = found.area
-    shift_x_mm, shift_y_mm = found.placement.shift_mm
+    lines, columns = placed.area
+    shift_x_mm, shift_y_mm = placed.placement.shift_mm
     _, rows, across = evidence.block_z.shape
     width_mm = BLOCK_PIXELS * geometry.pixel_pitch_mm
     height_mm = BLOCK_PIXELS * geometry.line_pitch_mm

@@ -235,11 +235,19 @@ def gather(
     threads: int | None = None,
     naive: bool = False,
 ) -> Evidence:
-    """Compute the evidence of a page's area, (sensors, lines, pixels) arrays, in one pass.
+    """Compute the evidence of a page's area in one pass.
 
-    The prediction is compacted in the same pass. seed: of the random numbers that replace what rounding lost;
-    the same seed gives the same result, whatever the number of threads. naive: compute the naive histogram as
-    well, which takes a second pass.
+    The prediction is compacted in the same pass.
+
+    Parameters
+    ----------
+    measured_dn : (sensors, lines, pixels) signal of the area [DN].
+    expected_dn, variance_dn2 : (sensors, lines, pixels) its prediction [DN, DN^2].
+    top_codes_dn : greatest digital number of each sensor [DN].
+    seed : of the random numbers that replace what rounding lost; the same seed gives the same result, whatever the
+        number of threads.
+    threads : number of threads that share the work; None: one per core.
+    naive : whether the naive histogram is computed as well, which takes a second pass.
     """
     workers = threads or os.cpu_count() or 1
     sensors, lines, pixels = measured_dn.shape

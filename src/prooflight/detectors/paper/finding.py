@@ -31,7 +31,7 @@ MOVED_PIXELS: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundPage:
+class PlacedPage:
     """A page at the placement that its scan shows."""
 
     placement: Placement
@@ -84,7 +84,7 @@ class SoughtPage:
         return relit(self.nominal, self.lit, station.sensors) or station.predict(self.page)
 
 
-def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> FoundPage:
+def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> PlacedPage:
     """Find a page in ``scan`` (sensors, lines, pixels) [DN] and predict it at its placement.
 
     scan: as returned by ``inspection.inspector.judged_lines``.
@@ -95,7 +95,7 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> Foun
     moved = placement is not IN_PLACE
     prediction = station.predict(page, placement) if moved else sought.in_place(station)
     another = shows_another(where)
-    return FoundPage(
+    return PlacedPage(
         placement=placement,
         prediction=prediction,
         area=inside(page, station.geometry, placement, lines=scan.shape[1]) if moved else sought.area,
@@ -112,6 +112,6 @@ def _moved(where: Registration, page: Page, station: Station) -> bool:
     turn_sd_mm = np.deg2rad(where.skew_sd_deg) * reach_mm
     shift_mm, sd_mm = np.abs(where.placement.shift_mm), np.array(where.shift_sd_mm)
     pitch_mm = np.array([station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm])
-    told = (shift_mm > MOVED_SIGMAS * sd_mm) & (shift_mm > MOVED_PIXELS * pitch_mm)
+    shifted = (shift_mm > MOVED_SIGMAS * sd_mm) & (shift_mm > MOVED_PIXELS * pitch_mm)
     turned = (turn_mm > MOVED_SIGMAS * turn_sd_mm) & (turn_mm > MOVED_PIXELS * pitch_mm)
-    return bool(told.any() or turned.any())
+    return bool(shifted.any() or turned.any())

@@ -1,4 +1,4 @@
-"""Print state from the light of columns: lamp and streaks of a good print."""
+"""Print state from the light of columns: the variation of one print in lamp and streaks."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def light_sums(
     (sensors, 2, PARTS, columns of the area) [DN]
     """
     bounds = np.arange(PARTS + 1) * measured.shape[1] // PARTS
-    found = np.empty((len(station.sensors), 2, PARTS, measured.shape[2]))
+    sums = np.empty((len(station.sensors), 2, PARTS, measured.shape[2]))
 
     def add(index: int, share: int, first: int, last: int) -> None:
         offset = station.sensors[index].column_offset_dn[part]
         seen, due = np.zeros(offset.size, np.uint32), np.zeros(offset.size)
         column_sums(measured[index], expected[index], first, last, seen, due)
-        found[index, 0, share] = seen - due
-        found[index, 1, share] = due - (last - first) * offset
+        sums[index, 0, share] = seen - due
+        sums[index, 1, share] = due - (last - first) * offset
 
     tasks = [
         partial(add, index, share, first, last)
@@ -62,7 +62,7 @@ def light_sums(
         for share, (first, last) in enumerate(pairwise(bounds))
     ]
     shared_out(tasks, threads=station.threads or 1)
-    return found
+    return sums
 
 
 def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str, float]:
@@ -73,6 +73,6 @@ def lamp_waves(sums: NDArray[np.float64], part: slice, pixels: int) -> dict[str,
     ratio = sums[0].sum(axis=0) / sums[1].sum(axis=0)
     x = (np.arange(pixels)[part] + 0.5) / pixels
     waves = np.cos(np.pi * np.multiply.outer(x, np.arange(LAMP_WAVES + 1)))
-    # By normal equations: BLAS would fit the long way round, in threads that fight with those that inspect.
-    found = np.linalg.solve(waves.T @ waves, waves.T @ ratio)
-    return {f"lamp-{k}": float(found[k]) for k in range(1, LAMP_WAVES + 1)}
+    # Normal equations: a BLAS least-squares fit takes longer, in threads that compete with the inspection's.
+    amplitudes = np.linalg.solve(waves.T @ waves, waves.T @ ratio)
+    return {f"lamp-{k}": float(amplitudes[k]) for k in range(1, LAMP_WAVES + 1)}

@@ -64,7 +64,7 @@ def findings(grid: BlockGrid) -> Findings:
         row, column = np.unravel_index(grid.tiles.argmax(), grid.tiles.shape)
         side = grid.blocks_per_tile
         tile = np.zeros_like(flagged)
-        last = np.equal((row + 1, column + 1), grid.tiles.shape)  # they are larger by what is left over
+        last = np.equal((row + 1, column + 1), grid.tiles.shape)  # the last tiles contain the remainder
         inside = tuple(
             slice(at * side, None if ends else (at + 1) * side)
             for at, ends in zip((row, column), last, strict=True)
@@ -73,7 +73,7 @@ def findings(grid: BlockGrid) -> Findings:
         return Findings(regions=(_region(tile, strongest, grid, UNKNOWN),), kind=UNKNOWN)
     whole = _kind(flagged, strongest, grid)
     if whole in ("missing-plane", "wrong-page"):
-        # One cause all over the page: one box around it says more than a hundred around its words.
+        # One cause all over the page: one box around it is clearer than a hundred around single words.
         return Findings(regions=(_region(flagged, strongest, grid, whole),), kind=whole)
     kernel = np.ones((JOINING_BLOCKS, JOINING_BLOCKS), np.uint8)
     joined = cv2.morphologyEx(np.pad(flagged.astype(np.uint8), JOINING_BLOCKS), cv2.MORPH_CLOSE, kernel)
@@ -117,8 +117,8 @@ def _kind(flagged: NDArray[np.bool_], strongest: NDArray[np.float32], grid: Bloc
         inked = grid.ink()[there, :, ink] > INKED
         if not inked.any():
             continue
-        found = (flagged[there] & inked).sum() / inked.sum()
+        covered = (flagged[there] & inked).sum() / inked.sum()
         stray = (flagged[there] & ~inked).sum() / flagged.sum()
-        if found > 0.7 and stray < 0.12:
+        if covered > 0.7 and stray < 0.12:
             return "missing-plane"
     return "missing-content"

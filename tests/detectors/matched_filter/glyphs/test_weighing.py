@@ -23,8 +23,8 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
     log_ratio,
     nuisances,
     prepare_glyphs,
+    score_glyphs,
     usual_about,
-    weighed,
     without_nuisances,
 )
 from prooflight.pages.raster import Page
@@ -144,7 +144,7 @@ def residual(press: Press, page: Page, printed: Page) -> NDArray[np.float32]:
 def asked(press: Press, page: Page, glyphs: PageGlyphs, left: NDArray[np.float32]) -> WeighedPage:
     where = pixel_map(page, press.geometry, IN_PLACE)
     light = predict(page, sensors=press.sensors, geometry=press.geometry).expected_dn
-    return weighed(glyphs, left, np.full_like(left, 1 / 60**2), light, where)
+    return score_glyphs(glyphs, left, np.full_like(left, 1 / 60**2), light, where)
 
 
 def test_each_digit_is_a_glyph_and_each_outline_a_letter(glyphs: PageGlyphs) -> None:

@@ -74,7 +74,7 @@ def binned_sensor(sensor: SensorModel, bins: int, pitch_mm: tuple[float, float])
         one.reshape(-1, bins).mean(axis=1, dtype=np.float64).astype(np.float32)
         for one in (sensor.column_offset_dn, sensor.column_gain)
     )
-    footprint, correction = _seen_together(sensor.footprint, sensor.correction, bins, pitch_mm)
+    footprint, correction = _binned_optics(sensor.footprint, sensor.correction, bins, pitch_mm)
     return replace(
         sensor,
         column_offset_dn=offset,
@@ -94,7 +94,7 @@ def _of_mean(variance: SameArray, bins: int) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=16)
-def _seen_together(
+def _binned_optics(
     footprint: Footprint, correction: LensCorrection, bins: int, pitch_mm: tuple[float, float]
 ) -> tuple[Footprint, LensCorrection]:
     """Return the footprint and the lens correction of binned pixels."""
@@ -106,8 +106,8 @@ def _seen_together(
         transfer(of, wide.reach_mm / (bins * pitch), frequency)
         for of, pitch in zip((wide.across, wide.along), pitch_mm, strict=True)
     )
-    ours = along[:, None] * across
-    return wide, correction_to(correction.transfer(frequency / bins) * ours, ours)
+    binned_transfer = along[:, None] * across
+    return wide, correction_to(correction.transfer(frequency / bins) * binned_transfer, binned_transfer)
 
 
 def widened(footprint: Footprint, bins: int, pitch_mm: tuple[float, float]) -> Footprint:

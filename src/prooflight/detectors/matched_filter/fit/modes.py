@@ -277,19 +277,19 @@ def page_features(modes: Modes, inside: NDArray[np.bool_]) -> NDArray[np.float64
     share of solids; the share of the scan that is page; and the share of the page with more ink than two
     solids.
     """
-    sums, kept, every = page_feature_sums(modes.cover, modes.texture[0], inside, PAGE_FEATURE_LINES)
+    sums, pixels, every = page_feature_sums(modes.cover, modes.texture[0], inside, PAGE_FEATURE_LINES)
     ink, solid, printed, heavy, texture, of_black, of_others, of_two = np.split(
         sums, np.cumsum([4, 4, 1, 1, 1, 1, 1])
     )
     edges = np.concatenate([of_black, of_others, of_two]) / every
     return np.concatenate(
         [
-            np.log(ink / kept + 1e-4),
-            solid / kept,
-            np.log(printed / kept + 1e-3),
+            np.log(ink / pixels + 1e-4),
+            solid / pixels,
+            np.log(printed / pixels + 1e-3),
             [inside.mean()],
-            np.log(texture / kept + 1),
+            np.log(texture / pixels + 1),
             np.log(edges + 1e-4),
-            heavy / kept,
+            heavy / pixels,
         ]
     )

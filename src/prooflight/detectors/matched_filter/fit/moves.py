@@ -24,7 +24,7 @@ LOCAL_SMOOTH: Final = 1.0
 """Standard deviation of the Gaussian that smooths local displacements. [tiles]"""
 LOCAL_SD: Final = 0.15
 """Standard deviation of the displacements that registration leaves. [pixels]"""
-NEARER: Final = 0.7
+CORRECTED_SHARE: Final = 0.7
 """Share of an estimated displacement by which the placement is corrected: an edge that is sharper than a
 pixel seems to have moved by up to twice its true displacement. (chosen from 0.7 and 1, on designs of their
 own)"""
@@ -43,14 +43,14 @@ def local_moves(
     shape = (max(lines // side, 1), max(pixels // side, 1))
     sums = np.zeros((5, *shape), np.float32)
 
-    def said(first: int, last: int) -> None:
+    def add_sums(first: int, last: int) -> None:
         for index in range(len(light)):
             slope_sums(left[index], weight[index], light[index], side, first, last, sums)
 
-    shared_out([partial(said, *part) for part in parts_of(shape[0], threads)], threads=threads)
+    shared_out([partial(add_sums, *part) for part in parts_of(shape[0], threads)], threads=threads)
     ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
-    known = 1 / LOCAL_SD**2
-    xx, yy = xx + known, yy + known
+    prior_information = 1 / LOCAL_SD**2
+    xx, yy = xx + prior_information, yy + prior_information
     whole = xx * yy - xy * xy
     return np.stack([(xy * ay - yy * ax) / whole, (xy * ax - xx * ay) / whole])
 
@@ -89,10 +89,10 @@ def by_prediction(
     )
 
 
-def nearer(
+def corrected(
     placement: Placement, moves: NDArray[np.float32], geometry: ScanGeometry, page_width_mm: float
 ) -> Placement:
-    """Return the placement, corrected by ``NEARER`` of the displacements that ``local_moves`` estimated."""
+    """Return the placement, corrected by ``CORRECTED_SHARE`` of the ``local_moves``."""
     pitch_mm = np.array([geometry.pixel_pitch_mm, geometry.line_pitch_mm])
     middle, step_mm = (LOCAL_PIXELS - 1) / 2, LOCAL_PIXELS * float(pitch_mm.min())
     corner_mm = np.array([geometry.centres_x_mm(page_width_mm)[0], geometry.centres_y_mm(1)[0]])
@@ -101,7 +101,7 @@ def nearer(
     count = np.ceil((squares - 1) * LOCAL_PIXELS * pitch_mm / step_mm).astype(np.int64) + 1
     x_mm, y_mm = np.meshgrid(*(step_mm * np.arange(n) for n in count))
     field = Warp(nodes_mm=np.moveaxis(moves, 0, -1), pitch_mm=LOCAL_PIXELS)
-    nodes = np.stack(field.at(x_mm / pitch_mm[0], y_mm / pitch_mm[1]), axis=-1) * (NEARER * pitch_mm)
+    nodes = np.stack(field.at(x_mm / pitch_mm[0], y_mm / pitch_mm[1]), axis=-1) * (CORRECTED_SHARE * pitch_mm)
     if placement.warp is not None:
         nodes += np.stack(placement.warp.at(x_mm + first_mm[0], y_mm + first_mm[1]), axis=-1)
     first_x, first_y = first_mm.tolist()

@@ -119,17 +119,17 @@ class PrintPrior:
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * self.lamp_length * waves) ** 2) / 4)
         power /= 0.5 * power.sum() + 0.5
-        found = np.empty(layout.size)
-        of = layout.parts(found)
+        sd = np.empty(layout.size)
+        of = layout.parts(sd)
         of.white[...] = self.white
         of.common[...] = self.common
         of.lamp[...] = self.lamp * np.sqrt(power)
         of.shape[...] = self.shape
         of.gain[...] = self.gain, self.tilt, self.tilt
         of.dot[...] = self.dot
-        # About where registration found them.
+        # The prior is about the planes' registered places.
         of.planes[...] = 0.25 * self.plane_mm / pixel_mm
-        return found
+        return sd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,7 +137,7 @@ class Fit:
     """Nuisance parameters of one scan."""
 
     white: NDArray[np.float64]
-    """(sensors,) [-]"""
+    """(sensors,) light of each sensor, with what is common to all. [-]"""
     lamp: NDArray[np.float64]
     """(LAMP_WAVES,) amplitudes of cos(k pi x / W). [-]"""
     shape: NDArray[np.float64]
@@ -238,17 +238,17 @@ class Colours:
 
         They are 0 beyond the centres.
         """
-        found = np.zeros((INKS, LEVELS, SHAPES), np.float32)
+        factors = np.zeros((INKS, LEVELS, SHAPES), np.float32)
         levels = np.linspace(0, 1, LEVELS)[None, :, None]
         off = levels - self.centres.T[:, None].astype(np.float64)
-        found[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
-        return found
+        factors[:, :, : len(self.centres)] = np.exp(-((off / COLOUR_LENGTH) ** 2))
+        return factors
 
     def weights(self, amounts: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the weights of the Gaussian functions, (SHAPES,), from amounts (n,) of the features."""
-        found = np.zeros(SHAPES, np.float32)
-        found[: len(self.root)] = self.root.T @ amounts
-        return found
+        result = np.zeros(SHAPES, np.float32)
+        result[: len(self.root)] = self.root.T @ amounts
+        return result
 
 
 def page_colours(cover: NDArray[np.float32]) -> Colours:
@@ -257,14 +257,14 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
     Each is the least explained by those before (pivoted Cholesky).
     """
     steps = np.rint(cover[:, ::4, ::4].reshape(INKS, -1) * np.float32(16)).clip(0, 16).astype(np.int32)
-    found_at = np.bincount(np.ravel_multi_index(tuple(steps), (17,) * INKS), minlength=17**INKS)
-    found_at[0] += 1  # bare paper is always one of them
-    keys = np.flatnonzero(found_at)
-    count = found_at[keys]
+    counts = np.bincount(np.ravel_multi_index(tuple(steps), (17,) * INKS), minlength=17**INKS)
+    counts[0] += 1  # bare paper is always one of them
+    keys = np.flatnonzero(counts)
+    count = counts[keys]
     colours = np.stack(np.unravel_index(keys, (17,) * INKS), axis=1) / 16
     weight = np.sqrt(count)
     left = np.ones(len(colours))
-    found = np.zeros((len(colours), 0))
+    basis = np.zeros((len(colours), 0))
     chosen: list[int] = []
     for _ in range(min(COLOURS, len(colours))):
         pivot = (
@@ -276,8 +276,8 @@ def page_colours(cover: NDArray[np.float32]) -> Colours:
             break
         chosen.append(pivot)
         kernel = np.exp(-((colours - colours[pivot]) ** 2).sum(axis=1) / COLOUR_LENGTH**2)
-        column = (kernel - found @ found[pivot]) / np.sqrt(left[pivot])
-        found = np.column_stack([found, column])
+        column = (kernel - basis @ basis[pivot]) / np.sqrt(left[pivot])
+        basis = np.column_stack([basis, column])
         left = (left - column**2).clip(min=0)
     printed = keys > 0  # key 0 is bare paper
     unfollowed = np.sqrt((left * count)[printed].sum() / max(count[printed].sum(), 1))
@@ -332,21 +332,27 @@ def fit_nuisances(
 ) -> Fit:
     """Estimate every nuisance parameter of one scan.
 
-    planes (4, 2): register of planes from registration, where their estimation starts [pixels]. threads:
-    number of threads that share the blocks.
+    Parameters
+    ----------
+    scan : the scan at its page's placement.
+    planes : (4, 2) register of planes from registration, where their estimation starts [pixels].
+    pixel_mm : pitch of the pixels [mm].
+    prior : standard deviations of the amounts.
+    residual_variance : variance of good prints in addition to the fit.
+    threads : number of threads that share the blocks.
     """
     noise = np.ones(len(scan.sensors))
     model = _Model.of(_summed(scan, threads), prior, pixel_mm, planes)
     white_dn = np.array([sensor.white_dn for sensor in scan.sensors])
     amounts, sd, robust, lost = model.solved(noise, residual_variance, white_dn)
-    found = model.layout.parts(amounts * model.scale)
+    fitted = model.layout.parts(amounts * model.scale)
     return Fit(
-        white=found.white + found.common,
-        lamp=found.lamp,
-        shape=found.shape,
-        gain=found.gain,
-        dot=found.dot,
-        planes=found.planes,
+        white=fitted.white + fitted.common,
+        lamp=fitted.lamp,
+        shape=fitted.shape,
+        gain=fitted.gain,
+        dot=fitted.dot,
+        planes=fitted.planes,
         pulls=amounts / sd,
         told=sd**2,
         noise=noise,
@@ -390,7 +396,7 @@ def _summed(scan: PlacedScan, threads: int) -> _Blocks:
     inside, colours = scan.seen_by_all(), scan.colours
     rows, columns = (extent // BLOCK for extent in inside.shape)
     cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
-    # Along, then across: both at once takes six times as long.
+    # First along, then across: one sum over both axes takes six times as long.
     down = cut.reshape(rows, BLOCK, columns * BLOCK).sum(axis=1, dtype=np.uint8)
     full = down.reshape(rows, columns, BLOCK).sum(axis=2, dtype=np.int32)
     used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
@@ -495,20 +501,22 @@ class _Model:
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]
-        amounts, spread_found = self.start.copy(), 1.0
+        amounts, spread = self.start.copy(), 1.0
         unsure: NDArray[np.float64] = np.eye(size)
         for _ in range(ROUNDS):
-            w = (weight * robust / max(spread_found, 1.0) ** 2).ravel()
+            w = (weight * robust / max(spread, 1.0) ** 2).ravel()
             x = self.x.reshape(-1, size) * np.sqrt(w)[:, None]
-            normal = x.T @ x + np.eye(size)  # of one matrix: half the work
-            asked = x.T @ (np.sqrt(w) * of.residual.ravel()) + self.start
+            normal = x.T @ x + np.eye(
+                size
+            )  # a product with the transpose of the same matrix takes half the work
+            rhs = x.T @ (np.sqrt(w) * of.residual.ravel()) + self.start
             unsure = np.asarray(np.linalg.inv(normal), np.float64)
-            amounts = unsure @ asked
+            amounts = unsure @ rhs
             z = (of.residual - self.x @ amounts) / np.sqrt(variance)
-            spread_found = float(np.median(np.abs(z)) / 0.6745)
-            far = z / (FAR * max(spread_found, 1.0))
+            spread = float(np.median(np.abs(z)) / 0.6745)
+            far = z / (FAR * max(spread, 1.0))
             robust = np.where(np.abs(far) < 1, (1 - far**2) ** 2, 0) + 1e-4
-        # On good prints an estimate scatters by the prior's variance less what stays unknown.
+        # On good prints an estimate has the prior's variance less the posterior variance.
         sd = np.sqrt(np.maximum(1 - np.diag(unsure), 1e-4))
         self.layout.parts(sd).planes[...] = 1
-        return amounts, sd, spread_found, float((robust < 0.01).mean())
+        return amounts, sd, spread, float((robust < 0.01).mean())

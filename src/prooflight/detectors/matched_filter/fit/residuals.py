@@ -51,11 +51,23 @@ def residual_images(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
     """Return residuals, their inverse variance, the edges' share of that, and each sensor's noise factor.
 
-    The first three are (sensors, lines, pixels). light: ``PlacedScan.light``. threads: number of threads that
-    share the lines. Local displacements of the page relative to its prediction (``moves``) are not removed
-    yet.
+    Local displacements of the page relative to its prediction (``moves``) are not removed yet. The temporal
+    noise is estimated from the scan itself, because true and stated sigma differ by up to half.
 
-    The temporal noise is estimated from the scan itself, because true and stated sigma differ by up to half.
+    Parameters
+    ----------
+    scan : the scan at its page's placement.
+    fit : its nuisance parameters.
+    light : ``PlacedScan.light`` [DN].
+    residual_variance : variance of good prints in addition to the fit.
+    threads : number of threads that share the lines.
+
+    Returns
+    -------
+    residuals : (sensors, lines, pixels) [DN].
+    weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
+    of_edges : (sensors, lines, pixels) the edges' share of that.
+    noise : (sensors,) true temporal variance over the stated one [-].
     """
     seen, modes, sensors = scan.seen, scan.modes, scan.sensors
     lines, pixels = scan.where.inside.shape
@@ -91,7 +103,7 @@ def residual_images(
             left[index],
         )
 
-    def weighed(index: int, first: int, last: int) -> None:
+    def weighted(index: int, first: int, last: int) -> None:
         amounts = (
             noise[index],
             residual_variance.edge,
@@ -129,7 +141,7 @@ def residual_images(
         ],
         threads=threads,
     )
-    shared_out([partial(weighed, *stripe) for stripe in stripes], threads=threads)
+    shared_out([partial(weighted, *stripe) for stripe in stripes], threads=threads)
     return left, weight, of_edges, noise
 
 
@@ -161,11 +173,11 @@ def noise_factor(
 ) -> float:
     """Return true over stated temporal variance, from second differences over squares of flat paper."""
     lines, pixels = left.shape
-    found = unset((2, (lines // 2) * (pixels // 2)))
-    count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, found)
+    flat = unset((2, (lines // 2) * (pixels // 2)))
+    count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, flat)
     if count < LEAST_FLAT:
         return 1.0
-    square, ratio = found[:, :count]
+    square, ratio = flat[:, :count]
     ratio *= np.float32(residual_variance.contrast)
     plain = ratio <= PLAIN
     if np.count_nonzero(plain) < LEAST_PLAIN * count:

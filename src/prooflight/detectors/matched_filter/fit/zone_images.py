@@ -57,5 +57,5 @@ def ignored_tiles(
     across = geometry.centres_x_mm(page.width_mm)
     along = geometry.centres_y_mm(geometry.lines(page.height_mm))
     rows, columns = along.size // tile_pixels, across.size // tile_pixels
-    held = zones.holds("ignore", across[: columns * tile_pixels], along[: rows * tile_pixels])
-    return np.asarray(held.reshape(rows, tile_pixels, columns, tile_pixels).any(axis=(1, 3)))
+    ignored = zones.holds("ignore", across[: columns * tile_pixels], along[: rows * tile_pixels])
+    return np.asarray(ignored.reshape(rows, tile_pixels, columns, tile_pixels).any(axis=(1, 3)))

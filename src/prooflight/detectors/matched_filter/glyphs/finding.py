@@ -41,7 +41,7 @@ MOST_GLYPHS: Final = 12_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundGlyphs:
+class DetectedGlyphs:
     """Pieces of ink that are like glyphs, from top to bottom."""
 
     box: NDArray[np.int64]
@@ -56,7 +56,7 @@ class FoundGlyphs:
     """The distinct outlines."""
 
 
-def find_glyphs(page: Page) -> FoundGlyphs:
+def find_glyphs(page: Page) -> DetectedGlyphs:
     """Find the glyphs of a page; of more than ``MOST_GLYPHS`` the first from the top."""
     packed = hardened(page.cmyk).view(np.uint32)[..., 0]
     colours = text_colours(packed, every=max(int(LEAST_MM / page.pixel_mm), 1))
@@ -70,17 +70,17 @@ def find_glyphs(page: Page) -> FoundGlyphs:
     wanted[like] = np.cumsum(sizes) - sizes
     flat = np.zeros(int(sizes.sum()), np.uint8)
     filled_pieces(runs, pieces, wanted, flat)
-    known: dict[tuple[int, bytes], int] = {}
+    index_of: dict[tuple[int, bytes], int] = {}
     masks: list[NDArray[np.bool_]] = []
     shape = np.empty(like.size, np.int64)
     for at, (begin, size, width) in enumerate(zip(wanted[like], sizes, box[:, 2], strict=True)):
         mask = flat[begin : begin + size]
         key = int(width), mask.tobytes()
-        if key not in known:
-            known[key] = len(masks)
+        if key not in index_of:
+            index_of[key] = len(masks)
             masks.append(mask.reshape(-1, width).view(np.bool_))
-        shape[at] = known[key]
-    return FoundGlyphs(
+        shape[at] = index_of[key]
+    return DetectedGlyphs(
         box=box,
         ink=_unpacked(colours[pieces[like, 5]]),
         ground=_unpacked(ground.astype(np.uint32)),
@@ -101,9 +101,9 @@ def hardened(cmyk: NDArray[np.uint8]) -> NDArray[np.uint8]:
     for top in range(0, rows, BAND_ROWS):
         bottom, above = min(top + BAND_ROWS, rows), min(top, 1)
         band = cmyk[top - above : bottom + 1]
-        kept = slice(above, above + bottom - top)
-        most, least = cv2.dilate(band, about)[kept], cv2.erode(band, about)[kept]
-        here = band[kept]
+        inner = slice(above, above + bottom - top)
+        most, least = cv2.dilate(band, about)[inner], cv2.erode(band, about)[inner]
+        here = band[inner]
         less = cv2.compare(cv2.absdiff(most, here), cv2.absdiff(here, least), cv2.CMP_GT)
         cv2.copyTo(least, less, most)
         out[top:bottom] = most
@@ -171,7 +171,7 @@ def _grounds(
 
 
 def lines_of(box: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the line of text of each glyph, from 1 at the top, (n,); box: ``FoundGlyphs.box``.
+    """Return the line of text of each glyph, from 1 at the top, (n,); box: ``DetectedGlyphs.box``.
 
     Glyphs are in one line if the middle of one is within the other's height; lines next to each other count
     as one.

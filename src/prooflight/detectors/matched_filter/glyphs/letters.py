@@ -107,7 +107,7 @@ class Letters:
     """(letters,) index of the outline that represents each letter."""
     letter: NDArray[np.int64]
     """(outlines,) index of each outline's letter; -1: none."""
-    known_rivals: dict[int, NDArray[np.int64]] = field(default_factory=dict)
+    rival_cache: dict[int, NDArray[np.int64]] = field(default_factory=dict)
     """Cache of ``rivals``: sheets of a design need the same ones."""
 
     @classmethod
@@ -117,7 +117,7 @@ class Letters:
         centroid = np.array([_centroid(one) for one in cells]).reshape(-1, 2)
         seen, anyway = _as_seen(cells, size, centroid, optics)
         letter = np.full(len(cells), -1, np.int64)
-        found = cls(
+        letters = cls(
             cells=tuple(cells),
             centroid=centroid,
             size=size,
@@ -132,12 +132,12 @@ class Letters:
                 continue
             if len(leaders) == MOST_LETTERS:
                 break
-            free = np.flatnonzero((letter < 0) & found.like(int(at)))
-            letter[free[found.apart(int(at), free) < ALIKE]] = len(leaders)
+            free = np.flatnonzero((letter < 0) & letters.like(int(at)))
+            letter[free[letters.separation(int(at), free) < ALIKE]] = len(leaders)
             letter[at] = len(leaders)
             leaders.append(int(at))
-        object.__setattr__(found, "leader", np.array(leaders, np.int64))
-        return found
+        object.__setattr__(letters, "leader", np.array(leaders, np.int64))
+        return letters
 
     def like(self, at: int) -> NDArray[np.bool_]:
         """Return which outlines are of a size similar to outline ``at``, (outlines,)."""
@@ -145,7 +145,7 @@ class Letters:
         near = np.abs(height - height[at]) <= max(LIKE_HEIGHT * height[at], 1)
         return near & (np.abs(width - width[at]) <= max(LIKE_WIDTH * height[at], 1))
 
-    def apart(self, at: int, others: NDArray[np.int64]) -> NDArray[np.float64]:
+    def separation(self, at: int, others: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the power of others' difference to an outline, over its own.
 
         ``anyway`` and ink are projected out.
@@ -162,24 +162,24 @@ class Letters:
 
         An outline that an earlier one represents is omitted (``COVERED``).
         """
-        if at not in self.known_rivals:
-            self.known_rivals[at] = self._rivals(at)
-        return self.known_rivals[at]
+        if at not in self.rival_cache:
+            self.rival_cache[at] = self._rivals(at)
+        return self.rival_cache[at]
 
     def _rivals(self, at: int) -> NDArray[np.int64]:
         can = self.leader[self.like(at)[self.leader]]
-        told = self.apart(at, can)
-        can, told = can[told >= ALIKE], told[told >= ALIKE]
+        distance = self.separation(at, can)
+        can, distance = can[distance >= ALIKE], distance[distance >= ALIKE]
         power = float((self.seen[at].astype(np.float64) ** 2).sum())
         open_ = np.ones(can.size, bool)
-        found: list[int] = []
-        while open_.any() and len(found) < RIVALS:
-            nearest = int(np.flatnonzero(open_)[told[open_].argmin()])
-            found.append(int(can[nearest]))
+        rivals: list[int] = []
+        while open_.any() and len(rivals) < RIVALS:
+            nearest = int(np.flatnonzero(open_)[distance[open_].argmin()])
+            rivals.append(int(can[nearest]))
             between = ((self.seen[can] - self.seen[can[nearest]]) ** 2).sum(axis=1) / power
-            open_ &= told - between < COVERED * told
+            open_ &= distance - between < COVERED * distance
             open_[nearest] = False
-        return np.array(found, np.int64)
+        return np.array(rivals, np.int64)
 
     def patches(self, optics: Optics) -> Patches:
         """Return the patch of each letter, with ``MARGIN`` about it."""

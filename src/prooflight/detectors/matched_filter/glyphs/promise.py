@@ -24,7 +24,7 @@ standard deviations of good pages and needs no larger share; the ranking loses h
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GlyphPromise:
+class GlyphThreshold:
     """Threshold and p-values of the glyph score S, from a press's own good pages."""
 
     own: NDArray[np.float64]
@@ -64,7 +64,7 @@ class GlyphPromise:
         return max(by_tail, self.rate)
 
 
-def together(score: float, threshold: float, glyphs: float, glyphs_threshold: float) -> float:
+def combined_score(score: float, threshold: float, glyphs: float, glyphs_threshold: float) -> float:
     """Combine the scores of both tests.
 
     The result is above the ranking's threshold if and only if one of them alarms.

@@ -56,7 +56,7 @@ def _is_of(place: Region, box_mm: NDArray[np.float64]) -> bool:
     return bool(small and min(across, along) >= -AT_GLYPH_MM)
 
 
-def told_of_glyphs(
+def glyph_explanation(
     glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region]
 ) -> dict[str, Any]:
     """Return kind, places and reason; wrong: the worst first; others: places of other evidence."""
@@ -65,15 +65,15 @@ def told_of_glyphs(
         Region.rounded(tuple(glyphs.box_mm[one.glyph]), score=abs(one.deviation), kind=kind)
         for one, kind in zip(wrong[:MOST_REGIONS], kinds, strict=False)
     ]
-    word = "missing" if kinds[0] == MISSING else "exchanged"
+    adjective = "missing" if kinds[0] == MISSING else "exchanged"
     x, y, width, height = glyphs.box_mm[wrong[0].glyph]
     where = (
         f"line {glyphs.line[wrong[0].glyph]} of text, x = {x + width / 2:.0f} mm, y = {y + height / 2:.0f} mm"
     )
     if len(wrong) == 1:
-        reason = f"{word} glyph in {where}"
+        reason = f"{adjective} glyph in {where}"
     else:
         lines = np.unique([glyphs.line[one.glyph] for one in wrong]).size
         in_lines = "" if lines == 1 else f" in {lines} lines of text"
-        reason = f"{len(wrong)} wrong glyphs{in_lines}, the worst {word} in {where}"
+        reason = f"{len(wrong)} wrong glyphs{in_lines}, the worst {adjective} in {where}"
     return {"kind": kinds[0], "regions": (*regions, *others), "reason": reason}

@@ -77,7 +77,7 @@ FURTHEST: Final = 0.5
 LEAST_SD: Final = 0.1
 """Minimum standard deviation of the page's local displacement, whatever registration states: good prints have
 it. [pixels, assumed]"""
-MOST_ASKED: Final = 16
+MAX_TESTED: Final = 16
 """Maximum number of glyphs of one scan that are tested, those with the greatest excess energy."""
 ASIDE: Final = 2
 """Minimum difference in width from which a rival is also tested at a glyph's left and right edge. [cells]"""
@@ -141,16 +141,16 @@ def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: Scan
     Patches are for the first sensor's lens, without its far scatter.
     """
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    found = find_glyphs(page)
+    detected = find_glyphs(page)
     optics = Optics.of(sensors[0].footprint, pitch_mm)
     per_cell = [cell / page.pixel_mm for cell in optics.cell_mm]
     letters = Letters.of(
-        [in_cells(mask, per_cell) for mask in found.masks],
-        np.bincount(found.shape, minlength=len(found.masks)),
+        [in_cells(mask, per_cell) for mask in detected.masks],
+        np.bincount(detected.shape, minlength=len(detected.masks)),
         optics,
     )
-    kept = np.flatnonzero(letters.letter[found.shape] >= 0)
-    outline, box = found.shape[kept], found.box[kept]
+    used = np.flatnonzero(letters.letter[detected.shape] >= 0)
+    outline, box = detected.shape[used], detected.box[used]
     begin_mm = geometry.left_mm(page.width_mm), geometry.lead_in_mm
     corner = np.stack(
         [
@@ -163,7 +163,7 @@ def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: Scan
     off = letters.centroid[outline] - letters.centroid[letters.leader[letter]] - MARGIN
     column = np.rint(corner[:, 0]).astype(np.intp).clip(0, geometry.pixels - 1)
     contrast = [
-        (looked_up(found.ink[kept], sensor)[0] - looked_up(found.ground[kept], sensor)[0])
+        (looked_up(detected.ink[used], sensor)[0] - looked_up(detected.ground[used], sensor)[0])
         * sensor.column_gain[column]
         for sensor in sensors
     ]
@@ -183,7 +183,7 @@ def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: Scan
     )
 
 
-def weighed(
+def score_glyphs(
     glyphs: PageGlyphs,
     left: NDArray[np.float32],
     weight: NDArray[np.float32],
@@ -195,14 +195,21 @@ def weighed(
 ) -> WeighedPage:
     """Test every glyph of a scan; return the page's score S and the outlying glyphs.
 
-    left: residuals, (sensors, lines, pixels) [DN]; weight: their inverse variance [1/DN^2]; light: expected
-    light [DN]; astray: probability that the page is displaced further than glyphs are followed.
+    Parameters
+    ----------
+    glyphs : of the page.
+    left : (sensors, lines, pixels) residuals [DN].
+    weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
+    light : (sensors, lines, pixels) expected light [DN].
+    where : placement of the page's pixels.
+    astray : probability that the page is displaced further than glyphs are followed.
+    threads : number of threads that share the glyphs.
     """
     if not glyphs.count:
         return NOTHING
     out = np.zeros((glyphs.count, 4))
-    known = 1 / np.square(np.array(GOOD[:NUISANCES]))
-    fixed = (left, weight, where.across, where.along, glyphs.patches, glyphs.placed, known)
+    prior_information = 1 / np.square(np.array(GOOD[:NUISANCES]))
+    fixed = (left, weight, where.across, where.along, glyphs.patches, glyphs.placed, prior_information)
     shared_out(
         [partial(glyph_energies, *fixed, *part, out) for part in parts_of(glyphs.count, threads)],
         threads=threads,
@@ -211,16 +218,18 @@ def weighed(
     usual = float(np.median(energy[pixels > 0] / pixels[pixels > 0])) if pixels.any() else 0.0
     spread = max(LEAST_SPREAD, OF_ENERGY * usual)
     excess = energy - usual * pixels - 2 * spread * LEAST_RATIO
-    asked = np.argsort(-excess, kind="stable")[: min(MOST_ASKED, int((excess > 0).sum()))]
+    tested = np.argsort(-excess, kind="stable")[: min(MAX_TESTED, int((excess > 0).sum()))]
     ratios: list[NDArray[np.float64]] = []
-    found: list[WeighedGlyph] = []
-    for glyph in asked:
+    results: list[WeighedGlyph] = []
+    for glyph in tested:
         about = max(spread, OF_ENERGY * usual_about(glyphs.box_mm, energy, pixels, int(glyph)))
-        ratio, deviation, missing = weigh(glyphs, int(glyph), left, weight, light[0], out[glyph, 2:], about)
+        ratio, deviation, missing = likelihood_ratios(
+            glyphs, int(glyph), left, weight, light[0], out[glyph, 2:], about
+        )
         if ratio.size:
             worst = int(ratio.argmax())
             ratios.append(ratio)
-            found.append(
+            results.append(
                 WeighedGlyph(
                     glyph=int(glyph),
                     ratio=float(ratio[worst]),
@@ -233,8 +242,8 @@ def weighed(
     every = np.concatenate(ratios)
     most = float(every.max())
     mean = np.exp(every - most).sum() / (glyphs.count * (RIVALS + 1))
-    found.sort(key=lambda one: -one.ratio)
-    return WeighedPage(score=max(capped(most + float(np.log(mean)), astray), NONE), found=tuple(found))
+    results.sort(key=lambda one: -one.ratio)
+    return WeighedPage(score=max(capped(most + float(np.log(mean)), astray), NONE), found=tuple(results))
 
 
 def chance_astray(sd_pixels: Sequence[float]) -> float:
@@ -273,7 +282,7 @@ def usual_about(
     return float(np.median(energy[near] / pixels[near]))
 
 
-def weigh(
+def likelihood_ratios(
     glyphs: PageGlyphs,
     glyph: int,
     left: NDArray[np.float32],
@@ -297,13 +306,13 @@ def weigh(
     none = np.zeros(0)
     if not lines.size or not pixels.size:
         return none, none, none.astype(bool)
-    stood = [_laid(own, (rows, columns), (MARGIN, MARGIN))]
+    stood = [_padded(own, (rows, columns), (MARGIN, MARGIN))]
     for rival in letters.rivals(outline):
         instead = letters.cells[rival]
         wider = own.shape[1] - instead.shape[1]
         foot = MARGIN + own.shape[0] - instead.shape[0]
         asides = {wider // 2} | ({0, wider} if abs(wider) >= ASIDE else set())
-        stood += [_laid(instead, (rows, columns), (foot, MARGIN + aside)) for aside in sorted(asides)]
+        stood += [_padded(instead, (rows, columns), (foot, MARGIN + aside)) for aside in sorted(asides)]
 
     def seen_at(dx: float, dy: float, those: list[NDArray[np.float32]]) -> NDArray[np.float64]:
         down = glyphs.optics.down((lines - y - dy) * SHARE, rows)
@@ -315,12 +324,12 @@ def weigh(
     sure = (contrast**2 * weight[area]).sum(axis=0).ravel()
     pushed = (contrast * weight[area] * left[area]).sum(axis=0).ravel()
     expected = seen_at(0.0, 0.0, stood[:1])[0]
-    beside = light[area[1:]] / contrast[0] - expected
-    dx, dy = own_shift(nuisances(expected, beside), sure, pushed)
+    background = light[area[1:]] / contrast[0] - expected
+    dx, dy = own_shift(nuisances(expected, background), sure, pushed)
     seen = seen_at(dx, dy, stood)
     pushed -= sure * (seen[0] - expected).ravel()
     differences = np.concatenate([-seen[:1], seen[1:] - seen[:1]]).reshape(len(seen), -1)
-    push, power, energy = without_nuisances(differences, nuisances(seen[0], beside), sure, pushed)
+    push, power, energy = without_nuisances(differences, nuisances(seen[0], background), sure, pushed)
     missing = np.arange(len(seen)) == 0
     wide = np.where(missing, OF_NOTHING, spread)
     seen_pixels = int((sure > 0).sum())
@@ -348,15 +357,15 @@ def log_ratio(
     return np.asarray(np.minimum(of_t, explained / 2))
 
 
-def nuisances(seen: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray[np.float64]:
+def nuisances(seen: NDArray[np.float64], background: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a glyph's variation on good prints, (8, pixels), from its image (lines, pixels); as ``GOOD``.
 
-    beside: the light without it, over its contrast.
+    background: the light without the glyph, over its contrast.
     """
     wide = np.pad(seen, 1)
     up, down, before, after = wide[:-2, 1:-1], wide[2:, 1:-1], wide[1:-1, :-2], wide[1:-1, 2:]
-    about = np.pad(beside, 1, mode="edge")
-    made = (
+    about = np.pad(background, 1, mode="edge")
+    images = (
         seen,
         (after - before) / 2,
         (down - up) / 2,
@@ -366,7 +375,7 @@ def nuisances(seen: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray
         (about[1:-1, 2:] - about[1:-1, :-2]) / 2,
         (about[2:, 1:-1] - about[:-2, 1:-1]) / 2,
     )
-    return np.stack(made).reshape(len(GOOD), -1)
+    return np.stack(images).reshape(len(GOOD), -1)
 
 
 def own_shift(
@@ -377,8 +386,8 @@ def own_shift(
     It is tested there, because the linear model of a shift holds for a fifth of a pixel.
     """
     whole = (basis * sure) @ basis.T + np.diag(1 / np.square(GOOD))
-    found = np.linalg.solve(whole, basis @ pushed)
-    dx, dy = (float(np.clip(-one, -FURTHEST, FURTHEST)) for one in found[1:3])
+    solution = np.linalg.solve(whole, basis @ pushed)
+    dx, dy = (float(np.clip(-one, -FURTHEST, FURTHEST)) for one in solution[1:3])
     return dx, dy
 
 
@@ -404,7 +413,9 @@ def without_nuisances(
     return push, np.maximum(power, 0), max(energy, 0.0)
 
 
-def _laid(cells: NDArray[np.float32], shape: tuple[int, int], corner: tuple[int, int]) -> NDArray[np.float32]:
+def _padded(
+    cells: NDArray[np.float32], shape: tuple[int, int], corner: tuple[int, int]
+) -> NDArray[np.float32]:
     """Place an outline in a patch, cropped to it; corner: its row and column."""
     patch = np.zeros(shape, np.float32)
     row, column = corner

@@ -120,12 +120,12 @@ class Ghosts:
 
     def bands(self, box_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the bounds of boxes (height, width) that overlap by 3/4: rows (n, 2), columns (m, 2)."""
-        found = []
+        bounds = []
         for extent_mm, extent in zip(box_mm, self.own.shape[1:], strict=True):
             side = max(round(extent_mm / self.square_mm), 1)
             begin = np.arange(0, extent, max(side // 4, 1)) - side // 2
-            found.append(np.stack([begin, begin + side], axis=1).clip(0, extent))
-        return found[0], found[1]
+            bounds.append(np.stack([begin, begin + side], axis=1).clip(0, extent))
+        return bounds[0], bounds[1]
 
     def through(self, ink: int) -> list[EchoBoxes]:
         """Return an ink's ghosts at all lags, in boxes of each of ``GHOST_BOXES_MM``.
@@ -141,18 +141,18 @@ class Ghosts:
         count = self.lags.size
         parts = np.empty((rows.size - 1, columns.size - 1, 3 * count), np.float32)
         ghost_parts(self.own[ink], self.power[ink], self.edges[ink], detail, count, rows, columns, parts)
-        found = []
+        result = []
         for down, right in bands:
             sums = np.empty((len(down), len(right), 3 * count), np.float32)
             cuts = np.searchsorted(rows, down), np.searchsorted(columns, right)
             boxed(parts, *cuts, sums)
             middles = down.mean(axis=1) * self.square_mm, right.mean(axis=1) * self.square_mm
-            found.append(
+            result.append(
                 EchoBoxes(
                     sums=sums.reshape(*sums.shape[:2], 3, count), rows_mm=middles[0], columns_mm=middles[1]
                 )
             )
-        return found
+        return result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

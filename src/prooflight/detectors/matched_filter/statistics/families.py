@@ -60,7 +60,7 @@ MODE_GROUPS: Final = (
 
 
 def all_statistics(
-    sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter
+    sums: Sums, marks: Marks, fit: Fit, registration: Registration, scatter: Scatter
 ) -> list[Observed]:
     """Return every statistic of one scan, in a fixed order."""
     flat = flat_part(sums)
@@ -72,7 +72,7 @@ def all_statistics(
         *of_steps(sums),
         *of_slants(sums, scatter),
         *_of_fit(fit),
-        *_of_place(found),
+        *_of_place(registration),
         *_of_shifts(sums),
         *of_energy(sums),
         *marks.statistics(),
@@ -80,7 +80,7 @@ def all_statistics(
 
 
 def screen_statistics(
-    sums: Sums, marks: Marks, fit: Fit, found: Registration, scatter: Scatter, *, threads: int = 1
+    sums: Sums, marks: Marks, fit: Fit, registration: Registration, scatter: Scatter, *, threads: int = 1
 ) -> list[Observed]:
     """Return those of ``all_statistics`` that are ``in_screen``, in the same order; threads share the parts.
 
@@ -92,7 +92,7 @@ def screen_statistics(
         lambda: [
             *of_slants(sums, own),
             *_of_fit(fit),
-            *_of_place(found),
+            *_of_place(registration),
             *of_energy(sums),
             *marks.statistics(),
         ],
@@ -121,13 +121,13 @@ def remaining_statistics(
         lambda: list(of_ghosts(flat_part(sums.of_modes(GHOST_MODES)), noise, FLAT_AREAS)),
         lambda: [*of_swapped_planes(sums), *of_steps(sums), *_of_shifts(sums)],
     ]
-    found = [one for part in shared_out(parts, threads=threads) for one in part]
-    known = {one.statistic: one for one in (*found, *seen)}
+    computed = [one for part in shared_out(parts, threads=threads) for one in part]
+    by_statistic = {one.statistic: one for one in (*computed, *seen)}
     if order is None:
-        return list(known.values())
-    if known.keys() != set(order):
+        return list(by_statistic.values())
+    if by_statistic.keys() != set(order):
         raise ValueError("these are not the statistics asked for")
-    return [known[which] for which in order]
+    return [by_statistic[which] for which in order]
 
 
 def _of_mode_group(sums: Sums, scatter: Scatter, names: tuple[str, ...]) -> list[Observed]:
@@ -167,21 +167,21 @@ def _of_fit(fit: Fit) -> Iterator[Observed]:
     yield amount("lost", np.log(fit.lost + 1e-4))
 
 
-def _of_place(found: Registration) -> Iterator[Observed]:
-    where, amount = found.placement, partial(_amount, "place")
-    # The placement moves with whatever plane leads; relative to the sheet nothing does.
-    yield amount("lost", not found.found)
+def _of_place(registration: Registration) -> Iterator[Observed]:
+    where, amount = registration.placement, partial(_amount, "place")
+    # The placement depends on the leading plane; the place relative to the sheet does not.
+    yield amount("lost", not registration.found)
     yield amount("shift", np.abs(where.shift_mm).max())
     yield amount("skew", abs(where.skew_deg))
     yield amount("stretch", np.abs(where.stretch_percent).max())
     yield amount("warp", 0.0 if where.warp is None else np.abs(where.warp.nodes_mm).max())
-    yield amount("residual", min(found.residual_rms_pixels, 5.0))
-    yield amount("unlike", 1 - found.tiles_matching)
-    yield amount("foreign", found.tiles_foreign)
-    yield amount("sheet", np.abs(found.sheet_mm).max())
-    for letter, plane_mm in zip(INK_LETTERS, found.planes_mm, strict=True):
+    yield amount("residual", min(registration.residual_rms_pixels, 5.0))
+    yield amount("unlike", 1 - registration.tiles_matching)
+    yield amount("foreign", registration.tiles_foreign)
+    yield amount("sheet", np.abs(registration.sheet_mm).max())
+    for letter, plane_mm in zip(INK_LETTERS, registration.planes_mm, strict=True):
         yield amount("plane", np.abs(plane_mm).max(), letter)
-    yield amount("planes", np.ptp(found.planes_mm, axis=0).max())
+    yield amount("planes", np.ptp(registration.planes_mm, axis=0).max())
 
 
 def _amount(family: str, mode: str, value: float, ink: str = "") -> Observed:
@@ -201,28 +201,28 @@ def samples(
 
     NaN fills the places of missing samples. light: ``Scatter.light``.
     """
-    found = {
+    draws = {
         name: np.full((*shape, SAMPLES, 3), np.nan, np.float32) for name, shape in SCATTER_SHAPES.items()
     }
 
     def put(target: NDArray[np.float32], *maps: NDArray[np.floating]) -> None:
-        known = np.flatnonzero(maps[1].ravel() > 1e-3)
-        drawn = rng.permutation(known)[:SAMPLES]
+        informative = np.flatnonzero(maps[1].ravel() > 1e-3)
+        drawn = rng.permutation(informative)[:SAMPLES]
         for index, one in enumerate(maps):
             target[: drawn.size, index] = one.ravel()[drawn]
 
     for place, cells in enumerate(cells_of(sums, light)):
         maps = boxes(cells)
         for mode in range(len(MODES)):
-            put(found["boxes"][mode, place], *(one[mode] for one in maps))
+            put(draws["boxes"][mode, place], *(one[mode] for one in maps))
     for w, s, lines in streaks(sums):
         for mode in range(len(LINE_MODES)):
-            put(found["streaks"][mode, w, s], *lines[:, mode])
+            put(draws["streaks"][mode, w, s], *lines[:, mode])
     of_rows = rows(sums)
     for mode in range(len(MODES)):
-        put(found["bands"][mode], *(one[mode] for one in of_rows))
+        put(draws["bands"][mode], *(one[mode] for one in of_rows))
     seen = ghosts(sums)
     for ink in range(INKS):
         for b, ghost in enumerate(seen.through(ink)):
-            put(found["ghosts"][ink, b], *np.moveaxis(ghost.sums[..., ::-10], 2, 0))
-    return found
+            put(draws["ghosts"][ink, b], *np.moveaxis(ghost.sums[..., ::-10], 2, 0))
+    return draws

@@ -50,15 +50,15 @@ SPANS: Final = ("quarter", "half", "full")
 QUARTER: Final = 4
 """Segments in a quarter of the page's height, the step between the starts of a span."""
 SEGMENTS: Final = 4 * QUARTER
-"""Segments of a column: within one of them, 19 mm of A4, light is taken to vary alike, and independently of
-the next. (worlds.toml: paper is cloudy over 5 to 20 mm)"""
+"""Segments of a column: light is taken to be constant within one of them, 19 mm of A4, and to differ between
+them. (worlds.toml: paper is cloudy over 5 to 20 mm)"""
 SPAN_SEGMENTS: Final = (QUARTER, 2 * QUARTER, SEGMENTS)
 BASELINE_MM: Final = 24.0
 SMALL: Final = 4
 """Maximum size of boxes from which the smooth level about them is removed. [tiles]"""
 LEVEL_MM: Final = 3.0
 UNEVEN_MM: Final = 20.0
-"""Length along a row over which light is taken to vary alike."""
+"""Length along a row over which light is taken to be constant."""
 COLUMN_MM: Final = 8.0
 PERIODS_MM: Final = (2.0, 40.0)
 HARMONICS: Final = 4
@@ -145,10 +145,20 @@ def summed(
 ) -> Sums:
     """Sum up the residuals of all sensors in one pass.
 
-    Gains of single columns are removed from them on the way.
+    Gains of single columns are removed from the residuals on the way.
 
-    light: ``PlacedScan.light``. looked_at: modes that are summed up, of ``MODES``, light the first. threads:
-    number of threads that share the work.
+    Parameters
+    ----------
+    scan : the scan at its page's placement.
+    light : ``PlacedScan.light`` [DN].
+    left : (sensors, lines, pixels) residuals without the variation of good prints [DN].
+    weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
+    of_edges : (sensors, lines, pixels) the edges' share of that [-].
+    geometry : of the pixels.
+    page_width_mm : width of the page [mm].
+    prior : of good prints.
+    looked_at : modes that are summed up, of ``MODES``, light the first.
+    threads : number of threads that share the work.
     """
     left = left.copy()
     side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
@@ -160,7 +170,9 @@ def summed(
     columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
     shift = -np.rint(where.slant()).astype(np.int64)
     white = np.stack([sensor.white_dn * sensor.column_gain for sensor in sensors]).astype(np.float32)
-    add = modes.gain if modes.add is None else modes.add  # not looked at, and only of the right shape
+    add = (
+        modes.gain if modes.add is None else modes.add
+    )  # without added inks it is unused, but needs the right shape
     images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
     gains = np.empty((len(sensors), pixels), np.float32)
     segment, least = -(-lines // SEGMENTS), np.array([1, FLAT], np.float32)
@@ -171,8 +183,8 @@ def summed(
             line_sums(own, least, shift, segment, which_lines, first, last, columns)
 
     def gained(index: int, first: int, last: int) -> None:
-        known = np.float32(1 / prior.column**2)
-        column_gains(left[index], weight[index], light[index], known, first, last, gains[index])
+        prior_information = np.float32(1 / prior.column**2)
+        column_gains(left[index], weight[index], light[index], prior_information, first, last, gains[index])
 
     def taken(index: int, first: int, last: int) -> None:
         take_columns(left[index], weight[index], light[index], gains[index], first, last)
@@ -181,7 +193,7 @@ def summed(
     tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
     tasks += [partial(gained, index, *part) for index in every for part in parts_of(pixels, threads)]
     shared_out(tasks, threads=threads)
-    # What is smooth across is lamp or scum, not a column's own gain.
+    # A change that is smooth across is lamp or scum, not a column's own gain.
     near = round(COLUMN_MM / geometry.pixel_pitch_mm) | 1
     gains -= ndimage.uniform_filter1d(gains, near, mode="nearest")
     tasks = [partial(taken, index, *part) for index in every for part in parts_of(lines, threads)]
@@ -316,18 +328,18 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
     reduced by the variance that light which varies along a column adds to N' (``beside_uneven``).
     """
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
-    found = []
+    of_spans = []
     for length in SPAN_SEGMENTS:
         modes, _, pixels = sums.columns.shape[1:]
         parts = np.empty((4, modes, (SEGMENTS - length) // QUARTER + 1, pixels), np.float32)
         levelled_parts(sums.columns, length, QUARTER, np.float32(1 / sums.prior.place**2), wide, parts)
-        found.append(parts)
+        of_spans.append(parts)
     for w, width in enumerate(WIDTHS):
         count = max(round(width * WIDTH_UNIT_MM / sums.pixel_mm), 1)
-        for s, parts in enumerate(found):
+        for s, parts in enumerate(of_spans):
             maps = np.empty_like(parts)
             widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
-            # Light differs from column to column less than down a column: as if they all had the same.
+            # Light varies less between columns than along them, so that all are taken to vary alike.
             yield w, s, beside_uneven(maps[:3], count * sums.prior.place**2 * maps[3])
 
 
@@ -357,9 +369,9 @@ def rows(sums: Sums) -> NDArray[np.float32]:
     light = np.add.reduceat(tiles[1, 0], parts, axis=-1)
     shared = np.add.reduceat(tiles[2, 1:], parts, axis=-1)
     of_light = shared.sum(axis=-1) / (light.sum(axis=-1) + np.float32(1 / sums.prior.place**2))
-    apart = np.zeros_like(maps[0])
-    apart[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
-    return beside_uneven(maps, sums.prior.place**2 * apart)
+    unevenness = np.zeros_like(maps[0])
+    unevenness[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
+    return beside_uneven(maps, sums.prior.place**2 * unevenness)
 
 
 def periodogram(
@@ -378,8 +390,8 @@ def periodogram(
     frequency = np.fft.rfftfreq(4 * own.size, tile_mm)
     lowest, highest = 1 / PERIODS_MM[1], 1 / PERIODS_MM[0]
     wanted = np.flatnonzero((frequency >= lowest) & (frequency <= highest))
-    together = np.zeros(wanted.size)
+    harmonics = np.zeros(wanted.size)
     for k in range(1, HARMONICS + 1):
         place = k * wanted
-        together += np.where(place < spectrum.size, spectrum[np.minimum(place, spectrum.size - 1)] - 2, 0)
-    return np.asarray(frequency[wanted]), spectrum[wanted], np.asarray(together / np.sqrt(HARMONICS))
+        harmonics += np.where(place < spectrum.size, spectrum[np.minimum(place, spectrum.size - 1)] - 2, 0)
+    return np.asarray(frequency[wanted]), spectrum[wanted], np.asarray(harmonics / np.sqrt(HARMONICS))

@@ -112,17 +112,17 @@ class Waves(NamedTuple):
     frequency: NDArray[np.float64]
     """[1/mm]"""
     waves: NDArray[np.float64]
-    together: NDArray[np.float64]
+    harmonics: NDArray[np.float64]
     """Waves with their harmonics."""
 
 
 def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     """Return the waves of every mode."""
-    found = []
+    result = []
     for name, of_bands, own, power, edges in zip(sums.modes, scatter.bands, *rows(sums), strict=True):
         waves = periodogram(own, power, edges, of_bands, sums.tile_mm)
-        found.append(Waves(name, own, power, edges, *waves))
-    return found
+        result.append(Waves(name, own, power, edges, *waves))
+    return result
 
 
 def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Observed]:
@@ -130,7 +130,7 @@ def of_bands(sums: Sums, seen: Sequence[Waves], scatter: Scatter) -> Iterator[Ob
     for one, scattered in zip(seen, scatter.bands, strict=True):
         band = Statistic("wave", *mode_and_ink(one.mode), reference=GOOD_PRINTS)
         yield Observed(statistic=band._replace(part="wave"), value=float(one.waves.max()))
-        yield Observed(statistic=band._replace(part="harmonics"), value=float(one.together.max()))
+        yield Observed(statistic=band._replace(part="harmonics"), value=float(one.harmonics.max()))
         t = t_statistic(one.own, one.power, one.edges, scattered)
         row = int(np.argmax(np.abs(t)))
         y = float(row * sums.tile_mm + sums.top_mm)
@@ -154,16 +154,16 @@ def of_ghosts(sums: Sums, scatters: NDArray[np.float64], *references: Reference)
     """
     seen = ghosts(sums)
     for ink in range(INKS):
-        found = seen.through(ink)
+        echoes = seen.through(ink)
         for b, (height, width) in enumerate(GHOST_BOXES_MM):
             value, usual, box = 0.0, 1.0, NOWHERE
-            if found:
-                t = found[b].t(scatters[ink, b])
+            if echoes:
+                t = echoes[b].t(scatters[ink, b])
                 row, column, lag = np.unravel_index(int(t.argmax()), t.shape)
                 value = max(float(t[row, column, lag]), 0.0)
                 if value:
                     usual = own_scatter(t[..., ::EVERY_LAG], least=LEAST_BOXES)
-                    middle = found[b].columns_mm[column] + sums.left_mm, found[b].rows_mm[row] + sums.top_mm
+                    middle = echoes[b].columns_mm[column] + sums.left_mm, echoes[b].rows_mm[row] + sums.top_mm
                     box = (float(middle[0]) - width / 2, float(middle[1]) - height / 2, width, height)
             for reference in references:
                 over = value if reference is GOOD_PRINTS else value / usual

@@ -187,7 +187,7 @@ class Marks:
 
     def statistics(self) -> list[Observed]:
         """Return a statistic for each class, size and sign, always in the same order."""
-        found = []
+        result = []
         for c, place in enumerate(PLACE_CLASSES):
             for s, window in enumerate(WINDOWS):
                 for sign, name in enumerate("+-"):
@@ -201,8 +201,8 @@ class Marks:
                         else NOWHERE
                     )
                     which = Statistic("mark", place, sign=name, size=window)
-                    found.append(Observed(statistic=which, value=float(value), box=box))
-        return found
+                    result.append(Observed(statistic=which, value=float(value), box=box))
+        return result
 
 
 def measure_marks(
@@ -266,7 +266,7 @@ def measure_marks(
 
 def _spread(beyond: NDArray[np.int64], windows: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the scatter of T over a standard Gaussian's, from how often it exceeds ``LEAST_T``."""
-    share = (beyond + 1) / (windows + 100)  # as if one of a hundred more had exceeded it
+    share = (beyond + 1) / (windows + 100)  # regularised as if 1 of 100 more windows had exceeded it
     return np.maximum(float(LEAST_T) / ndtri(1 - np.minimum(share, 0.9) / 2), 1.0)
 
 
@@ -298,16 +298,16 @@ def _floor(
     )
     left_mm, top_mm, pixel_mm = corner
     least = least_pixels(pixel_mm)
-    found = NO_FLOOR
+    largest = NO_FLOOR
     if sum(counts) < least:
-        return found
+        return largest
     for darker, one in enumerate(flags):
         _, _, regions, _ = cv2.connectedComponentsWithStats(one, connectivity=8)
         regions = regions[1:]
         if not len(regions):
             continue
         x, y, width, height, area = (int(value) for value in regions[regions[:, cv2.CC_STAT_AREA].argmax()])
-        if area >= least and area * pixel_mm**2 > found.area_mm2:
+        if area >= least and area * pixel_mm**2 > largest.area_mm2:
             box = x * pixel_mm + left_mm, y * pixel_mm + top_mm, width * pixel_mm, height * pixel_mm
-            found = FloorFinding(area_mm2=area * pixel_mm**2, box=box, darker=bool(darker))
-    return found
+            largest = FloorFinding(area_mm2=area * pixel_mm**2, box=box, darker=bool(darker))
+    return largest

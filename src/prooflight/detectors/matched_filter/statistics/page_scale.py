@@ -124,12 +124,12 @@ def above_neighbours(frequency: NDArray[np.float64], waves: NDArray[np.float64])
     ratio = waves / np.maximum(level, 0.7)
     first = round(frequency[0] / (frequency[1] - frequency[0]))
     index = first + np.arange(ratio.size)
-    together = np.zeros(ratio.size)
+    combined = np.zeros(ratio.size)
     for k in range(1, HARMONICS + 1):
         place = k * index - first
-        known = place < ratio.size
-        together += np.where(known, ratio[np.minimum(place, ratio.size - 1)] - 2, 0)
-    return float(ratio.max()), float(together.max() / np.sqrt(HARMONICS))
+        within = place < ratio.size
+        combined += np.where(within, ratio[np.minimum(place, ratio.size - 1)] - 2, 0)
+    return float(ratio.max()), float(combined.max() / np.sqrt(HARMONICS))
 
 
 def swapped_planes(sums: Sums) -> list[float]:
@@ -140,15 +140,15 @@ def swapped_planes(sums: Sums) -> list[float]:
     """
     rows, columns = (extent // BLOCK_TILES for extent in sums.cover.shape[1:])
     blocks = np.empty((2, len(PAIRS), rows, columns), np.float32)
-    known = np.float32(1 / sums.prior.place**2)
-    swap_sums(sums.tiles, sums.cover, np.array(PAIRS), known, BLOCK_TILES, blocks)
-    found = []
+    prior_information = np.float32(1 / sums.prior.place**2)
+    swap_sums(sums.tiles, sums.cover, np.array(PAIRS), prior_information, BLOCK_TILES, blocks)
+    result = []
     for n, d in zip(*blocks.reshape(2, len(PAIRS), -1).astype(np.float64), strict=True):
-        known_by = float(d.sum()) + 1 / SWAP_SD**2
-        share = float(n.sum()) / known_by
-        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / SWAP_SD**2)) / known_by
-        found.append(share / float(np.hypot(sd, SWAP_TOLERANCE)))
-    return found
+        precision = float(d.sum()) + 1 / SWAP_SD**2
+        share = float(n.sum()) / precision
+        sd = float(np.sqrt(((n - share * d) ** 2).sum() + 1 / SWAP_SD**2)) / precision
+        result.append(share / float(np.hypot(sd, SWAP_TOLERANCE)))
+    return result
 
 
 def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
@@ -156,8 +156,8 @@ def own_scatter(t: NDArray[np.floating], *, least: int) -> float:
 
     It is 1 if fewer than ``least`` values are nonzero; a value of 0 has no information.
     """
-    known = np.abs(t[t != 0])
-    return max(float(np.quantile(known, ONE_SIGMA)), LEAST_SCALE) if known.size >= least else 1.0
+    nonzero = np.abs(t[t != 0])
+    return max(float(np.quantile(nonzero, ONE_SIGMA)), LEAST_SCALE) if nonzero.size >= least else 1.0
 
 
 class Step(NamedTuple):
@@ -179,7 +179,7 @@ def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
     rows, columns = (extent // BLOCK_TILES for extent in sums.tiles.shape[-2:])
     if min(rows, columns) < 2:
         return [(Step(0.0, 0.5), Step(0.0, 0.5))] * INKS
-    # Lines first: whole ones are added in vectors, and without a copy.
+    # First over lines: whole lines are summed in vectors, and without a copy.
     of_lines = [
         sums.tiles[:, mode, : rows * BLOCK_TILES].reshape(4, rows, BLOCK_TILES, -1).sum(axis=2)
         for mode in modes
@@ -194,11 +194,11 @@ def gain_steps(sums: Sums) -> list[tuple[Step, Step]]:
 
 
 def _step(own: NDArray[np.float64], power: NDArray[np.float64], *, axis: int) -> Step:
-    known = power > LEAST_POWER
-    if known.sum() < 2:
+    informative = power > LEAST_POWER
+    if informative.sum() < 2:
         return Step(0.0, 0.5)
-    mean = own[known].sum() / power[known].sum()
-    squares = (own[known] - mean * power[known]) ** 2 / power[known]
+    mean = own[informative].sum() / power[informative].sum()
+    squares = (own[informative] - mean * power[informative]) ** 2 / power[informative]
     doubt = max(float(np.median(squares)) / MEDIAN_OF_SQUARES, 1.0)
     of_lines = (own.sum(axis=axis), power.sum(axis=axis))
     before, sure = (np.cumsum(one)[:-1] for one in of_lines)

@@ -42,7 +42,7 @@ def plane_shifts(
     steps = np.arange(-reach, reach + 1) * side * pixel_mm
     away_mm = np.hypot(*np.meshgrid(steps, steps))
     wanted = (away_mm >= NEAR_MM) & (away_mm <= REACH_MM)
-    found = np.zeros((gain.shape[1], 4))
+    result = np.zeros((gain.shape[1], 4))
     for ink in range(gain.shape[1]):
         explained, power = np.zeros((2, *wanted.shape))
         for sensor, push in enumerate(pushes):
@@ -52,8 +52,8 @@ def plane_shifts(
         sure = (explained / doubt).clip(min=0)
         share = (explained / (power + 1 / DOUBT**2)).clip(min=0)
         down, right = np.unravel_index(sure.argmax(), sure.shape)
-        found[ink] = sure.max(), share.max(), steps[right], steps[down]
-    return found
+        result[ink] = sure.max(), share.max(), steps[right], steps[down]
+    return result
 
 
 def _means(images: NDArray[np.float32], side: int) -> NDArray[np.float32]:

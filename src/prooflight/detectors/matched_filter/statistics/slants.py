@@ -46,7 +46,7 @@ FIRST_SLOPES: Final = np.array([math.ceil(STEEPEST * height) for height in HEIGH
 MOST: Final = 6.0
 """Maximum standard deviations of a tile. (On designs of their own 4.5 and 8 did about as well, and better
 than 2 and 3.)"""
-LEAST_KNOWN: Final = 1.0
+LEAST_INFORMATION: Final = 1.0
 """Minimum information of a line; with less it counts as this. Its amount has a standard deviation of one
 whole ink."""
 MOST_OF_HALF: Final = 4.0
@@ -84,22 +84,22 @@ def of_slants(sums: Sums, scatter: Scatter) -> Iterator[Observed]:
     numbers = [sums.modes.index(name) for name in names]
     maps = own_of_tiles(next(cells_of(sums, scatter.light)), numbers)
     for name, mode, own, power, edges in zip(names, numbers, *maps, strict=True):
-        lines = lines_of(*weighed(own, power, edges, scatter.boxes[mode, 0]))
+        lines = lines_of(*tile_contributions(own, power, edges, scatter.boxes[mode, 0]))
         for level, height in enumerate(HEIGHTS):
-            known = slice(int(FIRST_SLOPES[level]), height)
-            values = lines.values[:, level, known]
+            allowed = slice(int(FIRST_SLOPES[level]), height)
+            values = lines.values[:, level, allowed]
             for end, sign in enumerate("+-"):
                 way, slope = np.unravel_index(int(values[..., end].argmax()), values.shape[:2])
                 most = float(values[way, slope, end])
-                place = lines.places[way, level, known][slope, end]
-                box = _box_mm(sums, int(way), int(slope) + known.start, height, place)
+                place = lines.places[way, level, allowed][slope, end]
+                box = _box_mm(sums, int(way), int(slope) + allowed.start, height, place)
                 which = Statistic("slant", *mode_and_ink(name), sign, height)
                 yield Observed(statistic=which, value=most, box=box)
                 usual = float(np.median(values[..., end]))
                 yield Observed(statistic=which._replace(reference=OWN_PAGE), value=most - usual, box=box)
 
 
-def weighed(
+def tile_contributions(
     own: NDArray[np.float32],
     power: NDArray[np.float32],
     edges: NDArray[np.float32],
@@ -117,14 +117,14 @@ def weighed(
     return np.asarray(pushes, np.float32), d
 
 
-def scatter_about(t: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def scatter_about(t: NDArray[np.float32], informative: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the scatter of tiles about each one, relative to the page's, (rows, columns), at least 1.
 
     It is Huber's proposal 2 with the mean for the mean square: the mean of |t|, limited to ``CLIPPED`` times
     the scale. t: relative to the page's scatter.
     """
     size, prior = np.abs(t), np.float32(PRIOR_TILES)
-    count = _in_windows(known.astype(np.float32)) + prior
+    count = _in_windows(informative.astype(np.float32)) + prior
     scale = np.ones_like(size)
     for _ in range(ROUNDS):
         cut = np.minimum(size, np.float32(CLIPPED) * scale)
@@ -144,21 +144,21 @@ def lines_of(push: NDArray[np.float32], power: NDArray[np.float32]) -> Lines:
     values = np.empty((4, len(HEIGHTS), tallest, 2), np.float32)
     places = np.empty((4, len(HEIGHTS), tallest, 2, 2), np.int64)
     for way in range(4):
-        n, d = (_laid(one, way) for one in (push, power))
-        slanted(n, d, HEIGHTS[0], FIRST_SLOPES, LEAST_KNOWN, MOST_OF_HALF, values[way], places[way])
+        n, d = (_oriented(one, way) for one in (push, power))
+        slanted(n, d, HEIGHTS[0], FIRST_SLOPES, LEAST_INFORMATION, MOST_OF_HALF, values[way], places[way])
     return Lines(values, places)
 
 
-def _laid(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
+def _oriented(tiles: NDArray[np.float32], way: int) -> NDArray[np.float32]:
     """Orient tiles, padded to whole strips of the tallest lines.
 
     Ways 2 and 3 are transposed, 1 and 3 mirrored.
     """
     turned = tiles.T if way >= 2 else tiles
     rows, columns = turned.shape
-    laid = np.zeros((rows + -rows % HEIGHTS[-1], columns), np.float32)
-    laid[:rows] = turned[:, ::-1] if way % 2 else turned
-    return laid
+    padded = np.zeros((rows + -rows % HEIGHTS[-1], columns), np.float32)
+    padded[:rows] = turned[:, ::-1] if way % 2 else turned
+    return padded
 
 
 def _box_mm(sums: Sums, way: int, slope: int, height: int, place: NDArray[np.int64]) -> Box:

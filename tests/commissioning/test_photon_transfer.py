@@ -10,7 +10,7 @@ import pytest
 
 from prooflight.camera.camera import expose_flat, with_pixels
 from prooflight.camera.sensor import FixedPattern, Noise, draw_fixed_pattern, read_out
-from prooflight.commissioning.camera.exposures import Exposure, statistics, separated_by_level
+from prooflight.commissioning.camera.exposures import Exposure, separated_by_level, statistics
 from prooflight.commissioning.camera.photon_transfer import photon_transfer
 from prooflight.commissioning.camera.sensor_block import Given, characterise_sensor
 from prooflight.errors import RequestError, ScanError

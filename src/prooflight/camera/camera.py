@@ -28,7 +28,10 @@ FOOTPRINT_STEPS_PER_PIXEL = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorResponse:
-    """Response of one sensor to uniform colours on the axis; every array has the shape of the colours (...)."""
+    """Response of one sensor to uniform colours on the axis.
+
+    Every array has the shape of the colours (...).
+    """
 
     name: str
     irradiance_photons: NDArray[np.float64]

@@ -110,7 +110,10 @@ class Lens:
         return np.pi * self.transmittance / (1 + 4 * self.working_f_number**2)
 
     def mtf(self, frequency_per_mm: ArrayLike, *, wave_nm: ArrayLike) -> NDArray[np.float64]:
-        """Return the MTF at the working F-number; frequency [cycles/mm at the sensor] and wave_nm [nm] broadcast."""
+        """Return the MTF at the working F-number.
+
+        Frequency [cycles/mm at the sensor] and wave_nm [nm] broadcast.
+        """
         return diffraction_mtf(frequency_per_mm, wave_nm=wave_nm, f_number=self.working_f_number)
 
     def relative_illumination(self, image_height_mm: ArrayLike) -> NDArray[np.float64]:

@@ -117,7 +117,10 @@ class LineSensor:
         return rate * area_m2 * self.exposure_s
 
     def quantise(self, volts: ArrayLike) -> NDArray[np.uint16]:
-        """Convert volts to digital numbers: add black level, clip to the swing, round half up; top code 2^bits - 1."""
+        """Convert volts to digital numbers: add black level, clip to the swing, round half up.
+
+        The top code is 2^bits - 1.
+        """
         step_v = self.voltage_swing_v / 2**self.bits
         raised = np.clip(np.asarray(volts) + self.black_level_dn * step_v, 0.0, self.voltage_swing_v)
         return np.minimum(np.floor(raised / step_v + 0.5), self.top_code_dn).astype(np.uint16)

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from prooflight.camera.sensor import LineSensor
 
 RANK = 3
-"""Number of shapes that replace the 36 MTFs; for the paper's rig an edge then errs by less than 3e-5 of white."""
+"""Number of shapes that replace the 36 MTFs.
+
+For the paper's rig an edge then errs by less than 3e-5 of white.
+"""
 _SHAPE_STEPS = 2**18  # frequencies at which shapes are tabulated: the nearest then errs by 1e-5
 _FITTED_STEPS = 4096
 

@@ -38,7 +38,10 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
 
 SUPERSAMPLING = 2
-"""Number of raster pixels across one camera pixel; at 1 an edge may lie half a camera pixel from its printed place."""
+"""Number of raster pixels across one camera pixel.
+
+At 1 an edge may lie half a camera pixel from its printed place.
+"""
 CALIBRATION_LINES = 4096
 WHITE_TILE = 0.85
 """Reflectance of the white tile. assumed: ceramic."""

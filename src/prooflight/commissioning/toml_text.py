@@ -47,7 +47,10 @@ def toml_key(key: str) -> str:
 
 
 def toml_text(tree: Mapping[str, Any]) -> str:
-    """Write single values, ``[blocks]`` and ``[[lists of blocks]]`` as text; ``tomllib.loads`` gives ``tree`` back."""
+    """Write single values, ``[blocks]`` and ``[[lists of blocks]]`` as text.
+
+    ``tomllib.loads`` gives ``tree`` back.
+    """
     single = [f"{toml_key(key)} = {toml_value(value)}" for key, value in tree.items() if not _is_block(value)]
     parts = ["\n".join(single)] if single else []
     for key, value in tree.items():

@@ -32,7 +32,10 @@ _STRUCTURE: Final = frozenset({"NUMBER_OF_FIELDS", "NUMBER_OF_SETS"})  # written
 _EXPORT: Final = "export the chart again as CGATS text"
 CHART_FILES: Final = GivenFiles(error=ChartError, remedy=_EXPORT, largest_mb=8)
 MOST_ROWS: Final = 10_000
-"""Greatest number of rows: ten times the largest usual chart; fitting inks takes memory in the square of it."""
+"""Greatest number of rows: ten times the largest usual chart.
+
+Fitting inks takes memory in the square of it.
+"""
 _MOST_TABLES: Final = 100
 _MOST_COLUMNS: Final = 2000
 _MOST_KEYWORDS: Final = 10_000
@@ -44,7 +47,10 @@ class Table:
     """One table of a CGATS file, as text."""
 
     kind: str
-    """Identifier at the head of the table, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``; empty if the file has none."""
+    """Identifier at the head of the table, e.g. ``CGATS.17``, ``ISO28178``, ``CTI3``.
+
+    It is empty if the file has none.
+    """
     keywords: tuple[tuple[str, str], ...]
     """Keywords and values in the file's order; repeated keywords and KEYWORD declarations included."""
     fields: tuple[str, ...]

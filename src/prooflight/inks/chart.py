@@ -120,7 +120,10 @@ class Chart:
         return Recipes(cmyk=cmyk, reflectance=reflectance / count[:, None], count=count, of_patch=of_patch)
 
     def scatter(self) -> Scatter | None:
-        """Return the scatter of repeated patches about their means (D50, 2 degrees); None if no recipe is repeated."""
+        """Return the scatter of repeated patches about their means (D50, 2 degrees).
+
+        Return None if no recipe is repeated.
+        """
         recipes = self.recipes()
         repeated = recipes.count[recipes.of_patch] > 1
         if not repeated.any():
@@ -139,7 +142,10 @@ class Chart:
         )
 
     def paper(self) -> NDArray[np.float64]:
-        """Return the mean reflectance factor of the substrate patches, (36,); ChartError if the chart has none."""
+        """Return the mean reflectance factor of the substrate patches, (36,).
+
+        ChartError if the chart has none.
+        """
         bare = (self.cmyk_percent == 0).all(axis=1)
         if not bare.any():
             what = "there is no substrate patch (C, M, Y and K all 0)"

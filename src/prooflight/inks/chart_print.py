@@ -79,7 +79,10 @@ def make_chart(
 
 
 def raster(placed: PlacedRecipes, page: int, *, dpi: float = DPI) -> NDArray[np.uint8]:
-    """Draw one page as CMYK, (rows, columns, 4); at other resolutions edges lie on the nearest raster pixel."""
+    """Draw one page as CMYK, (rows, columns, 4).
+
+    At other resolutions edges lie on the nearest raster pixel.
+    """
     layout, scale = placed.layout, dpi / MM_PER_INCH
     paper = np.zeros((round(layout.height_mm * scale), round(layout.width_mm * scale), INKS), dtype=np.uint8)
     for (x, y, width, height), ink in painted(placed, page):

@@ -138,7 +138,10 @@ class InkModel:
         return in_chunks(of_factor, cmyk, BANDS)
 
     def save(self, path: str | Path) -> str:
-        """Write to ``path`` whole or not at all, and return the digest. ChartError: ``load`` would refuse it."""
+        """Write to ``path`` whole or not at all, and return the digest.
+
+        ChartError: ``load`` would refuse it.
+        """
         path = Path(path)
         arrays = {OF_MODEL + name: array for name, array in self.model.arrays().items()}
         arrays |= {OF_SPREAD + name: getattr(self.spread, name) for name in SPREAD}
@@ -161,7 +164,10 @@ class InkModel:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a file that ``save`` wrote; ChartError if it is something else, of another schema, or damaged."""
+        """Read a file that ``save`` wrote.
+
+        ChartError if it is something else, of another schema, or damaged.
+        """
         path = Path(path)
         if not path.is_file():
             raise ChartError(path, "there is no such file", remedy=f"{_AGAIN} or give the right path")

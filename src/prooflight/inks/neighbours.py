@@ -131,7 +131,10 @@ class LocalLinear:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Choose the number of neighbours by leave-one-out mean CIEDE2000; ``count`` makes no difference here."""
+        """Choose the number of neighbours by leave-one-out mean CIEDE2000.
+
+        ``count`` makes no difference here.
+        """
         root = np.sqrt(np.maximum(reflectance, DARKEST))
         wanted_lab = lab(reflectance)
 

@@ -128,7 +128,10 @@ class CellularNeugebauer(Neugebauer):
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Keep n and curves of the 16-primary model and fit the nodes; ValueError if too few of them are measured."""
+        """Keep n and curves of the 16-primary model and fit the nodes.
+
+        ValueError if too few of them are measured.
+        """
         levels = cell_levels(cmyk)
         primaries = Neugebauer.fit(cmyk, reflectance, count)
         weight = np.sqrt(np.ones(len(cmyk)) if count is None else count)[:, None]
@@ -164,13 +167,19 @@ def _nodes(levels: Levels) -> NDArray[np.float64]:
 
 
 def effective_area(area: NDArray[np.float64], curves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the effective dot areas of nominal ones, (m, 4) -> (m, 4); curves (4, 2) as in ``Neugebauer.curves``."""
+    """Return the effective dot areas of nominal ones, (m, 4) -> (m, 4).
+
+    curves (4, 2) as in ``Neugebauer.curves``.
+    """
     gain = curves[:, 0] + curves[:, 1] * (2 * area - 1)
     return np.asarray(area + 4 * area * (1 - area) * gain, dtype=np.float64)
 
 
 def _shares(cmyk: NDArray[np.float64], curves: NDArray[np.float64], levels: Levels) -> NDArray[np.float64]:
-    """Return the share of the page that each node covers, (m, nodes); multilinear between nodes, summing to 1."""
+    """Return the share of the page that each node covers, (m, nodes).
+
+    The shares are multilinear between nodes and sum to 1.
+    """
     area = effective_area(cmyk, curves)
     share = np.ones((len(cmyk), 1))
     for ink, level in enumerate(levels):

@@ -58,7 +58,10 @@ class RadialBasis:
         reflectance: NDArray[np.float64],
         count: NDArray[np.int64] | None = None,
     ) -> Self:
-        """Interpolate or smooth the spectra as such; ValueError for fewer than 12 recipes or an ink never varied."""
+        """Interpolate or smooth the spectra as such.
+
+        ValueError for fewer than 12 recipes or an ink never varied.
+        """
         return cls._on(None, cmyk, reflectance, count)
 
     @classmethod

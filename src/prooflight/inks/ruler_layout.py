@@ -36,7 +36,10 @@ if TYPE_CHECKING:
 CELL_MM: Final = 96.0
 GROUP_MM: Final = 92.0
 BAR_MM: Final = 2.0
-"""Width of a comb's bar and of a cross's arm; the pitch of bars is twice that. At 0.3 mm a pixel that is 7 pixels."""
+"""Width of a comb's bar and of a cross's arm.
+
+The pitch of bars is twice that. At 0.3 mm a pixel that is 7 pixels.
+"""
 PERIOD_MM: Final = 2 * BAR_MM
 TOOTH_MM: Final = 8.0
 """Length of a comb's bar."""
@@ -70,7 +73,10 @@ class Bar:
 
     box: Box
     upright: bool
-    """Whether it runs along the travel, so that its edges give a position across; else they give one along."""
+    """Whether it runs along the travel, so that its edges give a position across.
+
+    Otherwise they give one along.
+    """
     ink: str = "K"
 
 

@@ -1,4 +1,4 @@
-"""Files of a ruler page to print: a vector PDF in the press's own inks; and its raster, for the simulated press."""
+"""Ruler page to print: a vector PDF in the press's own inks, and its raster for the simulated press."""
 
 from __future__ import annotations
 

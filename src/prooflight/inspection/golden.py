@@ -100,7 +100,10 @@ def _of_job(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenInspector:
-    """Inspector of scans against golden ones; small and picklable, so that it can be sent to worker processes."""
+    """Inspector of scans against golden ones.
+
+    It is small and picklable, so that it can be sent to worker processes.
+    """
 
     press: Press | None = None
     """Press that gives pixel pitch, lead-in and columns; None: the golden's file states its resolution."""

@@ -89,7 +89,10 @@ class Inspector:
         return replace(self, detector=self.detector.at(self.press.station(threads)))
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
-        """Return a page as it is to enter the press (``ScanGeometry.lay``). threads: number used to prepare it."""
+        """Return a page as it is to enter the press (``ScanGeometry.lay``).
+
+        threads: number used to prepare it.
+        """
         zones = None if self.zones is None else self.zones.page(page)
         return PlannedPage(page, self.press.station(threads or self.detector.station.threads), zones)
 

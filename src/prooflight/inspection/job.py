@@ -166,7 +166,10 @@ class InspectPage:
     """File or folder in which scans were looked for."""
 
     def __call__(self, pair: Pair) -> Judged:
-        """Return verdict and evidence of one page and its scan; ProoflightError: one of them cannot be used."""
+        """Return verdict and evidence of one page and its scan.
+
+        ProoflightError: one of them cannot be used.
+        """
         number, scan = pair
         if scan is None:
             return Judged(scan_missing(self.name(pair), self.scans))
@@ -194,7 +197,10 @@ class ScanPage:
     work: InspectPage
 
     def __call__(self, scanned: tuple[int, RecordedScan]) -> ScannedPage:
-        """Inspect a page, by its number, in its scan; ScanError: it was made under other light than the press knows."""
+        """Inspect a page, by its number, in its scan.
+
+        ScanError: it was made under other light than the press knows.
+        """
         number, scan = scanned
         page, inspector = self.work.page(number), in_full(self.work.inspector)
         read = read_scan(scan, page, inspector.press)

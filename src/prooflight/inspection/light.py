@@ -1,4 +1,7 @@
-"""Check that a scan was made under the light that its press was calibrated for; the false-alarm rate rests on it."""
+"""Check that a scan was made under the light that its press was calibrated for.
+
+The false-alarm rate rests on it.
+"""
 
 from __future__ import annotations
 

@@ -203,7 +203,10 @@ def _darkest(image: NDArray[Any], sensor: SensorModel, area: tuple[slice, slice]
 
 
 def _agreed(ratio: NDArray[np.float64]) -> float | None:
-    """Return the median of the narrowest interval that holds half of the ratios; None: it is wide, or they are few."""
+    """Return the median of the narrowest interval that holds half of the ratios.
+
+    None: the interval is wide, or the ratios are few.
+    """
     half = ratio.size // 2 + 1
     if ratio.size < LEAST_SQUARES:
         return None

@@ -65,7 +65,10 @@ class PromiseWatch:
 
     @property
     def suspended(self) -> str:
-        """Return why the false-alarm rate does not hold, in one line with the remedy; empty: nothing shows it."""
+        """Return why the false-alarm rate does not hold, in one line with the remedy.
+
+        An empty text means that nothing shows it.
+        """
         if not self.unlike:
             return ""
         return MISPRINTS.format(self.cause.description) if self.cause.description else self.unlike

@@ -10,7 +10,10 @@ _log = logging.getLogger(__name__)
 
 
 def reason_of(error: Exception, *, of: str) -> str:
-    """Return an error as the reason in a verdict; an unexpected one is logged whole. of: the work that failed."""
+    """Return an error as the reason in a verdict.
+
+    An unexpected one is logged whole. of: the work that failed.
+    """
     if isinstance(error, ProoflightError):
         return str(error)
     if isinstance(error, MemoryError):

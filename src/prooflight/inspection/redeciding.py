@@ -36,7 +36,10 @@ CUT_PIXELS: Final = 256
 """Longest side of such a cut, 27 mm at the prototype's pitch."""
 MARGIN_MM: Final = 2.0
 WHOLE_PIXELS: Final = 12_000_000
-"""Greatest number of pixels of a stored whole scan, an A3 page at the prototype's pitch; larger ones are halved."""
+"""Greatest number of pixels of a stored whole scan, an A3 page at the prototype's pitch.
+
+Larger ones are halved.
+"""
 ROUNDING: Final = 1e-9
 """Relative tolerance of repeated figures; other processors add in another order."""
 
@@ -55,7 +58,10 @@ def kept_evidence(
 
 
 def decided_again(kept: Kept, press: Press, detector_name: str) -> Decision:
-    """Repeat the decision from this evidence; RequestError if it is of another detector, or of no page at all."""
+    """Repeat the decision from this evidence.
+
+    RequestError if it is of another detector, or of no page at all.
+    """
     arrays = KeptArrays(kept, detector_name)
     _ = arrays.wrong_page  # refused where it is not told
     again = detector(detector_name, press).decided_again(arrays)

@@ -489,7 +489,10 @@ def _good(plan: SheetPlan, sheet: int) -> SheetVerdict:
 
 
 def _first_not(among: range, holds: Callable[[int], bool]) -> int:
-    """Return the first for which it does not hold, where it holds for none after it; their end: it holds for all."""
+    """Return the first for which it does not hold, where it holds for none after it.
+
+    Return their end where it holds for all.
+    """
     low, high = among.start, among.stop
     while low < high:
         middle = (low + high) // 2

@@ -93,7 +93,10 @@ class Press(Shown):
     supersampling: int
     """Number of raster pixels across one camera pixel at which PDF pages are ripped."""
     appearance_srgb: NDArray[np.uint8]
-    """Appearance of recipes at n even steps of each ink, (n, n, n, n, 3) sRGB, paper shown white; for pictures only."""
+    """Appearance of recipes at n even steps of each ink, (n, n, n, n, 3) sRGB, paper shown white.
+
+    It is for pictures only.
+    """
     costs: RunningCosts
     good_pages_per_false_alarm: float
     """Inverse of the target false-alarm rate: one good page in this number may alarm."""
@@ -105,7 +108,10 @@ class Press(Shown):
     origin: Mapping[str, str] = field(default_factory=dict)
     """Origin of the press: texts, digests, seed."""
     ink_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """Arrays of the ink model that the tables were made from; ``commissioning.inks`` rebuilds the model from them."""
+    """Arrays of the ink model that the tables were made from.
+
+    ``commissioning.inks`` rebuilds the model from them.
+    """
     ink_facts: Mapping[str, str] = field(default_factory=dict)
     """Name, kind and cross-validation score of the ink model."""
     clipped: tuple[ClippedShare, ...] = ()
@@ -172,7 +178,10 @@ class Press(Shown):
         _checked(f"press {self.name}", document, arrays)
 
     def save(self, path: str | Path) -> str:
-        """Write to ``path``, whole or not at all, and return the digest. PressError: ``load`` would refuse it."""
+        """Write to ``path``, whole or not at all, and return the digest.
+
+        PressError: ``load`` would refuse it.
+        """
         path = Path(path)
         arrays, document = self._parts()
         _checked(path, document, arrays)

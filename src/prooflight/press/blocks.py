@@ -175,7 +175,10 @@ class DecisionBlock(_Block):
     (``training.train.DEFAULT_RATE``), and chi-square's is ``IN_IDEAL``.
     """
     floor_percent_of_white: Annotated[float, Field(strict=True, ge=0, le=100)] = 100 * FLOOR_SHARE
-    """Least difference from the expected light of a flat place, over 0.1 mm2, that is always a misprint; 0: none is."""
+    """Least difference from the expected light of a flat place, over 0.1 mm2, that is always a misprint.
+
+    0: none is.
+    """
 
 
 class InspectionBlock(_Block):
@@ -248,7 +251,10 @@ ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 
 
 Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
-"""Offset of a sensor's lines or pixels; the limit is 10 m between sensors on the page at the prototype's pitch."""
+"""Offset of a sensor's lines or pixels.
+
+The limit is 10 m between sensors on the page at the prototype's pitch.
+"""
 Offsets = Annotated[tuple[Offset, ...], Field(max_length=16)]
 
 

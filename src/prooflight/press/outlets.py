@@ -22,7 +22,10 @@ SECRET_FILES: Final = GivenFiles(
     error=PressFileError, remedy="name a file of one line that holds the secret", largest_mb=0.01
 )
 LEAST_SECRET: Final = 16
-"""Least number of characters of a webhook's secret. assumed: 16 random letters and digits cannot be guessed."""
+"""Least number of characters of a webhook's secret.
+
+assumed: 16 random letters and digits cannot be guessed.
+"""
 
 Text = Annotated[str, Field(strict=True, min_length=1, max_length=500)]
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]

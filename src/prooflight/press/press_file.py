@@ -171,7 +171,10 @@ class PressFile:
         return tuple(offsets)
 
     def gate_settings(self) -> GateSettings | None:
-        """Return ``[gate]``, the gate at which bad sheets leave the paper path; None: the press has no gate."""
+        """Return ``[gate]``, the gate at which bad sheets leave the paper path.
+
+        None: the press has no gate.
+        """
         block = self._document.gate
         if block is None:
             return None

@@ -134,7 +134,10 @@ class PressFacts(Block):
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return the content of ``document``; Misfit, with the field's name, unless it and ``arrays`` are a valid press."""
+    """Return the content of ``document``.
+
+    Misfit, with the field's name, unless it and ``arrays`` are a valid press.
+    """
     raw = parsed(document)
     facts = checked(PressFacts, raw)
     _check_geometry(facts)

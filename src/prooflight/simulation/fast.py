@@ -128,6 +128,9 @@ def half_normals() -> NDArray[np.float32]:
 
 
 def cloud_places(centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
-    """Return the positions of camera pixels among the cloud's nodes; -1 off the page, where there is no paper."""
+    """Return the positions of camera pixels among the cloud's nodes.
+
+    Off the page, where there is no paper, they are -1.
+    """
     on_page = (centres_mm >= 0) & (centres_mm < extent_mm)
     return np.where(on_page, centres_mm / CLOUD_PITCH_MM, -1).astype(np.float32)

@@ -98,7 +98,10 @@ class Session:
 
 @lru_cache(maxsize=1)
 def session_of(press: Press, seed: int) -> Session:
-    """Return the day of a seed; the same object for every print in one process, so that its true tables are cached."""
+    """Return the day of a seed.
+
+    It is the same object for every print in one process, so that its true tables are cached.
+    """
     return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
@@ -144,7 +147,10 @@ class TrueSensor:
 
 @lru_cache(maxsize=2)
 def true_sensors(session: Session, press: Press) -> tuple[TrueSensor, ...]:
-    """Return the press's tables with the session's errors; cached, for they take a third of a second a sensor."""
+    """Return the press's tables with the session's errors.
+
+    They are cached, for they take a third of a second a sensor.
+    """
     return tuple(
         _true_sensor(model, day, session) for model, day in zip(press.sensors, session.sensors, strict=True)
     )

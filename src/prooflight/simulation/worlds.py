@@ -163,7 +163,10 @@ def _times(name: str, value: Any, times: float) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gate:
-    """Least change by a misprint; a drawn one that reaches neither amount has no visible effect and is drawn again."""
+    """Least change by a misprint.
+
+    A drawn misprint that reaches neither amount has no visible effect and is drawn again.
+    """
 
     blurred_peak_percent: float
     rms_percent: float

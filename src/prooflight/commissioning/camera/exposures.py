@@ -71,7 +71,10 @@ class ExposureRequest:
 
     @classmethod
     def parse(cls, text: str) -> ExposureRequest:
-        """Parse ``dark.tif`` or ``dark.tif@277`` (line rate in Hz); a path that exists as written is taken as it is."""
+        """Parse ``dark.tif`` or ``dark.tif@277`` (line rate in Hz).
+
+        A path that exists as written is taken as it is.
+        """
         path = Path(text)
         stem, at, rate = text.rpartition("@")
         if not at or path.exists():
@@ -178,7 +181,10 @@ def _images_in(path: Path) -> int:
 
 
 def _exposures_of(request: ExposureRequest, *, sensors: int) -> list[tuple[Exposure, ...]]:
-    """Reduce every exposure of a file or folder, one statistic for each sensor; ScanError if it cannot be used."""
+    """Reduce every exposure of a file or folder, one statistic for each sensor.
+
+    ScanError if the file cannot be used.
+    """
     scans = recorded_scans(request.path, sensors=sensors)
     reduced = []
     for scan in scans:

@@ -46,7 +46,10 @@ NOT_IN_EXPOSURES = ("pixel_pitch_um", "fill_factor", "tdi_stages", "line_rate_hz
 """Fields that exposures to unknown light do not determine; they come from a similar press file."""
 LARGE_RESIDUAL = 5.0
 LARGE_LINE_NOISE = 0.3
-"""Least line noise that is reported, as a share of a pixel's noise; squared it adds a tenth to the variance."""
+"""Least line noise that is reported, as a share of a pixel's noise.
+
+Squared, it adds a tenth to the variance.
+"""
 _DIGITS = 6
 
 
@@ -108,7 +111,10 @@ def characterise_sensors(
     given: Given,
     likes: Sequence[LineSensor] = (),
 ) -> list[SensorBlock]:
-    """Characterise each sensor from exposures that hold one statistic a sensor; likes: as many sensors, or none."""
+    """Characterise each sensor from exposures that hold one statistic a sensor.
+
+    likes: as many sensors, or none.
+    """
     sensors = len((*dark, *flat)[0])
     return [
         characterise_sensor(

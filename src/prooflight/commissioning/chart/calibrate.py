@@ -101,7 +101,10 @@ def calibrate_from(
     origin: Mapping[str, str],
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Calibration:
-    """Calibrate from scans that have been read; ScanError: they do not belong together, or show too few patches."""
+    """Calibrate from scans that have been read.
+
+    ScanError: they do not belong together, or show too few patches.
+    """
     _refuse_mixed(scans)
     _refuse_few(scans, placed)
     progress("fitting inks")

@@ -213,7 +213,10 @@ class SignalModel:
         return self.root(cmyk) ** 2
 
     def root_slopes(self, cmyk: NDArray[np.float64], step: float = 0.02) -> NDArray[np.float64]:
-        """Return the change of ``root`` with each ink, (n, 4) -> (n, sensors, 4); one-sided at no and at full ink."""
+        """Return the change of ``root`` with each ink, (n, 4) -> (n, sensors, 4).
+
+        The difference is one-sided at no and at full ink.
+        """
         slopes = np.empty((len(cmyk), self.coefficients.shape[1], INKS))
         for ink in range(INKS):
             low, high = cmyk.copy(), cmyk.copy()

@@ -230,7 +230,10 @@ def edge_profile(
 
 
 def half_way(offsets_mm: NDArray[np.float64], profile: NDArray[np.float64]) -> float:
-    """Return the offset [mm] at which an edge's profile passes the middle between its ends; NaN if it is no edge."""
+    """Return the offset [mm] at which an edge's profile passes the middle between its ends.
+
+    The result is NaN if the profile shows no edge.
+    """
     ends = profile[: profile.size // 5].mean(), profile[-(profile.size // 5) :].mean()
     if not np.isfinite(profile).all() or abs(ends[1] - ends[0]) < 0.3:
         return float("nan")

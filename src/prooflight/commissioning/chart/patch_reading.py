@@ -278,7 +278,10 @@ def _cloud(flat: NDArray[np.float32], paper: NDArray[np.bool_], chart: DetectedC
 
 
 def _line_variance(dn: NDArray[np.float32], label: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return half the mean square difference of neighbouring lines inside a label, outliers left out. (count,)"""
+    """Return half the mean square difference of neighbouring lines inside a label, (count,).
+
+    Outliers are left out.
+    """
     both = (label[1:] == label[:-1]) & (label[1:] > 0)
     member = label[1:][both] - 1
     square = ((dn[1:][both] - dn[:-1][both]) ** 2).astype(np.float64) / 2

@@ -80,7 +80,10 @@ def assemble_press(name: str, layout: Layout, learned: Learned, *, origin: Mappi
 
 
 def _light_at_nodes(model: SignalModel) -> NDArray[np.float64]:
-    """Return the light of every node of the tables, (33, 33, 33, 33, sensors); of the solid itself at the last one."""
+    """Return the light of every node of the tables, (33, 33, 33, 33, sensors).
+
+    The last node has the light of the solid itself.
+    """
     axis = np.minimum(node_fractions(), 1.0)
     return np.stack([model.light(recipe_grid([cyan], axis, axis, axis)[0]) for cyan in axis])
 
@@ -124,7 +127,10 @@ def _sensor_model(index: int, light: NDArray[np.float64], learned: Learned) -> S
 
 
 def _column_light(index: int, learned: Learned) -> NDArray[np.float64]:
-    """Return paper's light in each column over the middle's, mean of all scans; beyond the paper as at its edge."""
+    """Return paper's light in each column over the middle's, mean of all scans.
+
+    Columns beyond the paper have the value at its edge.
+    """
     gains = np.array([scan.patches.column_gain[index] for scan in learned.scans])
     seen = np.isfinite(gains)
     mean = np.where(seen, gains, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)

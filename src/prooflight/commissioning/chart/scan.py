@@ -200,7 +200,10 @@ def _curves(
 
 
 def profile_curves(profile: bytes, channels: int) -> list[Curve] | None:
-    """Return the tone curves of a matrix or grey ICC profile (ICC.1:2022, 10.6 and 10.18); None if it has none."""
+    """Return the tone curves of a matrix or grey ICC profile (ICC.1:2022, 10.6 and 10.18).
+
+    Return None if the profile has none.
+    """
     try:
         ImageCms.getOpenProfile(io.BytesIO(profile))
         count = struct.unpack_from(">I", profile, 128)[0]

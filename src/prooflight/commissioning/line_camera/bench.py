@@ -1,4 +1,4 @@
-"""Shared state of the steps of a set-up: the camera's lines, the press file and measurements; and a step's result."""
+"""Result of a set-up's step, and the state that the steps share: camera, press file and measurements."""
 
 from __future__ import annotations
 

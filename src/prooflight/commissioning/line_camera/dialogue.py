@@ -79,7 +79,10 @@ class Protocol:
 
     @classmethod
     def of(cls, path: Path, *, camera: str) -> Protocol | None:
-        """Read an unfinished protocol; None: there is none. RequestError: it is of another camera, or damaged."""
+        """Read an unfinished protocol.
+
+        None: there is no such file. RequestError: it is of another camera, or damaged.
+        """
         if not path.exists():
             return None
         try:

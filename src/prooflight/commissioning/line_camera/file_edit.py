@@ -54,7 +54,10 @@ def edited(text: str, edits: Iterable[Edit]) -> str:
 
 
 def write_edits(path: Path, edits: Iterable[Edit]) -> PressFile:
-    """Write them into a press file, whole or not at all; PressFileError: the file would be invalid afterwards."""
+    """Write them into a press file, whole or not at all.
+
+    PressFileError: the file would be invalid afterwards.
+    """
     before = PressFile.read(path)
     try:
         text = edited(before.text, edits)

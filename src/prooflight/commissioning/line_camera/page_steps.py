@@ -27,7 +27,10 @@ SHARP_LEAST: Final = 0.75
 TILT_MOST: Final = 0.2
 """Greatest difference of MTF50 between places along the line, as a share of its mean."""
 UNCHECKED: Final = 0.003
-"""Relative error of the length of a page that was not measured. assumed: usual of presses and of fed paper."""
+"""Relative error of the length of a page that was not measured.
+
+assumed: usual of presses and of fed paper.
+"""
 RULE_MM: Final = 0.25
 """Standard error of a length read off a steel rule. assumed: half its finest division."""
 PITCH_OFF: Final = 0.05

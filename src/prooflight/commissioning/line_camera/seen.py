@@ -122,7 +122,10 @@ def line_noise(image: NDArray[np.uint16]) -> float:
 
 
 def focus_of(lines: NDArray[np.uint16], *, where: str) -> tuple[Focus | None, ...]:
-    """Measure focus by a ruler page where one is seen, by edges where all lines are alike; one result a sensor."""
+    """Measure focus by a ruler page where one is seen, by edges where all lines are alike.
+
+    Return one result a sensor.
+    """
     try:
         ruler = find_ruler(relative_light(lines), where=where)
     except ScanError:

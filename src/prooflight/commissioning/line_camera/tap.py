@@ -51,7 +51,10 @@ class LastLines:
     _blocks: deque[NDArray[np.uint16]] = field(default_factory=deque)
 
     def add(self, block: NDArray[np.uint16], *, torn: bool) -> None:
-        """Add a block (sensors, n, pixels); torn: lines are missing before it, so that earlier ones are dropped."""
+        """Add a block (sensors, n, pixels).
+
+        torn: lines are missing before it, so that earlier ones are dropped.
+        """
         if torn:
             self._blocks.clear()
             self.count = 0

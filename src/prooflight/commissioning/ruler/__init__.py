@@ -1,1 +1,4 @@
-"""Measurements on a ruler page in a scan: position, pitches, sharpness, light and planes. Pure functions on arrays."""
+"""Measurements on a ruler page in a scan: position, pitches, sharpness, light and planes.
+
+The functions are pure, on arrays.
+"""

@@ -25,13 +25,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SEARCH_PIXELS: Final = 2600
-"""Longer side, in pixels, of the image in which markers are detected; a marker of the widest page then has 30."""
+"""Longer side, in pixels, of the image in which markers are detected.
+
+A marker of the widest page then has 30.
+"""
 STRETCHES: Final = (1.0, 2.0, 0.5, 4.0, 0.25)
 """Factors on the line pitch that are tried in turn where no marker is detected: an encoder may be that wrong."""
 FEWEST: Final = 2
 """Least number of markers that locate a page; each has four corners."""
 _OFF: Final = 0.35
-"""Greatest distance of corners from the common map, as a share of a marker's side; others are of something else."""
+"""Greatest distance of corners from the common map, as a share of a marker's side.
+
+Corners farther off are of something else.
+"""
 PRINT_IT: Final = "let a whole page of `prooflight chart make --ruler` pass, print side to the camera"
 
 

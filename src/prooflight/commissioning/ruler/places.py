@@ -35,7 +35,10 @@ _OUTLIER: Final = 5.0
 _LEAST_SPREAD_MM: Final = 30.0
 """Least spread of bars perpendicular to their normal that gives the page's rotation."""
 _FIRST_MM: Final = 16.0
-"""Distance beyond the markers within which bars are read first; the result locates those that lie twice as far."""
+"""Distance beyond the markers within which bars are read first.
+
+The result locates those that lie twice as far.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +61,10 @@ class RulerScale:
     to_pixel: NDArray[np.float64]
     """Affine map (2, 3) from (x, y, 1) on the page [mm] to (column, line) [pixels], whole numbers at pixel centres."""
     pixel_mm: Measured
-    """Distance between neighbouring columns, in the page's own millimetres; standard error of the marks alone."""
+    """Distance between neighbouring columns, in the page's own millimetres.
+
+    The standard error is that of the marks alone.
+    """
     line_mm: Measured
     skew_deg: Measured
     """Clockwise rotation of the page as seen. [degree]"""

@@ -53,7 +53,10 @@ class Sharpness:
     x_mm: float
     """Position of the middle of the edges on the page."""
     mtf50: Measured
-    """MTF50 [cycles/pixel] across, or [cycles/line] along; standard error from the scatter of pieces of edges."""
+    """MTF50 [cycles/pixel] across, or [cycles/line] along.
+
+    The standard error comes from the scatter of pieces of edges.
+    """
     mtf: NDArray[np.float64]
     """Mean MTF at ``FREQUENCIES``. [-]"""
     pieces: int

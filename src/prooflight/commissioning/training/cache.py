@@ -31,7 +31,10 @@ _log = logging.getLogger(__name__)
 COMPOSED_SEED: Final = 70_000
 """First seed of the designs that presses are trained on, separate from those of studies."""
 MOST_PRESSES: Final = 8
-"""Number of trained presses that are stored, some 20 MB each; the least recently used one is removed first."""
+"""Number of trained presses that are stored, some 20 MB each.
+
+The least recently used one is removed first.
+"""
 CALCULATING: Final = ("numpy", "scipy", "numba", "opencv-python-headless")
 """Libraries whose versions may change the last digits of what training measures."""
 
@@ -105,7 +108,10 @@ def _load(path: Path) -> Press | None:
 
 
 def _save(press: Press, path: Path) -> None:
-    """Store a press and remove those least recently used; where nothing can be written, each build trains again."""
+    """Store a press and remove those least recently used.
+
+    Where nothing can be written, each build trains again.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         press.save(path)

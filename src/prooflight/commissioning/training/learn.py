@@ -154,7 +154,10 @@ def _light(drawn: NDArray[np.floating], least: NDArray[np.float64]) -> NDArray[n
 
 
 def _scattered(drawn: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Fit the variance of N' as c F + c' G + t^2 D'^2: c, c', t^2; each class's greatest half per cent is left out."""
+    """Fit the variance of N' as c F + c' G + t^2 D'^2: c, c', t^2.
+
+    Each class's greatest half per cent is left out.
+    """
     own, power, edges = drawn[np.isfinite(drawn).all(axis=1) & (drawn[:, 1] > 1e-2)].T
     if own.size < LEAST_PLACES:
         return 1.0, 1.0, 0.0

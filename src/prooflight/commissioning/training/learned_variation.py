@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from prooflight.simulation.worlds import Amounts
 
 WIDE: Final = 1.5
-"""assumed: this factor on a stated value is a wide margin; the amounts themselves are known to some ten per cent."""
+"""assumed: this factor on a stated value is a wide margin.
+
+The amounts themselves are known to some ten per cent.
+"""
 REMEDY: Final = (
     "more than stated: state it in [variation] and build again; the promise already holds by press learn"
 )
@@ -37,7 +40,10 @@ class StatedBesideLearned:
 
 
 def stated_beside_learned(press: Press) -> list[StatedBesideLearned]:
-    """Return every amount of ``[variation]``; empty where the press was trained on no real page that shows them."""
+    """Return every amount of ``[variation]``.
+
+    The list is empty where the press was trained on no real page that shows them.
+    """
     pages = None if press.ours is None else press.ours.pages.variation
     if pages is None or not len(pages):
         return []

@@ -44,7 +44,10 @@ DESIGNS_A_DAY: Final = 4
 LONGEST: Final = 1.45
 """Height over width beyond which a page that is cut to the field is cut off: A4's and a little."""
 LEAST_TIMES: Final = 0.2
-"""Least factor on the assumed variation of good prints. assumed: even where they do not vary, some is measured."""
+"""Least factor on the assumed variation of good prints.
+
+assumed: even where they do not vary, some is measured.
+"""
 
 FOLLOWS: Final = {
     "white": ("camera.table_gain_percent", "paper.white_channel_percent"),
@@ -205,7 +208,10 @@ class PressDay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScatterWork:
-    """Work of drawing ``learn_scatter``'s samples from a day's good prints; can be sent to worker processes."""
+    """Work of drawing ``learn_scatter``'s samples from a day's good prints.
+
+    It can be sent to worker processes.
+    """
 
     press: Press
     pages: Designs

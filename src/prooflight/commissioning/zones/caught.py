@@ -34,7 +34,10 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caught:
-    """Least strength that is detected at 99 %, with its interval of 90 % probability; infinite: none of the range."""
+    """Least strength that is detected at 99 %, with its interval of 90 % probability.
+
+    It is infinite where none of the range is detected.
+    """
 
     least: float
     low: float
@@ -55,7 +58,10 @@ class Range:
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """Return the candidate strengths of 50 % detection; they reach a third beyond the range either way."""
+        """Return the candidate strengths of 50 % detection.
+
+        They reach a third beyond the range either way.
+        """
         edge = (self.high / self.low) ** (1 / 3)
         return np.geomspace(self.low / edge, self.high * edge, STEPS)
 

@@ -200,7 +200,10 @@ class ZonePrints:
         return Scan(dn=day.recorded(day.seen_in_press(page, rng), rng), name=page.name)
 
     def ready(self, number: int) -> tuple[Page, MatchedFilterPage | None, MatchedFilterPage]:
-        """Return a page, prepared without zones and with them; None: both are the same but for careful areas."""
+        """Return a page, prepared without zones and with them.
+
+        None: both are the same but for careful areas.
+        """
         if number not in self._ready:
             if len(self._ready) >= READY:
                 self._ready.clear()

@@ -39,7 +39,10 @@ white, has less effect.
 def page_codes(
     planned: PlannedPage, sensors: tuple[SensorModel, ...], geometry: ScanGeometry
 ) -> tuple[PageCode, ...]:
-    """Find all codes that can be read from the lines which the camera must see of a page; from top to bottom."""
+    """Find all codes that can be read from the lines which the camera must see of a page.
+
+    Return them from top to bottom.
+    """
     expected = planned.expected
     everywhere = slice(0, expected.expected_dn.shape[2])
     light = paper_light(expected.expected_dn, sensors, everywhere)

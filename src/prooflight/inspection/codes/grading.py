@@ -33,7 +33,10 @@ SQUARE_MODULATION: Final = (0.50, 0.40, 0.30, 0.20)
 DEFECTS: Final = (0.15, 0.20, 0.25, 0.30)
 """Greatest defects of grades 4, 3, 2, 1 (ISO/IEC 15416, table 1)."""
 DECODABILITY: Final = (0.62, 0.50, 0.37, 0.25)
-"""Least decodability (ISO/IEC 15416, table 1); unused error correction has the same limits (ISO/IEC 15415, table 8)."""
+"""Least decodability (ISO/IEC 15416, table 1).
+
+Unused error correction has the same limits (ISO/IEC 15415, table 8).
+"""
 NONUNIFORMITY: Final = (0.06, 0.08, 0.10, 0.12)
 """Greatest axial nonuniformity (ISO/IEC 15415, table 6)."""
 LEAST_EDGE_CONTRAST: Final = 0.15

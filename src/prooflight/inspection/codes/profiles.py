@@ -58,7 +58,10 @@ def cut_elements(lines: NDArray[np.float64], step: float) -> tuple[Profile | Non
 
 
 def profiles(light: NDArray[np.float32], symbol: Symbol) -> tuple[Profile | None, ...]:
-    """Return the scan lines across a code as the camera must see it; none of a code that is not made of bars."""
+    """Return the scan lines across a code as the camera must see it.
+
+    A code that is not made of bars has none.
+    """
     if not symbol.linear:
         return ()
     return cut_elements(scan_lines(light, symbol), 1 / SAMPLES_A_PIXEL)

@@ -50,7 +50,10 @@ class Symbol:
 
 
 def symbols(picture: NDArray[np.uint8], symbology: str | None = None) -> list[Symbol]:
-    """Read all codes in a picture (lines, pixels); symbology: read that alone, which takes a tenth of the time."""
+    """Read all codes in a picture (lines, pixels).
+
+    symbology: read that alone, which takes a tenth of the time.
+    """
     wanted = {} if symbology is None else {"formats": _format(symbology)}
     return [_symbol(barcode) for barcode in zxingcpp.read_barcodes(np.ascontiguousarray(picture), **wanted)]
 

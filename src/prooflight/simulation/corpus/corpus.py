@@ -105,7 +105,10 @@ IN_COLOUR: Final[dict[Layout, float]] = {
     sheets.puzzles: 1.0,
     sheets.coupons: 0.5,
 }
-"""Frequency of each kind among designs in four inks; tuned so that white, ink and edges spread as on real pages."""
+"""Frequency of each kind among designs in four inks.
+
+They are tuned so that white, ink and edges spread as on real pages.
+"""
 
 
 RICH_BLACK: Final = ((0.60, 0.80), (0.57, 0.75), (0.54, 0.72), (0.80, 0.98))
@@ -176,7 +179,10 @@ def design_page(
 
 
 def _enrich_black(sheet: Sheet, rng: np.random.Generator, share: float) -> None:
-    """Print solid areas of black alone in one recipe of four inks, with this probability; pictures have none."""
+    """Print solid areas of black alone in one recipe of four inks, with this probability.
+
+    Pictures have none.
+    """
     if not often(rng, share):
         return
     recipe = [round(255 * some(rng, *bounds)) for bounds in RICH_BLACK]

@@ -157,7 +157,10 @@ class Mishap:
         return amount(self.kind, name, self.severity)
 
     def between(self, name: str) -> float:
-        """Draw an amount of ``worlds.toml`` that does not, from low to high; assumed: uniformly by octaves."""
+        """Draw an amount of ``worlds.toml`` that does not, from low to high.
+
+        assumed: uniformly by octaves.
+        """
         spec = entry(self.kind)[name]
         return self.by_octaves(spec["low"], spec["high"])
 

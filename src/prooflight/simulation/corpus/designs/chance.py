@@ -18,7 +18,10 @@ def pick(rng: np.random.Generator, choices: Sequence[Choice]) -> Choice:
 
 
 def pick_weighted(rng: np.random.Generator, weights: Mapping[Choice, float]) -> Choice:
-    """Return one of the keys with probability in proportion to its weight; the weights need not add up to 1."""
+    """Return one of the keys with probability in proportion to its weight.
+
+    The weights need not add up to 1.
+    """
     keys = list(weights)
     total = sum(weights.values())
     return keys[int(rng.choice(len(keys), p=[weights[key] / total for key in keys]))]

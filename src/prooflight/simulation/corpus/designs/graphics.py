@@ -73,7 +73,10 @@ def bar_code(
     height: float,
     voice: Voice | None = None,
 ) -> None:
-    """Draw upright bars of one to four modules, as in Code 128; with its digits below when a voice is given."""
+    """Draw upright bars of one to four modules, as in Code 128.
+
+    Its digits stand below when a voice is given.
+    """
     symbols = count(rng, 9, 16)
     module = width / (11 * symbols + 2)
     pen = x

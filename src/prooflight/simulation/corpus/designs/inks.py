@@ -39,7 +39,10 @@ class Separation:
     """Grey component above which black is used."""
 
     def inks(self, rgb: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Separate encoded RGB (rows, columns, 3), 0..1 -> (rows, columns, 4) bytes. The argument is overwritten."""
+        """Separate encoded RGB (rows, columns, 3), 0..1 -> (rows, columns, 4) bytes.
+
+        The argument is overwritten.
+        """
         cmyk = np.zeros((*rgb.shape[:2], 4), np.float32)
         np.clip(rgb, 0.0, 1.0, out=rgb)
         if self.black_alone:

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 PIXEL_MM = 0.13
 """Side of a picture pixel, 195 pixels an inch; print handbooks ask for 150 to 300."""
 LARGE_PIXEL_MM = 0.19
-"""Side of a pixel of pictures as large as the page, about 130 pixels an inch; assumed, and it keeps them fast."""
+"""Side of a pixel of pictures as large as the page, about 130 pixels an inch.
+
+The value is assumed, and keeps them fast.
+"""
 
 
 def photograph(rng: np.random.Generator, width_mm: float, height_mm: float) -> Field:

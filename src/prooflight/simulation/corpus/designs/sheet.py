@@ -93,7 +93,10 @@ class Sheet:
         from_deg: float = 0.0,
         to_deg: float = 360.0,
     ) -> None:
-        """Draw an ellipse of half axes ``across`` and ``down`` about (x, y), or a sector of it; line_pt 0: filled."""
+        """Draw an ellipse of half axes ``across`` and ``down`` about (x, y), or a sector of it.
+
+        line_pt 0: filled.
+        """
         angle = np.deg2rad(np.linspace(from_deg, to_deg, 73))
         ring = np.stack([across * np.cos(angle), down * np.sin(angle)], axis=1)
         turn = np.deg2rad(turn_deg)
@@ -204,7 +207,10 @@ class Sheet:
         return letter
 
     def modules(self, x: float, y: float, side: float, dark: NDArray[np.bool_], ink: Ink = BLACK) -> None:
-        """Draw a pattern of squares (rows, columns), each ``side`` wide; the light ones are left as they are."""
+        """Draw a pattern of squares (rows, columns), each ``side`` wide.
+
+        The light ones are left as they are.
+        """
         rows, columns = dark.shape
         edges_y = [self._px(y + row * side) for row in range(rows + 1)]
         edges_x = [self._px(x + column * side) for column in range(columns + 1)]

@@ -1,4 +1,4 @@
-"""Pages of many similar items: labels, catalogues, calendars, albums, tickets; maps, plans, puzzles, wrapping."""
+"""Pages of many similar items: labels, catalogues, calendars, albums, tickets, plans, puzzles and wrapping."""
 
 from __future__ import annotations
 

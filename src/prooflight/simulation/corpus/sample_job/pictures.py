@@ -95,7 +95,10 @@ def _tone(image: NDArray[np.float32], shot: Shot) -> NDArray[np.float32]:
 
 
 BLACK_MAXIMUM = 0.95
-"""Greatest black, where the grey component is 1. [-] assumed: leaves the other inks to deepen it, as printers do"""
+"""Greatest black, where the grey component is 1. [-]
+
+assumed: leaves the other inks to deepen it, as printers do.
+"""
 TOTAL_INK_LIMIT = 3.2
 """Largest sum of the four area coverages. [-] assumed: 320 %, an ordinary limit for coated sheets"""
 

@@ -30,8 +30,8 @@ def dither_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyp
     inverse_drop: inverse_bits - 14. With r = 1 / sigma [1/DN], sigma with rounding's 1/12 DN^2 in it, the
     distribution of the signal within one digital number is that of
 
-    z + r w + r^2 z (w^2/2 - 1/12) + r^3 (w^3/6 + z^2 (w^3/3 - w/12)) + r^4 (z^3 (w^4/4 - w^2/12 + 1/192) + z
-    (7 w^4/24 - w^2/24 - 1/192)),
+      z + r w + r^2 z (w^2/2 - 1/12) + r^3 (w^3/6 + z^2 (w^3/3 - w/12))
+      + r^4 (z^3 (w^4/4 - w^2/12 + 1/192) + z (7 w^4/24 - w^2/24 - 1/192)),
 
     the series in r of Phi^-1 of a number uniform between Phi at that digital number's two ends. Numbers after
     the code lines are bits after the binary point.

@@ -11,8 +11,9 @@ All parameters are named in order; one without a shape is a number. The same let
 extent may also be a number, ``_`` for any, or an expression of letters, constants of the kernel's module and
 parameters that are numbers: ``out (L // 8, 2 * n)``. Related arguments are one record (a ``NamedTuple``): its
 arrays are ``room.value (W)`` by name, its numbers ``grid.pitch``; a tuple's are ``lights[] (N, L, P)`` and
-``tables[].codes (N, 16)`` for N of one shape. ``where`` holds further conditions: ``where="0 <= first, last
-<= grid.pitch * L"``.
+``tables[].codes (N, 16)`` for N of one shape. ``where`` holds further conditions:
+
+    where="0 <= first, last <= grid.pitch * L"
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ SHAPE = (3, 1000, 7)
 
 @pytest.fixture(autouse=True)
 def _none_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "_KEPT", memory._Kept())
+    monkeypatch.setattr(memory, "_POOL", memory._Pool())
 
 
 def place(array: NDArray[Any]) -> int:
@@ -64,4 +64,4 @@ def test_threads_have_their_own() -> None:
 def test_few_pieces_are_kept() -> None:
     for size in range(1, 3 * MOST_PIECES):
         unset((2**size % 1_000_003,))
-    assert len(memory._KEPT.pieces) == MOST_PIECES
+    assert len(memory._POOL.pieces) == MOST_PIECES

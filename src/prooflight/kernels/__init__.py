@@ -1,1 +1,1 @@
-"""Every compiled loop, with the shapes that it takes; nothing here knows of pages, presses or verdicts."""
+"""Compiled loops, with the shapes that they take; nothing here knows of pages, presses or verdicts."""

@@ -1,11 +1,13 @@
-"""Where compiled kernels are kept between runs, whatever state that place is in, and whoever else writes there.
+"""On-disk cache of compiled kernels that tolerates unwritable folders, damaged files and concurrent processes.
 
-Numba keeps them beside the source or in the user's cache folder. Where it may write neither it refuses to compile at
-all, and a file that was cut short when a disk filled or a machine lost power ends every later run. Here the first
-falls back to a folder for temporary files, and the second is compiled anew.
+Numba stores kernels beside the source or in the user's cache folder. Where neither can be written it refuses
+to compile at all, and a file that was truncated when a disk filled or a machine lost power ends every later
+run. Here the first case falls back to a folder for temporary files, and in the second the kernel is compiled
+again.
 
-Processes that start together need the same kernels. Here one of them compiles a kernel, and the others wait for what
-it keeps; two that wrote the index of one kernel at once could also lose or exchange each other's forms of it.
+Processes that start together need the same kernels. Here one of them compiles a kernel, and the others wait
+for its result; two that wrote the index of one kernel at once could also lose or exchange each other's
+overloads.
 """
 
 from __future__ import annotations
@@ -32,36 +34,38 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 PRIVATE: Final = 0o700
 PATIENCE_S: Final = 120.0
-"""The dearest kernel takes 10 s with those that it calls; whoever compiles for longer has been halted."""
-LOOK_S: Final = 0.02
-"""From look to look whether the other is done: a twentieth of what a kernel takes."""
+"""Longest wait for another process. The slowest kernel takes 10 s with those that it calls; a process that
+compiles for longer has been halted."""
+POLL_S: Final = 0.02
+"""Interval of checks whether the other process is done: a twentieth of what a kernel takes."""
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one kernel; what it cannot read or write is compiled anew."""
+    """Numba's cache of one kernel; an overload that it cannot read or write is compiled again."""
 
     turn: int | None = None
-    """The open file whose lock lets this process compile; None: it does not."""
+    """Open file whose lock lets this process compile; None if it has no lock."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """A kernel as it was kept; None: there is none that can be read, and it is this process's turn to compile it.
+        """Load a stored kernel; None: there is none that can be read, and this process has the lock to compile it.
 
-        Where kernels call each other they are locked as they are called, which goes one way: nobody waits in a circle.
+        Where kernels call each other they are locked in the order of the calls, which have no cycles, so
+        there is no deadlock.
         """
-        found = self._read(sig, target_context)
-        if found is None and self.turn is None:
+        overload = self._read(sig, target_context)
+        if overload is None and self.turn is None:
             self._take_turn()
-            found = self._read(sig, target_context)  # another process may have kept it by now
-        return found
+            overload = self._read(sig, target_context)  # another process may have stored it by now
+        return overload
 
     def end_turn(self) -> None:
-        """Let other processes compile."""
+        """Release the lock, so that other processes can compile."""
         if self.turn is not None:
             os.close(self.turn)
             self.turn = None
 
     def _take_turn(self) -> None:
-        """Wait for whoever compiles this kernel; where nothing can be locked, each compiles for itself."""
+        """Wait for the process that compiles this kernel; where nothing can be locked, each compiles for itself."""
         try:
             self._impl.locator.ensure_cache_path()
             self.turn = os.open(
@@ -69,7 +73,7 @@ class KernelCache(FunctionCache):
             )
             give_up = time.monotonic() + PATIENCE_S
             while not _locked(self.turn) and time.monotonic() < give_up:
-                time.sleep(LOOK_S)
+                time.sleep(POLL_S)
         except OSError as error:
             _log.debug("%s: nothing can be locked here (%s)", self.cache_path, error)
 
@@ -82,7 +86,7 @@ class KernelCache(FunctionCache):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a kernel for the next run, if that can be."""
+        """Store a kernel for the next run, if possible."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -100,13 +104,13 @@ class KernelCache(FunctionCache):
 
 
 def keep(compiled: Any, function: Callable[..., Any]) -> None:
-    """Have numba keep what it compiles of a loop, which one process at a time compiles."""
+    """Make numba store the compiled forms of a loop, which one process at a time compiles."""
     if config.DISABLE_JIT:  # compiled is the function itself
         return
-    cache, compiles = kept(function), compiled.compile
+    cache, compiles = cache_of(function), compiled.compile
 
     def compiles_in_turn(signature: Any) -> Any:
-        with global_compiler_lock:  # the turn is the process's: its threads must not end each other's
+        with global_compiler_lock:  # the lock is the process's: its threads must not release each other's
             try:
                 return compiles(signature)
             finally:
@@ -115,8 +119,8 @@ def keep(compiled: Any, function: Callable[..., Any]) -> None:
     compiled._cache, compiled.compile = cache, compiles_in_turn  # noqa: SLF001 - numba has no other way in
 
 
-def kept(function: Callable[..., Any]) -> KernelCache:
-    """The cache of a kernel's compiled forms; in a temporary folder where no other can be written, which is said."""
+def cache_of(function: Callable[..., Any]) -> KernelCache:
+    """Return the cache of a kernel; in a temporary folder where no other can be written, with a warning."""
     try:
         return KernelCache(function)
     except RuntimeError:  # numba has no error of its own for "no locator available"
@@ -133,13 +137,13 @@ def kept(function: Callable[..., Any]) -> KernelCache:
 
 
 def is_kept(kernel: Any) -> bool:
-    """Whether some compiled form of a kernel is kept, of this or of an older version of it."""
+    """Return whether a compiled form of a kernel is stored, of this or of an older version of it."""
     index = getattr(getattr(kernel.compiled, "_cache", None), "_cache_file", None)
     return index is not None and Path(index._index_path).exists()  # noqa: SLF001 - numba does not say it
 
 
 def _locked(handle: int) -> bool:
-    """Whether this process holds the lock now; it goes with the process, however that ends."""
+    """Return whether this process holds the lock now; the lock ends with the process."""
     if sys.platform == "win32":
         return True
     try:
@@ -150,14 +154,14 @@ def _locked(handle: int) -> bool:
 
 
 def _temporary_folder() -> Path:
-    """The same for all runs of a user, if nobody else can write it: what lies in it is executed."""
+    """Return a folder common to all runs of a user, if no one else can write it, since its contents are executed."""
     owner = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"prooflight-kernels-{owner}"
     try:
         folder.mkdir(mode=PRIVATE, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return Path(tempfile.mkdtemp(prefix="prooflight-kernels-"))
-    if stat.S_ISDIR(found.st_mode) and found.st_uid == owner and not found.st_mode & 0o077:
+    if stat.S_ISDIR(status.st_mode) and status.st_uid == owner and not status.st_mode & 0o077:
         return folder
     return Path(tempfile.mkdtemp(prefix="prooflight-kernels-"))

@@ -1,16 +1,19 @@
-"""Compiled loops: how they are made, and which shapes their arrays must have.
+"""Decorators for compiled loops, with contracts for the shapes of their arrays.
 
-Compiled code does not ask whether an index lies within its array: given one that is too small it reads and writes
-whatever memory lies behind. So every kernel that Python calls says what shapes it takes, and is entered with no others.
+Compiled code does not check whether an index is within its array: given one that is too small it reads and
+writes other memory. So every kernel that Python calls declares the shapes that it takes, and is entered with
+no others.
 
     @kernel("measured (L, P), expected (L, P), offset (P), scale, out (L, P)")
     def residuals(measured, expected, offset, scale, out): ...
 
-All parameters are named in order; one without a shape is a number. The same letter is the same extent; an extent may
-also be a number, ``_`` for any, or an expression of letters, constants of the kernel's module and parameters that are
-numbers: ``out (L // 8, 2 * n)``. What belongs together is one record (a ``NamedTuple``): its arrays are
-``room.value (W)`` by name, its numbers ``grid.pitch``; a tuple's are ``lights[] (N, L, P)`` and ``tables[].codes
-(N, 16)`` for N of one shape. ``where`` holds what else must be so: ``where="0 <= first, last <= grid.pitch * L"``.
+All parameters are named in order; one without a shape is a number. The same letter is the same extent; an
+extent may also be a number, ``_`` for any, or an expression of letters, constants of the kernel's module and
+parameters that are numbers: ``out (L // 8, 2 * n)``. Related arguments are one record (a ``NamedTuple``): its
+arrays are ``room.value (W)`` by name, its numbers ``grid.pitch``; a tuple's are ``lights[] (N, L, P)`` and
+``tables[].codes (N, 16)`` for N of one shape. ``where`` holds further conditions:
+
+    where="0 <= first, last <= grid.pitch * L"
 """
 
 from __future__ import annotations
@@ -31,42 +34,43 @@ Function = Callable[..., Any]
 Extents = tuple[int, ...]
 
 ANY: Final = "_"
-KNOWN_CALLS: Final = 1024
-"""Shapes and numbers of so many calls are known to fit: a page's kernels are called with the same again and again."""
+CACHED_CALLS: Final = 1024
+"""Number of calls whose checked shapes and numbers are cached: a page's kernels are called with the same
+again and again."""
 BUILT_IN: Final = {"__builtins__": {"max": max, "min": min}}
 
 
 def inner_kernel(**options: Any) -> Callable[[Function], Function]:
-    """A compiled loop that only compiled loops call; options: numba's."""
+    """Compile a loop that only compiled loops call; options: numba's."""
 
-    def made(function: Function) -> Function:
+    def decorate(function: Function) -> Function:
         compiled: Function = njit(nogil=True, **options)(function)
         keep(compiled, function)
         return compiled
 
-    return made
+    return decorate
 
 
 def kernel(shapes: str, *, where: str = "", **options: Any) -> Callable[[Function], Kernel]:
-    """A compiled loop that Python calls, with the shapes that it takes; where, options: see above, and numba's."""
+    """Compile a loop that Python calls, with the shapes that it takes; where: see above; options: numba's."""
 
-    def made(function: Function) -> Kernel:
+    def decorate(function: Function) -> Kernel:
         return Kernel(inner_kernel(**options)(function), function, Contract.of(function, shapes, where))
 
-    return made
+    return decorate
 
 
 class Kernel:
-    """A compiled loop behind its contract; other compiled loops call it without."""
+    """A compiled loop that checks its contract; other compiled loops call it without the check."""
 
     def __init__(self, compiled: Function, function: Function, contract: Contract) -> None:
         update_wrapper(self, function)
         self.compiled, self.py_func, self.contract = compiled, function, contract
         self._seen = contract.reader()
-        self._fits = lru_cache(maxsize=KNOWN_CALLS)(contract.check)
+        self._fits = lru_cache(maxsize=CACHED_CALLS)(contract.check)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """ValueError, before any memory is touched, where shapes do not fit."""
+        """Run the loop; ValueError, before any memory is touched, where shapes do not fit."""
         self._fits(self._seen(*arguments, **named))
         return self.compiled(*arguments, **named)
 
@@ -75,65 +79,68 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """By this numba knows it for the compiled loop that it holds."""
+        """Numba's type of the compiled loop, by which other loops can call it."""
         return self.compiled._numba_type_  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """What one argument must be."""
+    """Requirement on one argument."""
 
     path: str
-    """``name``, or of a record's or a tuple's ``name.field``, ``name[]``, ``name[].field``."""
+    """Path of the argument: ``name``, or of a record's or a tuple's ``name.field``, ``name[]``,
+    ``name[].field``."""
     extents: tuple[str, ...] | None
-    """None: it is a number."""
+    """Extents of an array; None for a number."""
 
     @classmethod
     def of(cls, text: str) -> Self:
-        """From ``path (extents)`` or ``path``."""
-        found = re.fullmatch(r"(\w+(?:\[\])?(?:\.\w+)?)\s*(?:\((.*)\))?", text)
-        if found is None:
+        """Parse ``path (extents)`` or ``path``."""
+        match = re.fullmatch(r"(\w+(?:\[\])?(?:\.\w+)?)\s*(?:\((.*)\))?", text)
+        if match is None:
             raise TypeError(f"{text!r} is no argument with its shape")
-        path, extents = found.groups()
+        path, extents = match.groups()
         return cls(path=path, extents=None if extents is None else tuple(_parted(extents)))
 
     @property
     def name(self) -> str:
-        """Of the parameter."""
+        """Name of the parameter."""
         return re.split(r"[.\[]", self.path)[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contract:
-    """What a kernel asks of its arguments."""
+    """Requirements of a kernel on its arguments."""
 
     kernel: str
     parameters: tuple[str, ...]
     expected: tuple[Expected, ...]
     constants: dict[str, int]
     numbers: frozenset[str]
-    """Paths of those that extents or ``where`` speak of."""
+    """Paths of numbers that extents or ``where`` use."""
     codes: dict[str, CodeType]
-    """Of extents that are neither letters nor any."""
+    """Compiled expressions of extents that are neither letters nor any."""
     where: tuple[str, ...]
 
     @classmethod
     def of(cls, function: Function, shapes: str, where: str) -> Self:
-        """As declared; TypeError: that does not name the function's parameters in order."""
+        """Parse a declaration; TypeError: it does not name the function's parameters in order."""
         expected = tuple(Expected.of(text) for text in _parted(shapes))
         parameters = tuple(signature(function).parameters)
         if tuple(dict.fromkeys(one.name for one in expected)) != parameters:
             raise TypeError(f"{function.__name__}: {shapes!r} does not name {', '.join(parameters)} in order")
         conditions = tuple(_parted(where))
         extents = {text for one in expected for text in one.extents or ()}
-        words = {
-            word for text in (*extents, *conditions) for word in re.findall(r"[A-Za-z]\w*(?:\.\w+)?", text)
+        symbols = {
+            symbol
+            for text in (*extents, *conditions)
+            for symbol in re.findall(r"[A-Za-z]\w*(?:\.\w+)?", text)
         }
         globals_ = function.__globals__
-        constants = {word: globals_[word] for word in words if isinstance(globals_.get(word), int)}
-        given = words & {one.path for one in expected if one.extents is None}
-        letters = extents & words - set(constants) - given
-        if unknown := words - set(constants) - given - letters - {"max", "min"}:
+        constants = {symbol: globals_[symbol] for symbol in symbols if isinstance(globals_.get(symbol), int)}
+        given = symbols & {one.path for one in expected if one.extents is None}
+        letters = extents & symbols - set(constants) - given
+        if unknown := symbols - set(constants) - given - letters - {"max", "min"}:
             raise TypeError(f"{function.__name__}: nothing says what {', '.join(sorted(unknown))} is")
         codes = {
             text: compile(_flat(text), function.__name__, "eval")
@@ -151,7 +158,7 @@ class Contract:
         )
 
     def reader(self) -> Callable[..., tuple[Any, ...]]:
-        """Arguments -> the shapes and numbers that ``check`` looks at."""
+        """Return the function from arguments to the shapes and numbers that ``check`` uses."""
         reads = []
         for one in self.expected:
             if one.extents is None:
@@ -161,59 +168,59 @@ class Contract:
                 reads.append(f"tuple([each{field}.shape for each in {one.name}])")
             else:
                 reads.append(f"{one.path}.shape")
-        found: Callable[..., tuple[Any, ...]] = eval(
+        read: Callable[..., tuple[Any, ...]] = eval(
             f"lambda {', '.join(self.parameters)}: ({', '.join(reads)},)"
         )
-        return found
+        return read
 
     def check(self, seen: tuple[Any, ...]) -> None:
-        """ValueError if shapes and numbers, as ``reader`` reads them, do not fit."""
-        known: dict[str, int] = dict(self.constants)
+        """Raise ValueError if shapes and numbers, as ``reader`` reads them, do not fit."""
+        bindings: dict[str, int] = dict(self.constants)
         arrays: list[tuple[str, tuple[str, ...], Extents]] = []
         for one, value in zip(self.expected, seen, strict=True):
             if one.extents is not None:
                 shapes = [(len(value), *shape) for shape in value] if "[]" in one.path else [value]
                 arrays += [(one.path, one.extents, shape) for shape in shapes]
             elif one.path in self.numbers:
-                known[_flat(one.path)] = value
+                bindings[_flat(one.path)] = value
             elif value != ():
                 raise ValueError(
                     f"kernel {self.kernel}: {one.path} is of shape {value} and should be a number"
                 )
         for path, extents, shape in arrays:
             if len(shape) != len(extents):
-                self._refuse(path, extents, shape, known)
+                self._refuse(path, extents, shape, bindings)
             for text, extent in zip(extents, shape, strict=True):
                 if text != ANY and text not in self.codes:
-                    known.setdefault(text, extent)  # letters that are seen first here are of these extents
+                    bindings.setdefault(text, extent)  # the first occurrence of a letter defines its extent
         for path, extents, shape in arrays:
-            asked = [self._extent(text, known) for text in extents]
-            if any(extent not in (None, has) for extent, has in zip(asked, shape, strict=True)):
-                self._refuse(path, extents, shape, known)
+            required = [self._extent(text, bindings) for text in extents]
+            if any(extent not in (None, has) for extent, has in zip(required, shape, strict=True)):
+                self._refuse(path, extents, shape, bindings)
         for condition in self.where:
-            if not eval(self.codes[condition], BUILT_IN, known):
-                raise ValueError(f"kernel {self.kernel}: {condition} does not hold; {_told(known)}")
+            if not eval(self.codes[condition], BUILT_IN, bindings):
+                raise ValueError(f"kernel {self.kernel}: {condition} does not hold; {_listing(bindings)}")
 
-    def _extent(self, text: str, known: dict[str, int]) -> int | None:
+    def _extent(self, text: str, bindings: dict[str, int]) -> int | None:
         if text == ANY:
             return None
-        return int(eval(self.codes[text], BUILT_IN, known)) if text in self.codes else known[text]
+        return int(eval(self.codes[text], BUILT_IN, bindings)) if text in self.codes else bindings[text]
 
-    def _refuse(self, path: str, extents: tuple[str, ...], shape: Extents, known: dict[str, int]) -> None:
-        asked, told = ", ".join(extents), _told(known)
+    def _refuse(self, path: str, extents: tuple[str, ...], shape: Extents, bindings: dict[str, int]) -> None:
+        required, listing = ", ".join(extents), _listing(bindings)
         raise ValueError(
-            f"kernel {self.kernel}: {path} is of shape {shape} and should be ({asked})"
-            + (f"; {told}" if told else "")
+            f"kernel {self.kernel}: {path} is of shape {shape} and should be ({required})"
+            + (f"; {listing}" if listing else "")
         )
 
 
 def _flat(text: str) -> str:
-    """Expressions with a record's numbers as plain names."""
+    """Replace the dots of records' numbers in expressions by underscores."""
     return re.sub(r"(?<=\w)\.(?=[A-Za-z])", "_", text)
 
 
 def _parted(text: str) -> list[str]:
-    """Parts between commas that stand in no brackets."""
+    """Split a text at commas outside brackets."""
     parts, depth, begin = [], 0, 0
     for at, letter in enumerate(text):
         depth += (letter in "([") - (letter in ")]")
@@ -224,5 +231,5 @@ def _parted(text: str) -> list[str]:
     return [part for part in parts if part]
 
 
-def _told(known: dict[str, int]) -> str:
-    return ", ".join(f"{name} = {value}" for name, value in known.items())
+def _listing(bindings: dict[str, int]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in bindings.items())

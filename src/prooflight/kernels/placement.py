@@ -1,4 +1,4 @@
-"""The compiled loop of placement: a warp between its nodes."""
+"""Compiled loop of placement: interpolation of a warp between its nodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from prooflight.kernels.compiled import kernel
     error_model="numpy",
 )
 def between_nodes(nodes, pitch, first_x, first_y, x, y, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Bilinear between nodes (rows, columns, 2) ``pitch`` apart, level beyond; at x, y (n,) -> out_x, out_y."""
+    """Interpolate nodes (rows, columns, 2) bilinearly, constant beyond; at x, y (n,) -> out_x, out_y."""
     last_row, last_column = nodes.shape[0] - 1, nodes.shape[1] - 1
     for k in range(x.size):
         across = min(max((x[k] - first_x) / pitch, 0.0), float(last_column))

@@ -9,9 +9,9 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def compose_row(packed, row, planes, out):  # type: ignore[no-untyped-def]
-    """One raster row as printed, (columns,) uint32 with cyan in the lowest byte: every plane displaced.
+    """Compose one raster row as printed, (columns,) uint32 with cyan in the lowest byte, with every plane displaced.
 
-    planes (4, 2): how many pixels each lies too far right and too far down.
+    planes (4, 2): number of pixels by which each lies too far right and too far down.
     """
     rows, columns = packed.shape
     right, above = planes[:, 0], row - planes[:, 1]
@@ -26,7 +26,10 @@ def compose_row(packed, row, planes, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def compose_inner(packed, rows, right, out, at):  # type: ignore[no-untyped-def]
-    """A row's part out (n,) from pixel ``at`` on, where all planes have pixels: of rows (4,), right (4,) aside."""
+    """Compose part of a row, out (n,) from pixel ``at`` on, where all planes have pixels.
+
+    They are taken from rows (4,), right (4,) aside.
+    """
     count = out.size
     c = packed[rows[0], at - right[0] : at - right[0] + count]
     m = packed[rows[1], at - right[1] : at - right[1] + count]
@@ -43,7 +46,7 @@ def compose_inner(packed, rows, right, out, at):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def compose_pixels(packed, row, planes, out, begin, end):  # type: ignore[no-untyped-def]
-    """Pixels begin .. end - 1 of ``compose_row``, wherever planes have any."""
+    """Compose pixels begin .. end - 1 as in ``compose_row``, where planes may lack some."""
     rows, columns = packed.shape
     out[begin:end] = 0
     for ink in range(4):
@@ -61,6 +64,6 @@ def compose_pixels(packed, row, planes, out, begin, end):  # type: ignore[no-unt
 
 @kernel("packed (H, W), planes (4, 2), out (H, W)")
 def compose_rows(packed, planes, out):  # type: ignore[no-untyped-def]
-    """``compose_row`` of all rows, out (rows, columns)."""
+    """Run ``compose_row`` on all rows, out (rows, columns)."""
     for row in range(out.shape[0]):
         compose_row(packed, row, planes, out[row])

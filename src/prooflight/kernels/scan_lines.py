@@ -1,4 +1,4 @@
-"""Compiled loop that cuts scan lines across a bar code into its elements."""
+"""Compiled loop that segments scan lines across a bar code into its elements."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def elements_of(light, half, starts):  # type: ignore[no-untyped-def]
-    """How many elements a line (samples,) has by this threshold, and where each begins; starts (samples + 1,)."""
+    """Segment a line (samples,) by a threshold; return the number of elements, and write starts (samples + 1,)."""
     count = 1
     starts[0] = 0
     for i in range(1, light.size):
@@ -22,28 +22,28 @@ def elements_of(light, half, starts):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def non_monotony(light, sign, ahead):  # type: ignore[no-untyped-def]
-    """How far an element (n,) goes back between more extreme light on both sides, at the most; ahead: room (n,).
+    """Return the greatest reversal of an element's light (n,) between more extreme light on both sides.
 
-    sign: 1 of paper, -1 of a bar.
+    sign: 1 of paper, -1 of a bar. ahead: working space (n,).
     """
     last = light.size - 1
     ahead[last] = sign * light[last]
     for i in range(last - 1, -1, -1):
         ahead[i] = max(ahead[i + 1], sign * light[i])
-    behind, worst = sign * light[0], 0.0
+    before, worst = sign * light[0], 0.0
     for i in range(light.size):
         lit = sign * light[i]
-        behind = max(behind, lit)
-        worst = max(worst, min(behind, ahead[i]) - lit)
+        before = max(before, lit)
+        worst = max(worst, min(before, ahead[i]) - lit)
     return worst
 
 
 @kernel("lines (L, S), edges (L, S), peaks (L, S), defects (L, S), counts (L)", where="1 <= S")
 def cut_lines(lines, edges, peaks, defects, counts):  # type: ignore[no-untyped-def]
-    """Elements of lines (L, samples): counts (L,), 0 of a line that does not begin and end with paper.
+    """Segment lines (L, samples) into elements: counts (L,), 0 for a line that does not begin and end with paper.
 
-    Of each, in order, from the left of its line on: its most extreme light, its greatest non-monotony, and after all
-    but the last the edge that it ends with [sample].
+    Of each element, in order from the left of its line: its most extreme light, its greatest non-monotony,
+    and for all but the last the edge at which it ends [sample].
     """
     samples = lines.shape[1]
     starts, middles = np.empty(samples + 1, np.int64), np.empty(samples, np.int64)

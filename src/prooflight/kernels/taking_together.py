@@ -1,4 +1,4 @@
-"""Compiled loop that takes the pixels of a finely drawn page together, area by area."""
+"""Compiled loop that reduces a high-resolution page, area by area."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 STEPS = 4096
-"""Of the light that all of an ink takes."""
+"""Steps of the light that a full ink takes."""
 TRACE = 1e-6
-"""Of a fine pixel: what rounding of sums of steps comes to, and no pixel's edge."""
+"""Tolerance for rounding of sums of steps; an overlap below it is no pixel's edge. [fine pixels]"""
 
 
 @inner_kernel()
 def covered(first, step, count, extent):  # type: ignore[no-untyped-def]
-    """Which fine pixels of ``extent`` each of count pixels covers, from ``first`` on, ``step`` of them each.
+    """Compute which fine pixels of ``extent`` each of count pixels covers, from ``first`` on, ``step`` of them each.
 
-    at (count,): the first of the k that are looked at. shares (count, k): of the pixel, that each covers; sums are 1.
+    at (count,): the first of the k considered. shares (count, k): shares of the pixel that each covers; they
+    sum to 1.
     """
     k = 1
     for i in range(count):
@@ -36,9 +37,9 @@ def covered(first, step, count, extent):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def extremes_down(fine, shares, low, high):  # type: ignore[no-untyped-def]
-    """Least and greatest of each column's bytes: rows of fine (k, W, 4), those that have a share, low, high (4 W)."""
+    """Compute least and greatest of each column's bytes: rows of fine (k, W, 4) with a share, low, high (4 W)."""
     first = fine[0].ravel()
-    for i in range(low.size):  # an assignment of arrays goes byte by byte
+    for i in range(low.size):  # an assignment of arrays would copy byte by byte
         low[i], high[i] = first[i], first[i]
     for row in range(1, shares.size):
         if shares[row] > 0:
@@ -47,7 +48,7 @@ def extremes_down(fine, shares, low, high):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def widen(low, high, row):  # type: ignore[no-untyped-def]
-    """Least and greatest of bytes with those of one more row, each (n,)."""
+    """Update least and greatest of bytes by one more row, each (n,)."""
     for i in range(low.size):
         low[i] = min(low[i], row[i])
         high[i] = max(high[i], row[i])
@@ -55,7 +56,7 @@ def widen(low, high, row):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def extremes_across(low, high, k):  # type: ignore[no-untyped-def]
-    """Least and greatest of k pixels from each on; of the last k - 1, of fewer."""
+    """Compute least and greatest of k pixels from each on; of the last k - 1, of fewer."""
     for _ in range(k - 1):
         for i in range(low.size - 4):
             low[i] = min(low[i], low[i + 4])
@@ -64,7 +65,7 @@ def extremes_across(low, high, k):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True)
 def mean_down(fine, shares, mean):  # type: ignore[no-untyped-def]
-    """Mean (4 W) of rows of fine (k, W, 4) by their shares."""
+    """Compute the mean (4 W) of rows of fine (k, W, 4) by their shares."""
     mean[:] = 0
     for row in range(shares.size):
         if shares[row] > 0:
@@ -75,7 +76,7 @@ def mean_down(fine, shares, mean):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def light_of(fine, at, ink, down, across, takes):  # type: ignore[no-untyped-def]
-    """The light that one ink takes within a pixel: of fine (k, W, 4), columns from ``at`` on, by their shares."""
+    """Return the light that one ink takes within a pixel of fine (k, W, 4), columns from ``at`` on, by shares."""
     light = np.float32(0)
     for row in range(down.size):
         of_row = np.float32(0)
@@ -90,11 +91,11 @@ def light_of(fine, at, ink, down, across, takes):  # type: ignore[no-untyped-def
     where="0 < step, 0 <= first, first + R * step <= H + 0.001, C * step <= W + 0.001",
 )
 def take_together(fine, first, step, flat, takes, needs, out):  # type: ignore[no-untyped-def]
-    """What each pixel of out (rows, columns, 4) covers of fine (n, m, 4), taken together, bytes both.
+    """Reduce fine (n, m, 4) to out (rows, columns, 4), bytes both.
 
-    A pixel covers ``step`` fine ones either way, the topmost from row ``first`` on. takes (4, 256): the light that a
-    byte of an ink takes, 0..1; needs: the byte that takes each of ``STEPS`` shares of it. Inks that differ by less than
-    ``flat`` within a pixel are averaged as they stand.
+    A pixel covers ``step`` fine ones either way, the topmost from row ``first`` on. takes (4, 256): the light
+    that a byte of an ink takes, 0..1; needs: the byte that takes each of ``STEPS`` shares of it. Inks that
+    differ by less than ``flat`` within a pixel are averaged as bytes.
     """
     rows, columns = out.shape[:2]
     row_at, row_shares = covered(first, step, rows, fine.shape[0])

@@ -1,4 +1,4 @@
-"""Compiled loops over lines and thumbnails, one core, nothing allocated."""
+"""Compiled loops over lines and thumbnails, on one core and without allocation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEPS = 200
 
 @inner_kernel()
 def sum_eight(lines, first, sums):  # type: ignore[no-untyped-def]
-    """Sums (pixels,) uint32 = those of eight lines (n, pixels) uint16 from ``first`` on."""
+    """Set sums (pixels,) uint32 to those of eight lines (n, pixels) uint16 from ``first`` on."""
     a, b, c, d = lines[first], lines[first + 1], lines[first + 2], lines[first + 3]
     e, f, g, h = lines[first + 4], lines[first + 5], lines[first + 6], lines[first + 7]
     for i in range(sums.size):
@@ -25,7 +25,7 @@ def sum_eight(lines, first, sums):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
-    """Add what eight lines' sums (pixels,) say to a row of light (columns,)."""
+    """Add the sums of eight lines (pixels,) to a row of light (columns,)."""
     for column in range(of_row.size):
         at = SHRINK * column
         left = sums[at] * scale[at] + sums[at + 1] * scale[at + 1]
@@ -40,9 +40,10 @@ def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
     where="0 <= held, Q <= P",
 )
 def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
-    """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; what is left over to sums.
+    """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; the remainder to sums.
 
-    held: how many lines sums (pixels,) uint32 already hold. scale (pixels,): light of a digital number in this mean.
+    held: number of lines already in sums (pixels,) uint32. scale (pixels,): light of a digital number in this
+    mean.
     """
     row, n = 0, 0
     while n < lines.shape[0]:
@@ -62,7 +63,7 @@ def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
 
 @kernel("light (R, _), level, reach, counts (R)")
 def count_near(light, level, reach, counts):  # type: ignore[no-untyped-def]
-    """How many of each row's columns lie nearer to a level than reach; light (rows, columns), counts (rows,)."""
+    """Count each row's columns nearer to a level than reach; light (rows, columns), counts (rows,)."""
     for row in range(light.shape[0]):
         count = 0
         for column in range(light.shape[1]):
@@ -75,12 +76,12 @@ def count_near(light, level, reach, counts):  # type: ignore[no-untyped-def]
     where="0 < box[0], box[1] < R, 0 < box[2], box[3] < C",
 )
 def log_ratio(seen, here, there, box, skip, floor, blur, ink, least):  # type: ignore[no-untyped-def]
-    """Log P(seen | there) - log P(seen | here), where the two pages differ inside ``box``.
+    """Return log P(seen | there) - log P(seen | here), where the two pages differ inside ``box``.
 
     seen (rows, columns) light; here, there: bytes of thumbnails. Residuals are normal with variance floor^2 +
-    (blur slope)^2 + (ink darkness)^2, the greater of both pages', and count as no more than 3 standard deviations, for
-    a misprint is neither page's. box: first and last row, first and last column, the last not included;
-    skip (rows,): rows that do not count. Every fourth row is looked at first, and no more where the
+    (blur slope)^2 + (ink darkness)^2, the greater of both pages', and count as no more than 3 standard
+    deviations, for a misprint is neither page's. box: first and last row, first and last column, the last not
+    included; skip (rows,): rows that do not count. Every fourth row is evaluated first, and no more where the
     sum is then below ``least``.
     """
     total, step = 0.0, 1.0 / STEPS

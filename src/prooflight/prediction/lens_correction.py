@@ -70,7 +70,7 @@ def _means(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _lines(light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-    """Copy ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan; no block begins above it and ends within it."""
+    """Copy ``NEAR_REACH`` lines from ``first`` on, 0 beyond the scan, which no block may enter from above."""
     lines = np.zeros((NEAR_REACH, light.shape[1]), np.float32)
     there = light[max(first, 0) : max(first + NEAR_REACH, 0)]
     lines[: len(there)] = there

@@ -1,4 +1,4 @@
-"""Compiled loops that undo a converter's rounding: what a signal may have been, given the digital number it became."""
+"""Compiled loops that undo a converter's rounding: draws of the unrounded signal, given its digital number."""
 
 from __future__ import annotations
 
@@ -10,28 +10,31 @@ from prooflight.kernels.comparison.int16_simd import add, high, left, right, rig
 from prooflight.kernels.compiled import inner_kernel
 
 ROUNDING_VARIANCE_DN2 = 1 / 12
-"""Of a digital number's rounding: no pixel is surer than this. [DN^2]"""
+"""Variance of a digital number's rounding; no pixel has less. [DN^2]"""
 TILE = 64
 """Side of a tile. [pixel]"""
 CODE_STEPS = 64
-"""Histograms are counted in steps of sigma / 64, ..."""
+"""Steps of the histograms per sigma."""
 LOWEST_CODE = np.int8(-128)
-"""... cut off at 2 sigma; no edge of a histogram lies as low as this."""
+"""Least code: histograms are cut off at 2 sigma, and all their edges are above this."""
 HALVES = 22
-"""What rounding down costs in ``dither_row``, in the mean over pixels, measured. [sigma / 32768]"""
+"""Correction of the bias of rounding down in ``dither_row``, the mean over pixels, measured. [sigma /
+32768]"""
 
 
 @inner_kernel()
 def dither_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyped-def]
-    """Z as before the converter rounded, drawn given what it rounded to, in steps of sigma / 64, cut off at 2: int8.
+    """Draw z before the converter's rounding, given the rounded value, in steps of sigma / 64, cut off at 2: int8.
 
-    z as from ``normalise_row``; noise uint16: 2^16 times a number w + 1/2 uniform in [0, 1), one a pixel; inverse_drop:
-    inverse_bits - 14. With r = 1 / sigma [1/DN], sigma with rounding's 1/12 DN^2 in it, the signal's law within one
-    digital number is that of
+    z as from ``normalise_row``; noise uint16: 2^16 times a number w + 1/2 uniform in [0, 1), one a pixel;
+    inverse_drop: inverse_bits - 14. With r = 1 / sigma [1/DN], sigma with rounding's 1/12 DN^2 in it, the
+    distribution of the signal within one digital number is that of
+
       z + r w + r^2 z (w^2/2 - 1/12) + r^3 (w^3/6 + z^2 (w^3/3 - w/12))
       + r^4 (z^3 (w^4/4 - w^2/12 + 1/192) + z (7 w^4/24 - w^2/24 - 1/192)),
-    the series in r of Phi^-1 of a number uniform between Phi at that digital number's two ends. Numbers behind the
-    lines are bits after the binary point.
+
+    the series in r of Phi^-1 of a number uniform between Phi at that digital number's two ends. Numbers after
+    the code lines are bits after the binary point.
     """
     one = np.int16(np.int16(right_unsigned(inverse_drop, 15)) + np.int16(1))  # counts unknown to the compiler
     two, three, five = np.int16(one + 1), np.int16(one + 2), np.int16(one + 4)
@@ -62,7 +65,7 @@ def dither_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyp
 
 @inner_kernel()
 def dither_soft_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-untyped-def]
-    """The same to r^2, which is enough where sigma is 4 DN or more."""
+    """Draw the same to order r^2, which is enough where sigma is 4 DN or more."""
     one = np.int16(np.int16(right_unsigned(inverse_drop, 15)) + np.int16(1))
     for i in range(z.size):
         w = np.int16(noise[i] ^ np.uint16(0x8000))
@@ -75,17 +78,17 @@ def dither_soft_row(z, inverse, inverse_drop, noise, codes):  # type: ignore[no-
 
 @inner_kernel()
 def plain_row(z, codes):  # type: ignore[no-untyped-def]
-    """Z itself in steps of sigma / 64, cut off at 2, as if digital numbers were not integers: int8."""
+    """Encode z itself in steps of sigma / 64, cut off at 2, as if digital numbers were not integers: int8."""
     for i in range(z.size):
         codes[i] = np.int8(min(max(right(z[i], 4), np.int16(-128)), np.int16(127)))
 
 
 @inner_kernel()
 def settle_row(measured, mean, inverse, camera, noise, edges, reach, codes):  # type: ignore[no-untyped-def]
-    """Codes of those pixels for which the series of ``dither_row`` does not hold, one by one.
+    """Compute the codes of pixels for which the series of ``dither_row`` is not valid, one by one.
 
-    They are those at either end of the converter's range and those with an inverse above camera.unsure. reach: the
-    probability below each edge.
+    These are pixels at either end of the converter's range and those with an inverse above camera.unsure.
+    reach: the probability below each edge.
     """
     for start in range(0, codes.size, TILE):
         end = min(start + TILE, codes.size)

@@ -1,8 +1,8 @@
-"""Arithmetic of 16-bit words for compiled loops: thirty-two at once in a 512-bit register.
+"""Arithmetic of 16-bit words for compiled loops, thirty-two at once in a 512-bit register.
 
-Numba widens integers to 64 bits by itself, and the compiler then keeps 32 of them; these stay words. A shift to the
-left by a count that the compiler knows is moved into the product before it, which then needs 32 bits: count with a
-number that comes from outside the loop where a product is shifted.
+Numba widens integers to 64 bits by itself, and the compiler then keeps 32 of them; these stay words. A shift
+to the left by a count that the compiler knows is moved into the product before it, which then needs 32 bits;
+so take the count from outside the loop where a product is shifted.
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ def _high(_: Any, builder: ir.IRBuilder, __: Any, words: Any) -> Any:
 
 @intrinsic
 def high(context, a, b):  # type: ignore[no-untyped-def]
-    """Upper half of the product of two signed words, rounded down: a b / 2^16."""
+    """Return the upper half of the product of two signed words, rounded down: a b / 2^16."""
     return types.int16(types.int16, types.int16), _high
 
 
 @intrinsic
 def add(context, a, b):  # type: ignore[no-untyped-def]
-    """A + b of signed words, modulo 2^16."""
+    """Return a + b of signed words, modulo 2^16."""
     return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.add(*words)
 
 
 @intrinsic
 def sub(context, a, b):  # type: ignore[no-untyped-def]
-    """A - b of signed words, modulo 2^16."""
+    """Return a - b of signed words, modulo 2^16."""
     return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.sub(*words)
 
 
 @intrinsic
 def left(context, a, bits):  # type: ignore[no-untyped-def]
-    """A 2^bits of a signed word, modulo 2^16; bits from 0 to 15."""
+    """Return a 2^bits of a signed word, modulo 2^16; bits from 0 to 15."""
     return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.shl(*words)
 
 
 @intrinsic
 def right(context, a, bits):  # type: ignore[no-untyped-def]
-    """A / 2^bits of a signed word, rounded down; bits from 0 to 15."""
+    """Return a / 2^bits of a signed word, rounded down; bits from 0 to 15."""
     return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.ashr(*words)
 
 
 @intrinsic
 def left_unsigned(context, a, bits):  # type: ignore[no-untyped-def]
-    """A 2^bits of an unsigned word, modulo 2^16; bits from 0 to 15."""
+    """Return a 2^bits of an unsigned word, modulo 2^16; bits from 0 to 15."""
     return types.uint16(types.uint16, types.uint16), lambda _, builder, __, words: builder.shl(*words)
 
 
 @intrinsic
 def right_unsigned(context, a, bits):  # type: ignore[no-untyped-def]
-    """A / 2^bits of an unsigned word, rounded down; bits from 0 to 15."""
+    """Return a / 2^bits of an unsigned word, rounded down; bits from 0 to 15."""
     return types.uint16(types.uint16, types.uint16), lambda _, builder, __, words: builder.lshr(*words)

@@ -1,7 +1,7 @@
 """Compiled loops of comparison: one pass over a scan and its prediction, in 16-bit integers.
 
-Every loop runs over a short piece of one line and does little, so that it becomes vector instructions of 16-bit words
-(a test looks for them); pieces of eight lines stay in the fastest cache.
+Every loop runs over a short piece of one line and does little, so that it becomes vector instructions of
+16-bit words (a test checks this); pieces of eight lines stay in the fastest cache.
 """
 
 from __future__ import annotations
@@ -20,26 +20,27 @@ from prooflight.kernels.comparison.int16_simd import add, left_unsigned, right, 
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 Z_STEPS = 128
-"""z is summed in steps of sigma / 128, to the nearest, ..."""
+"""Steps of z per sigma in sums, rounded to the nearest."""
 Z_MOST = 4095
-"""... and cut off at so many steps, 32 sigma: eight of them still fit a word."""
+"""Limit of z in steps, 32 sigma: eight of them still fit a word."""
 FINE_MOST = np.uint16(8 * Z_MOST - 1)
 STRIP = 2048
-"""Pixels of a line that are worked on at once, whole tiles."""
+"""Pixels of a line that are processed at once, whole tiles."""
 LINES = 8
-"""Lines that are folded at once, and the side of a block."""
+"""Lines that are summed at once, and the side of a block."""
 
 
 @inner_kernel()
 def normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # type: ignore[no-untyped-def]
-    """Z of a piece of a line in steps of sigma / 1024, rounded down, cut off at 32 sigma: (pixels,) int16.
+    """Compute z of a piece of a line in steps of sigma / 1024, rounded down, cut off at 32 sigma: (pixels,) int16.
 
     measured, mean, inverse (pixels,) uint16, the latter two as ``compact`` gives them; drop: mean_bits +
-    inverse_bits - 10. Returns whether a pixel lies at an end of the converter's range, and the greatest inverse.
+    inverse_bits - 10. Returns whether a pixel is at an end of the converter's range, and the greatest
+    inverse.
     """
     keep = np.uint16(np.uint16(16) - drop)
     most = np.uint16((1 << (drop - 1)) - 1)
-    farthest = np.uint16(0)  # 0 DN is as far as can be: it wraps
+    farthest = np.uint16(0)  # 0 DN must give the greatest value: it wraps
     surest = np.uint16(0)
     for i in range(z.size):
         farthest = max(farthest, np.uint16(measured[i] - np.uint16(1)))
@@ -57,7 +58,7 @@ def normalise_row(measured, mean, inverse, top_code, mean_bits, drop, z):  # typ
 
 @inner_kernel()
 def fold_lines(z, sums):  # type: ignore[no-untyped-def]
-    """Eight lines' z, STRIP apart, each to the nearest 128th, summed column by column: sums (pixels,) int16."""
+    """Sum z of eight lines, STRIP apart, each to the nearest 128th, column by column: sums (pixels,) int16."""
     for i in range(sums.size):
         a, b = right(add(z[i], 4), 3), right(add(z[i + STRIP], 4), 3)
         c, d = right(add(z[i + 2 * STRIP], 4), 3), right(add(z[i + 3 * STRIP], 4), 3)
@@ -68,7 +69,7 @@ def fold_lines(z, sums):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def count_lines(codes, edges, counts):  # type: ignore[no-untyped-def]
-    """How many of eight lines' codes, STRIP apart, reach each edge, column by column: counts (edges, pixels) grow."""
+    """Count the codes of eight lines, STRIP apart, that reach each edge, by column; added to counts (edges, pixels)."""
     for j in range(edges.size):
         edge, count = edges[j], counts[j]
         for i in range(count.size):
@@ -87,7 +88,7 @@ def count_lines(codes, edges, counts):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def total(counts):  # type: ignore[no-untyped-def]
-    """Sum of (n,) counts."""
+    """Return the sum of (n,) counts."""
     result = np.int32(0)
     for i in range(counts.size):
         result = np.int32(result + np.int32(counts[i]))
@@ -96,7 +97,7 @@ def total(counts):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def add_blocks(sums, blocks):  # type: ignore[no-untyped-def]
-    """Column sums of eight lines (pixels,) -> sums over 8 x 8 pixels (pixels // 8,)."""
+    """Add column sums of eight lines (pixels,) up to sums over 8 x 8 pixels (pixels // 8,)."""
     for block in range(blocks.size):
         at = 8 * block
         pairs = np.int32(sums[at]) + np.int32(sums[at + 1]) + np.int32(sums[at + 2]) + np.int32(sums[at + 3])
@@ -111,7 +112,7 @@ def add_blocks(sums, blocks):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def code_piece(z, seen, expected, sure, camera, random, edges, reach, dither, codes):  # type: ignore[no-untyped-def]
-    """Z and codes of a piece of a line, (pixels,) each."""
+    """Compute z and codes of a piece of a line, (pixels,) each."""
     clipped, surest = normalise_row(seen, expected, sure, camera.top_code, camera.mean_bits, camera.drop, z)
     if not dither:
         plain_row(z, codes)
@@ -125,7 +126,7 @@ def code_piece(z, seen, expected, sure, camera, random, edges, reach, dither, co
 
 @inner_kernel()
 def close_strip(first, counts, row, out):  # type: ignore[no-untyped-def]
-    """Counts (edges, pixels) of a strip that begins at pixel ``first``, added to its tiles of row ``row``."""
+    """Add counts (edges, pixels) of a strip that begins at pixel ``first`` to its tiles of row ``row``."""
     size, tiles = counts.shape[1], out.reached.shape[1]
     for start in range(0, size, TILE):
         tile = min((first + start) // TILE, tiles - 1)
@@ -138,7 +139,7 @@ def close_strip(first, counts, row, out):  # type: ignore[no-untyped-def]
 def compare_row(  # type: ignore[no-untyped-def]
     measured, mean, inverse, top, bottom, camera, noise, starts, edges, reach, dither, pixels, row, out
 ):
-    """Lines top .. bottom - 1, at most 127, of a row of tiles; the rest as in ``compare_lines``."""
+    """Compare lines top .. bottom - 1, at most 127, of a row of tiles; other arguments as in ``compare_lines``."""
     seen, expected, sure = measured.values, mean.values, inverse.values
     strips = (pixels + STRIP - 1) // STRIP
     z = np.zeros((strips, LINES * STRIP), np.int16)
@@ -186,10 +187,10 @@ def compare_row(  # type: ignore[no-untyped-def]
 def compare_lines(  # type: ignore[no-untyped-def]
     measured, mean, inverse, camera, noise, starts, edges, reach, dither, pixels, out
 ):
-    """Everything of some rows of tiles of one sensor; ``Lines`` of uint16 each, read line by line, as they lie.
+    """Compare some rows of tiles of one sensor; ``Lines`` of uint16 each, read line by line in memory order.
 
-    camera: ``Camera``; noise uint16 and starts (lines,): each line's random numbers begin there; dither: False for
-    the naive histogram; pixels: of a line; out: ``Counts``, whose arrays are filled.
+    camera: ``Camera``; noise uint16 and starts (lines,): where in it each line's random numbers begin;
+    dither: False for the naive histogram; pixels: of a line; out: ``Counts``, whose arrays are filled.
     """
     lines, rows = starts.size, out.reached.shape[0]
     for row in range(rows):

@@ -1,4 +1,4 @@
-"""Compiled sums over a page: light down its columns, and ink that was to be printed in its blocks."""
+"""Compiled sums over a page: light down its columns, and nominal ink in its blocks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from prooflight.kernels.compiled import kernel
 
 LINES = 8
-"""Added in single precision at most: the sum is then good to 1e-7 of itself."""
+"""Greatest number of lines added in single precision: the sum is then good to 1e-7 of itself."""
 
 
 @kernel("measured (L, P), expected (L, P), first, last, seen (P), due (P)", where="0 <= first, last <= L")
@@ -33,7 +33,8 @@ def column_sums(measured, expected, first, last, seen, due):  # type: ignore[no-
 def block_inks(packed, lines, columns, ink):  # type: ignore[no-untyped-def]
     """Add to ink (rows, across, 4) the mean ink fractions of the raster, packed (lines, columns) uint32, in blocks.
 
-    lines (rows, n), columns (across, n): the n lines and columns of the raster that stand for a row of blocks.
+    lines (rows, n), columns (across, n): the n lines and columns of the raster that represent a row of
+    blocks.
     """
     share = np.float32(1 / (255 * lines.shape[1] * columns.shape[1]))
     byte = np.uint32(255)
@@ -44,11 +45,11 @@ def block_inks(packed, lines, columns, ink):  # type: ignore[no-untyped-def]
             for block in range(columns.shape[0]):
                 cyan, magenta, yellow, black = np.uint32(0), np.uint32(0), np.uint32(0), np.uint32(0)
                 for column in columns[block]:
-                    word = source[column]
-                    cyan += word & byte
-                    magenta += (word >> np.uint32(8)) & byte
-                    yellow += (word >> np.uint32(16)) & byte
-                    black += word >> np.uint32(24)
+                    recipe = source[column]
+                    cyan += recipe & byte
+                    magenta += (recipe >> np.uint32(8)) & byte
+                    yellow += (recipe >> np.uint32(16)) & byte
+                    black += recipe >> np.uint32(24)
                 out[block, 0] += share * np.float32(cyan)
                 out[block, 1] += share * np.float32(magenta)
                 out[block, 2] += share * np.float32(yellow)

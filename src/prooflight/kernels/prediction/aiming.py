@@ -1,4 +1,4 @@
-"""Compiled loops of prediction: where camera pixels look on the raster, and what weights they give its pixels."""
+"""Compiled loops of prediction: positions of camera pixels on the raster, and the weights of its pixels."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ if TYPE_CHECKING:
 
 
 class FilterPass(NamedTuple):
-    """One of the two passes of filtering: where it looks, and what a footprint gives there."""
+    """One of the two passes of filtering: its sampling positions and its footprint."""
 
     places: NDArray[np.float64]
-    """(nodes down, nodes across) as ``Nodes`` of a sampling grid has them. [raster pixels]"""
+    """Positions as in ``Nodes`` of a sampling grid, (nodes down, nodes across). [raster pixels]"""
     pitch: int
-    """Rows from node to node."""
+    """Rows between nodes."""
     segment: int
-    """Columns from node to node."""
+    """Columns between nodes."""
     cumulative: NDArray[np.float64]
-    """(2 n + 1,) of the ``Footprint``."""
+    """Cumulative spread of the ``Footprint``, (2 n + 1,)."""
     step: float
-    """A raster pixel in steps of that."""
+    """Size of a raster pixel in steps of that."""
 
 
 @inner_kernel(error_model="numpy")
 def place_row(nodes, pitch, row, places):  # type: ignore[no-untyped-def]
-    """What one row sees at node columns, linear between rows of nodes (nodes down, nodes across)."""
+    """Interpolate the positions of one row at node columns, linear between rows of nodes (nodes down, nodes across)."""
     cell = min(row // pitch, nodes.shape[0] - 2)
     share = (row - cell * pitch) / pitch
     above, below = nodes[cell], nodes[cell + 1]
@@ -38,10 +38,11 @@ def place_row(nodes, pitch, row, places):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def weigh(edge, step, cumulative, weights):  # type: ignore[no-untyped-def]
-    """Weights (taps,) of raster pixels in one footprint.
+def footprint_weights(edge, step, cumulative, weights):  # type: ignore[no-untyped-def]
+    """Compute the weights (taps,) of raster pixels in one footprint.
 
-    edge: of the first raster pixel in the footprint's cumulative spread, in its steps; step: a raster pixel's.
+    edge: position of the first raster pixel in the footprint's cumulative spread, in its steps; step: a
+    raster pixel's.
     """
     last = cumulative.size - 1
     before = 0.0
@@ -58,24 +59,24 @@ def weigh(edge, step, cumulative, weights):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def aim(place, cumulative, step, weights):  # type: ignore[no-untyped-def]
-    """Weights (taps,) of raster pixels in a footprint about ``place`` [raster pixels]; returns the first of them."""
+    """Compute weights (taps,) in a footprint about ``place`` [raster pixels]; return the first raster pixel."""
     begin = place - (cumulative.size - 1) / (2 * step)
     first = int(np.floor(begin))
-    weigh((first - begin) * step, step, cumulative, weights)
+    footprint_weights((first - begin) * step, step, cumulative, weights)
     return first
 
 
 @inner_kernel()
 def whole_eights(count):  # type: ignore[no-untyped-def]
-    """The least multiple of eight that is no less."""
+    """Return the least multiple of eight that is no less."""
     return (count + 7) // 8 * 8
 
 
 @inner_kernel(error_model="numpy")
 def aim_each(across, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
-    """``aim`` at every camera pixel of the first row of a pass; returns weights (pixels x taps,).
+    """Run ``aim`` at every camera pixel of the first row of a pass; return weights (pixels x taps,).
 
-    The rest is as ``begin_row`` has it.
+    Other arguments are as in ``begin_row``.
     """
     places, segment, cumulative, step = across.places[0], across.segment, across.cumulative, across.step
     reach = (cumulative.size - 1) / (2 * step)
@@ -84,7 +85,7 @@ def aim_each(across, taps, beyond, first, weights_at):  # type: ignore[no-untype
         k = i // segment
         begin = places[k] + (places[k + 1] - places[k]) * ((i - k * segment) / segment) - reach
         whole = int(np.floor(begin))
-        weigh((whole - begin) * step, step, cumulative, table[i * taps : (i + 1) * taps])
+        footprint_weights((whole - begin) * step, step, cumulative, table[i * taps : (i + 1) * taps])
         first[i] = min(max(whole + taps, 0), beyond + taps)
         weights_at[i] = i * taps
     return table
@@ -92,20 +93,21 @@ def aim_each(across, taps, beyond, first, weights_at):  # type: ignore[no-untype
 
 @inner_kernel()
 def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped-def]
-    """Weights of raster pixels in footprints that begin 0, 1 / count, ..., 1 of one in: (count + 1, taps)."""
+    """Return weights of raster pixels in footprints that begin 0, 1 / count, ..., 1 into one: (count + 1, taps)."""
     table = np.empty((count + 1, taps), np.float32)
     for phase in range(count + 1):
-        weigh(-phase / count * step, step, cumulative, table[phase])
+        footprint_weights(-phase / count * step, step, cumulative, table[phase])
     return table
 
 
 @inner_kernel(error_model="numpy")
 def begin_row(places, reach, bits, taps, beyond, first, weights_at):  # type: ignore[no-untyped-def]
-    """Where the footprint of every camera pixel of a row begins, and where its weights do in ``weights_at_phases``.
+    """Compute where the footprint of every camera pixel of a row begins, and its weights in ``weights_at_phases``.
 
-    places: of camera pixels 0, segment, 2 segment, ..., linear between. reach: of the footprint [raster pixels];
-    beyond: the first raster pixel past the page. Written: first, raster pixels from ``taps`` before the page on, so
-    that none is below 0; weights_at; (segments, segment) int32 each. Footprints off the page begin anywhere off it.
+    places: of camera pixels 0, segment, 2 segment, ..., linear between. reach: of the footprint [raster
+    pixels]; beyond: the first raster pixel past the page. Written: first, raster pixels from ``taps`` before
+    the page on, so that none is below 0; weights_at; (segments, segment) int32 each. Footprints off the page
+    begin anywhere off it.
     """
     count, last = np.float32(1 << bits), np.int32(beyond + taps)
     mask, per, wide = np.int32((1 << bits) - 1), np.int32(bits), np.int32(taps)

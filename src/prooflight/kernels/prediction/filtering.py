@@ -19,22 +19,22 @@ from prooflight.kernels.prediction.summing import (
 
 @inner_kernel()
 def copy_row(source, target):  # type: ignore[no-untyped-def]
-    """Target = source, (n,) each: a plain loop, five times faster than what numba makes of ``target[:] = source``."""
+    """Copy source to target, (n,) each: a plain loop, five times faster than numba's ``target[:] = source``."""
     for i in range(target.size):
         target[i] = source[i]
 
 
 @inner_kernel()
 def dealt_count(columns, stride, phase):  # type: ignore[no-untyped-def]
-    """How many pixels of one phase a dealt row has."""
+    """Return the number of pixels of one phase in a dealt row."""
     return max((columns - phase + stride - 1) // stride, 0)
 
 
 @inner_kernel()
 def deal_row(packed, place, dealt):  # type: ignore[no-untyped-def]
-    """One raster row dealt out by ``stride``, so that pixels a stride apart lie side by side: dealt (stride, places).
+    """Deal one raster row out by ``stride``, so that pixels a stride apart are adjacent: dealt (stride, places).
 
-    Pixel p goes to dealt[p % stride, place + p // stride]; the rest stays as it was.
+    Pixel p goes to dealt[p % stride, place + p // stride]; the rest is unchanged.
     """
     stride = dealt.shape[0]
     if stride == 2:  # one loop over both, which runs in vectors
@@ -55,7 +55,7 @@ def deal_row(packed, place, dealt):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ignore[no-untyped-def]
-    """out[i] = sum over t, first <= t < last, of weights[t] source[starts[t] + i], start <= i < stop."""
+    """Add sum over t, first <= t < last, of weights[t] source[starts[t] + i] to out[i], start <= i < stop."""
     while start + MANY <= stop:
         sum_many(source, starts, start, weights, first, last, out, start)
         start += MANY
@@ -72,15 +72,15 @@ def sum_row(source, starts, weights, first, last, start, stop, out):  # type: ig
 
 @inner_kernel()
 def filter_across(split, pad, columns, first, weights, starts, out):  # type: ignore[no-untyped-def]
-    """One raster row at camera columns: split as ``deal_row`` deals, weights (taps,); out (pixels,).
+    """Filter one raster row at camera columns: split as from ``deal_row``, weights (taps,); out (pixels,).
 
-    first: the first raster pixel that camera pixel 0 sees; what is off the page counts as 0, the level of the
+    first: the first raster pixel that camera pixel 0 sees; pixels off the page count as 0, the level of the
     backing. starts (taps,) int64 is working space.
     """
     stride, width = split.shape
     taps = weights.size
     out[:] = 0
-    # Pixel i sees raster pixels from first + stride i; only those that touch the row are done.
+    # Pixel i sees raster pixels from first + stride i; only those that touch the row are computed.
     start = max(0, -((first + taps - 1) // stride))
     stop = min(out.size, (columns - 1 - first) // stride + 1)
     if start >= stop:
@@ -97,10 +97,10 @@ def filter_across(split, pad, columns, first, weights, starts, out):  # type: ig
 
 @inner_kernel()
 def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-untyped-def]
-    """One line, out (pixels,), from row ``first`` on of the ring of filtered rows (depth, pixels), row r at r % depth.
+    """Filter one line, out (pixels,), from row ``first`` on of a ring of filtered rows (depth, pixels).
 
-    Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the backing. starts (taps,) int64 is
-    working space.
+    Row r is at r % depth. Rows off the page, below 0 or from ``rows`` on, count as 0, the level of the
+    backing. starts (taps,) int64 is working space.
     """
     depth, pixels = ring.shape
     out[:] = 0
@@ -115,7 +115,7 @@ def filter_along(ring, rows, first, weights, starts, out):  # type: ignore[no-un
 
 @inner_kernel()
 def filter_row(source, starts, table, weights_at, taps, out):  # type: ignore[no-untyped-def]
-    """out[i] = sum over t < taps of table[weights_at[i] + t] source[starts[i] + t]; out (pixels,)."""
+    """Set out[i] = sum over t < taps of table[weights_at[i] + t] source[starts[i] + t]; out (pixels,)."""
     whole = out.size // EIGHT * EIGHT
     for at in range(0, whole, EIGHT):
         dot_eight(source, starts, table, weights_at, taps, out, at)

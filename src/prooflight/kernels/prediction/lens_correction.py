@@ -1,4 +1,4 @@
-"""Compiled loops of the lens correction: block means, small convolutions, what they add to every line."""
+"""Compiled loops of the lens correction: block means, small convolutions, and their sum with every line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.mixing import AT_ONCE, mix_rows
 
 NEAR_REACH = 3
-"""Camera pixels to each side that a lens correction weighs one by one."""
+"""Number of camera pixels to each side that a lens correction weights one by one."""
 FAR_BLOCK, FARTHER_BLOCK = 4, 16
-"""Sides of the square blocks of camera pixels that it weighs beyond."""
+"""Sides of the square blocks of camera pixels that it weights beyond these."""
 BLOCK = FAR_BLOCK
-"""Pixels to a block's side, and blocks to a larger block's: known to the compiler, so that loops run in vectors."""
+"""Pixels per block side, and blocks per side of a larger block: known to the compiler, so that loops run in
+vectors."""
 assert FAR_BLOCK == 4
 assert FARTHER_BLOCK == 16
 WINDOW = 2 * NEAR_REACH + 1
@@ -21,7 +22,7 @@ WINDOW = 2 * NEAR_REACH + 1
 
 @kernel("image (L, P), means (-(-L // BLOCK), -(-P // BLOCK))")
 def block_means(image, means):  # type: ignore[no-untyped-def]
-    """Means of image (lines, pixels) over squares of 4 x 4; outside the image is 0."""
+    """Compute means of image (lines, pixels) over squares of 4 x 4; outside the image is 0."""
     lines, pixels = image.shape
     share = np.float32(1 / BLOCK**2)
     whole = pixels // BLOCK
@@ -39,7 +40,7 @@ def block_means(image, means):  # type: ignore[no-untyped-def]
 
 @kernel("image (H, W), weights (N, N), out (H, W)")
 def convolve(image, weights, out):  # type: ignore[no-untyped-def]
-    """Plain convolution of a small image with symmetric weights (2 n + 1, 2 n + 1); outside the image is 0."""
+    """Convolve a small image directly with symmetric weights (2 n + 1, 2 n + 1); outside the image is 0."""
     rows, columns = image.shape
     reach = weights.shape[0] // 2
     out[:] = 0
@@ -59,7 +60,7 @@ def convolve(image, weights, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def between_rows(image, line, out):  # type: ignore[no-untyped-def]
-    """The row of block values that a line lies at, linear between the blocks' centres, level beyond the outer ones."""
+    """Interpolate the row of block values at a line, linear between the blocks' centres, constant beyond."""
     place = min(max((line + 0.5) / BLOCK - 0.5, 0.0), image.shape[0] - 1.0)
     above = int(place)
     share = np.float32(place - above)
@@ -70,7 +71,7 @@ def between_rows(image, line, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def add_between(row, line):  # type: ignore[no-untyped-def]
-    """Line (pixels,) += what a row of block values is there, linear between their centres, level at the ends."""
+    """Add a row of block values to line (pixels,), linear between their centres, constant at the ends."""
     last = row.size - 1
     half = BLOCK // 2
     first, second = np.float32(0.5 / BLOCK), np.float32(1.5 / BLOCK)
@@ -94,7 +95,7 @@ def add_between(row, line):  # type: ignore[no-untyped-def]
 
 @kernel("blocks (R, C), image (_, _)", where="0 < R, 0 < C")
 def add_blocks(blocks, image):  # type: ignore[no-untyped-def]
-    """Image (lines, pixels) += block values, bilinear between their centres."""
+    """Add block values to image (lines, pixels), bilinear between their centres."""
     row = np.empty(blocks.shape[1], np.float32)
     for line in range(image.shape[0]):
         between_rows(blocks, line, row)
@@ -103,11 +104,11 @@ def add_blocks(blocks, image):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def near_line(rows, starts, weights, mixed, out):  # type: ignore[no-untyped-def]
-    """One line by its neighbours: out (pixels,).
+    """Filter one line by its neighbours: out (pixels,).
 
-    rows (n,): seven lines, from the one three above on, begin at starts (7,), each with three pixels on either side.
-    weights (4, 4): of pixels so many lines and pixels away. mixed (4, width >= pixels + 6), width whole multiples of
-    16, is working space.
+    rows (n,): seven lines, from the one three above on, begin at starts (7,), each with three pixels on
+    either side. weights (4, 4): of pixels so many lines and pixels away. mixed (4, width >= pixels + 6),
+    width whole multiples of 16, is working space.
     """
     flat, of = mixed.reshape(-1), weights.reshape(-1)
     width = mixed.shape[1]
@@ -127,10 +128,10 @@ def near_line(rows, starts, weights, mixed, out):  # type: ignore[no-untyped-def
     where="0 <= line_from, line_to <= L",
 )
 def correct_lines(light, above, below, weights, far, line_from, line_to):  # type: ignore[no-untyped-def]
-    """Lines line_from .. line_to - 1 of light (lines, pixels) corrected in place.
+    """Correct lines line_from .. line_to - 1 of light (lines, pixels) in place.
 
-    above, below (3, pixels): the uncorrected lines before and after these, which another thread may be changing.
-    weights (4, 4) as in ``near_line``; far: block values to be added.
+    above, below (3, pixels): the uncorrected lines before and after these, which another thread may be
+    changing. weights (4, 4) as in ``near_line``; far: block values to be added.
     """
     pixels = light.shape[1]
     width = (pixels + 2 * NEAR_REACH + AT_ONCE - 1) // AT_ONCE * AT_ONCE

@@ -25,28 +25,28 @@ COMPARED = 256
 
 
 class ColumnLevels(NamedTuple):
-    """What brings light to one sensor's columns."""
+    """Parameters of one sensor's columns, by which light becomes digital numbers."""
 
     column_offset: NDArray[np.float32]
-    """(pixels,) [DN]"""
+    """Offset of each column, (pixels,). [DN]"""
     column_gain: NDArray[np.float32]
     backing: np.float32
-    """[DN]"""
+    """Light of the backing. [DN]"""
     backing_variance: np.float32
     dark_variance: np.float32
-    """[DN^2]"""
+    """Variance without light. [DN^2]"""
     shot_slope: np.float32
-    """Variance is so many times the light; or 0: it is looked up, above the backing's. [DN]"""
+    """Ratio of variance to light; 0 if variance is looked up, above the backing's. [DN]"""
     top_code: np.float32
 
 
 @inner_kernel()
 def same_row(one, other):  # type: ignore[no-untyped-def]
-    """Whether two rows (n,) are equal; looked at in pieces, because most that differ do so early."""
+    """Return whether two rows (n,) are equal; compared in pieces, because most that differ do so early."""
     for start in range(0, one.size, COMPARED):
         a, b = one[start : start + COMPARED], other[start : start + COMPARED]
         differs = np.uint32(0)
-        for i in range(a.size):  # from 0 on: the compiler then knows that no index is negative
+        for i in range(a.size):  # from 0 on, so that the compiler knows that no index is negative
             differs |= a[i] ^ b[i]
         if differs:
             return False
@@ -55,7 +55,7 @@ def same_row(one, other):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
-    """``look_up_light`` of a row as ``deal_row`` deals it; what is off the page stays 0."""
+    """Run ``look_up_light`` on a row dealt by ``deal_row``; pixels off the page stay 0."""
     stride = dealt.shape[0]
     for phase in range(stride):
         count = dealt_count(columns, stride, phase)
@@ -67,7 +67,7 @@ def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore
 
 @inner_kernel()
 def look_up_packed(packed, quantised, backing, few, light):  # type: ignore[no-untyped-def]
-    """``look_up_light`` of a packed row (columns,), however many; few (2, 8): working space; light (columns,)."""
+    """Run ``look_up_light`` on a packed row (columns,) of any length; few (2, 8): working space; light (columns,)."""
     whole = packed.size // AT_ONCE * AT_ONCE
     if whole:
         look_up_light(packed[:whole], quantised, backing, light[:whole])
@@ -82,7 +82,7 @@ def look_up_packed(packed, quantised, backing, few, light):  # type: ignore[no-u
 
 @inner_kernel()
 def sign_row(row, sign):  # type: ignore[no-untyped-def]
-    """What is below 0 becomes 0, and all of it takes a sign; a sign of 0 leaves it as it is."""
+    """Clip a row at 0 and multiply it by a sign; a sign of 0 leaves it unchanged."""
     if sign != 0:
         for i in range(row.size):
             row[i] = sign * max(row[i], np.float32(0))
@@ -100,14 +100,14 @@ def sign_row(row, sign):  # type: ignore[no-untyped-def]
 def filter_lines(  # type: ignore[no-untyped-def]
     packed, tables, backings, stride, across, along, sign, line_from, line_to, lights
 ):
-    """What lines line_from .. line_to - 1 see in tables of a page that is only shifted, above the backing's level.
+    """Filter lines line_from .. line_to - 1 in tables of a page that is only shifted, above the backing's level.
 
-    packed (rows, columns) uint32; tables: a tuple of n ``QuantisedTable``; backings (n,); lights: a tuple of n images
-    (lines, pixels) float32, written at those lines only: bands may run in several threads. stride: raster pixels from
-    one camera pixel to the next, 0 if not a whole number of them; across, along: ``FilterPass``, of which the first row
-    and the first column of nodes are looked at; sign: as in ``sign_row``. Rows pass once through a ring of as many
-    filtered rows as there are taps, and are dealt out and told from the row above once for all tables.
-    ``correct_light`` comes next.
+    packed (rows, columns) uint32; tables: a tuple of n ``QuantisedTable``; backings (n,); lights: a tuple of
+    n images (lines, pixels) float32, written at those lines only: bands may run in several threads. stride:
+    raster pixels from one camera pixel to the next, 0 if not a whole number of them; across, along:
+    ``FilterPass``, of which the first row and the first column of nodes are used; sign: as in ``sign_row``.
+    Rows pass once through a ring of as many filtered rows as there are taps, and are dealt out and compared
+    with the row above once for all tables. ``correct_light`` comes next.
     """
     rows, columns = packed.shape
     pixels = lights[0].shape[1]
@@ -130,7 +130,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
     y_place = np.empty(1)
     starts = np.empty(taps, np.int64)
     next_row = -1
-    looked_up = -2
+    last_row = -2
     for line in range(line_from, line_to):
         place_row(along.places, along.pitch, line, y_place)
         y_first = aim(y_place[0], along.cumulative, along.step, y_weights)
@@ -138,7 +138,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
             next_row = max(y_first, 0)
         while next_row < min(y_first + taps, rows):
             slot, row = next_row % taps, packed[next_row]
-            alike = next_row - 1 == looked_up and same_row(row, packed[looked_up])
+            alike = next_row - 1 == last_row and same_row(row, packed[last_row])
             if even and not alike:
                 deal_row(row, begin, dealt)
             for n in range(len(tables)):
@@ -150,7 +150,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
                 else:
                     look_up_packed(row, tables[n], backings[n], few, source[wide : wide + columns])
                     filter_row(source, firsts, x_weights, weights_at, wide, ring[n, slot])
-            looked_up = next_row
+            last_row = next_row
             next_row += 1
         for n in range(len(tables)):
             filter_along(ring[n], rows, y_first, y_weights, starts, lights[n][line])
@@ -159,7 +159,7 @@ def filter_lines(  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def level_row(sensor, mean, variance):  # type: ignore[no-untyped-def]
-    """``to_columns`` of one line (pixels,), in place."""
+    """Run ``to_columns`` on one line (pixels,), in place."""
     column_offset, column_gain, shot_slope = sensor.column_offset, sensor.column_gain, sensor.shot_slope
     backing, dark_variance, top_code = sensor.backing, sensor.dark_variance, sensor.top_code
     above_dark = sensor.backing_variance - dark_variance
@@ -177,7 +177,7 @@ def level_row(sensor, mean, variance):  # type: ignore[no-untyped-def]
     where="0 <= line_from, line_to <= L",
 )
 def to_columns(sensor, line_from, line_to, mean, variance):  # type: ignore[no-untyped-def]
-    """Light above the backing's -> expected DN and variance in the columns, in place, lines line_from .. line_to - 1.
+    """Convert light above the backing's to expected DN and variance, in place, in lines line_from .. line_to - 1.
 
     sensor: ``ColumnLevels``; mean, variance (lines, pixels).
     """
@@ -190,9 +190,9 @@ def to_columns(sensor, line_from, line_to, mean, variance):  # type: ignore[no-u
     "mean_out (L, P), variance_out (L, P)"
 )
 def relight(column_offset, gain_ratio, dark_variance, top_code, mean, variance, mean_out, variance_out):  # type: ignore[no-untyped-def]
-    """Expected DN and variance (lines, pixels) -> what they are once columns' gains are ``gain_ratio`` times theirs.
+    """Rescale expected DN and variance (lines, pixels) to columns' gains of ``gain_ratio`` times theirs.
 
-    Returns whether every mean lay below the top code; of one that does not nobody knows what its light is.
+    Returns whether every mean was below the top code; the light of one that was not is unknown.
     """
     highest = np.float32(0)
     for line in range(mean.shape[0]):

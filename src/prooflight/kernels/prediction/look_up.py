@@ -1,6 +1,7 @@
-"""The compiled look-up of prediction: eight recipes at once, a brick and one dot product of sixteen corners each.
+"""Compiled look-up of prediction: eight recipes at once, each a cell and one dot product of sixteen corners.
 
-Written in the compiler's own vectors, because loops of plain numba fetch corners one by one (docs/performance.md).
+Written in the compiler's own vectors, because loops of plain numba fetch corners one by one
+(docs/performance.md).
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 NODE_STEP = 8
 NODES = 33
-"""Nodes at byte values 0, 8, ..., 256 of each ink: cell and fraction are a byte's upper 5 and lower 3 bits."""
+"""Number of nodes, at byte values 0, 8, ..., 256 of each ink: cell and fraction are a byte's upper 5 and
+lower 3 bits."""
 AT_ONCE = 8
 _BYTE, _SHORT, _INT, _LONG, _FLOAT = (
     ir.IntType(8),
@@ -46,19 +48,19 @@ def _filled(builder: Any, value: Any, count: int) -> Any:
 
 
 def _load(builder: Any, pointer: Any, index: Any, kind: Any) -> Any:
-    """A ``kind`` that begins at element ``index``, which may lie anywhere."""
+    """Load a ``kind`` that begins at element ``index``, of any alignment."""
     loaded = builder.load(builder.bitcast(builder.gep(pointer, [index], inbounds=True), kind.as_pointer()))
     loaded.align = 2 if pointer.type.pointee == _SHORT else 4
     return loaded
 
 
 def has_extraction() -> bool:
-    """Whether this processor gathers a word's bits in one instruction (x86, BMI2)."""
+    """Return whether this processor gathers a word's bits in one instruction (x86, BMI2)."""
     return bool(binding.get_host_cpu_features().get("bmi2"))
 
 
 def _extracted(builder: Any, word: Any, widths: Any, *, upper: bool) -> Any:
-    """Upper ``widths`` bits of the word's four bytes, or the others, side by side: shifts, for any processor."""
+    """Extract the upper ``widths`` bits of the word's four bytes, or the others, by shifts, for any processor."""
     eight, result = ir.Constant(_INT, 8), ir.Constant(_INT, 0)
     for ink in reversed(range(4)):
         byte = builder.and_(builder.lshr(word, ir.Constant(_INT, 8 * ink)), ir.Constant(_INT, 255))
@@ -83,7 +85,7 @@ def _extracting(
 def _eight_sums(
     builder: Any, tables: Any, packed: Any, first: Any, split: Any, *, one_instruction: bool
 ) -> Any:
-    """65536 times the interpolated codes of eight recipes from ``first`` on."""
+    """Return 65536 times the interpolated codes of eight recipes from ``first`` on."""
     codes, inner, outer = tables
     widths, masks, inner_bits, inner_mask = split
     parts = []
@@ -115,17 +117,17 @@ def _eight_sums(
 
 
 def _pairs(builder: Any, one: Any, other: Any) -> Any:
-    """Sums of neighbours of two vectors, half of each vector's by half."""
+    """Return the sums of neighbours of two vectors, half of each vector's by half."""
     low, high = [0, 2, 8, 10, 4, 6, 12, 14], [1, 3, 9, 11, 5, 7, 13, 15]
     return builder.add(_chosen(builder, one, other, low), _chosen(builder, one, other, high))
 
 
 def eight_at_once(*, one_instruction: bool) -> Any:
-    """The intrinsic; one_instruction: whether ``has_extraction``."""
+    """Return the look-up intrinsic; one_instruction: whether ``has_extraction``."""
 
     @intrinsic
     def look_up_eight(context, codes, inner, outer, packed, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
-        """out[first:first + 8] = unit sum^2 - level for recipes there; bits: four of cells, then of inner fractions."""
+        """Set out[first:first + 8] = unit sum^2 - level of recipes there; bits: of cells (4) and inner fractions."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             def data(place: int) -> Any:
@@ -154,7 +156,7 @@ look_up_eight = eight_at_once(one_instruction=has_extraction())
 
 @intrinsic
 def eight_alike(context, packed, first, word):  # type: ignore[no-untyped-def]
-    """Whether eight recipes from ``first`` on are all ``word``."""
+    """Return whether eight recipes from ``first`` on are all ``word``."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = make_array(signature.args[0])(context, builder, args[0]).data
@@ -167,7 +169,7 @@ def eight_alike(context, packed, first, word):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def masks_of(bits):  # type: ignore[no-untyped-def]
-    """Which bits of a word are cells, and which are fractions; bits as in ``QuantisedTable``."""
+    """Return the masks of a word's bits that are cells and that are fractions; bits as in ``QuantisedTable``."""
     cells = np.uint32(0)
     for ink in range(4):
         cells = np.uint32(cells | (((0xFF00 >> bits[ink]) & 255) << (8 * ink)))
@@ -180,9 +182,9 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
     where="N % 8 == 0",
 )
 def look_up_light(packed, table, level, out):  # type: ignore[no-untyped-def]
-    """Values less ``level`` of recipes, packed (n,) uint32 with cyan lowest, in ``QuantisedTable``; n a multiple of 8.
+    """Look up recipes, packed (n,) uint32 with cyan lowest, in a ``QuantisedTable``, less ``level``; n a multiple of 8.
 
-    Eight recipes like the one before, half of every page, are not looked up.
+    Eight recipes equal to the one before, half of every page, are not looked up.
     """
     b = table.bits
     inner_bits = np.uint32(np.uint32(16) - b[0] - b[1])

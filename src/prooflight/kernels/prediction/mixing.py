@@ -1,4 +1,4 @@
-"""The compiled heart of the lens correction: seven lines mixed into four, sixteen pixels at a time, in registers."""
+"""Compiled core of the lens correction: seven lines mixed into four, sixteen pixels at a time, in registers."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ _PAIRS = ((3, 3), (2, 4), (1, 5), (0, 6))
 
 @intrinsic
 def mix_rows(context, rows, starts, at, weights, out, width):  # type: ignore[no-untyped-def]
-    """out[width x + at + i] = sum over y < 4 of weights[4 y + x] (line y above the middle + line y below), x < 4.
+    """Mix seven lines into four, sixteen pixels of each.
 
-    i < 16. rows, weights, out (n,) float32; starts (7,) int64: where in rows the seven lines begin.
+    out[width x + at + i] = sum over y < 4 of weights[4 y + x] (line y above the middle + line y below), x <
+    4, i < 16. rows, weights, out (n,) float32; starts (7,) int64: where in rows the seven lines begin.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:

@@ -1,7 +1,8 @@
-"""Compiled loops of prediction off its place: every camera pixel sees the raster from a place of its own.
+"""Compiled loops of prediction at any placement: every camera pixel has its own position on the raster.
 
-Weights are tabulated at so many phases of a raster pixel that the nearest will do, and lie side by side as the raster
-pixels do that they are for: a camera pixel is one product of two short vectors, whatever its neighbours see.
+Weights are tabulated at so many phases of a raster pixel that the nearest is accurate enough, and are stored
+in the order of their raster pixels: a camera pixel is one product of two short vectors, independent of its
+neighbours.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ from prooflight.kernels.prediction.summing import EIGHT, transpose_eight
 
 @inner_kernel()
 def keep_block(block, slot, turned):  # type: ignore[no-untyped-def]
-    """Rows (8, pixels and more) into slots slot .. slot + 7 of turned (pixels and more, slots); pixels in eights."""
+    """Transpose rows (8, pixels and more) into slots slot .. slot + 7 of turned (pixels and more, slots).
+
+    Pixels are processed in eights.
+    """
     stride, slots = block.shape[1], turned.shape[1]
     rows, to = block.reshape(-1), turned.reshape(-1)
     for at in range(0, turned.shape[0], EIGHT):
@@ -28,7 +32,7 @@ def keep_block(block, slot, turned):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
-    """First rows (pixels,) -> where they lie in memory of (pixels, slots), row r at r % depth; in place."""
+    """Convert first rows (pixels,) to indices in memory of (pixels, slots), row r at r % depth; in place."""
     base = first.min() // depth * depth
     for i in range(first.size):
         slot = first[i] - base
@@ -48,13 +52,14 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
 def filter_moved_lines(  # type: ignore[no-untyped-def]
     packed, planes, quantised, backing, across, along, bits, crossed, line_from, line_to, light
 ):
-    """What lines line_from .. line_to - 1 see in one table of a page that lies anyhow, above the backing's level.
+    """Filter lines line_from .. line_to - 1 in one table of a page at any placement, above the backing's level.
 
     Arguments as in ``filter_lines``; planes: as in ``compose_row``, by which each row is composed when it is
-    its turn, for to write and read a whole raster takes longer; bits: a raster pixel has 2^bits phases; crossed:
-    raster rows that a line crosses. Rows are filtered across eight at once and turned, so that what a camera pixel
-    sees along lies side by side too: each has room for as many rows as its line needs, and the first ones once more
-    behind the last. Rows and columns count from ``taps`` before the page on.
+    needed, since writing and reading a whole raster takes longer; bits: a raster pixel has 2^bits phases;
+    crossed: raster rows that a line crosses. Rows are filtered across eight at once and transposed, so that
+    the pixels that a camera pixel sees along are adjacent too: each has room for as many rows as its line
+    needs, and the first ones are repeated after the last. Rows and columns count from ``taps`` before the
+    page on.
     """
     rows, columns = packed.shape
     pixels = light.shape[1]
@@ -73,13 +78,13 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     x_first = np.empty((x_places.size - 1, across.segment), np.int32)
     y_first = np.empty((y_places.size - 1, along.segment), np.int32)
     x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
-    x_begins, x_weigh = x_first.reshape(-1), x_weights_at.reshape(-1)
-    y_begins, y_weigh = y_first.reshape(-1), y_weights_at.reshape(-1)
-    apart = planes.any()
-    composed = np.empty((2 if apart else 0, columns), np.uint32)
+    x_begins, x_weight_starts = x_first.reshape(-1), x_weights_at.reshape(-1)
+    y_begins, y_weight_starts = y_first.reshape(-1), y_weights_at.reshape(-1)
+    is_displaced = planes.any()
+    composed = np.empty((2 if is_displaced else 0, columns), np.uint32)
     before = few[0]
     next_row = -1
-    looked_up = -2
+    last_row = -2
     for line in range(line_from, line_to):
         place_row(along.places, along.pitch, line, y_places)
         begin_row(y_places, reach, bits, taps, rows, y_first, y_weights_at)
@@ -94,18 +99,18 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                 place_row(across.places, across.pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
                 here = packed[row]
-                if apart:
+                if is_displaced:
                     here = composed[row % 2]
                     compose_row(packed, row, planes, here)
-                if row - 1 != looked_up or not same_row(here, before):
+                if row - 1 != last_row or not same_row(here, before):
                     look_up_packed(here, quantised, backing, few, source[taps : taps + columns])
                 before = here
-                looked_up = row
-                filter_row(source, x_begins, across_table, x_weigh, taps, block[k, :pixels])
+                last_row = row
+                filter_row(source, x_begins, across_table, x_weight_starts, taps, block[k, :pixels])
             slot = next_row % depth
             keep_block(block, slot, turned)
             if slot < taps:
                 keep_block(block, depth + slot, turned)
             next_row += EIGHT
         to_slots(y_begins, depth, turned.shape[1])
-        filter_row(turned.reshape(-1), y_begins, along_table, y_weigh, taps, light[line])
+        filter_row(turned.reshape(-1), y_begins, along_table, y_weight_starts, taps, light[line])

@@ -1,4 +1,4 @@
-"""The compiled heart of filtering: weighted sums of some pixels, kept in registers until they are complete."""
+"""Compiled core of filtering: weighted sums of some pixels, kept in registers until they are complete."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ EIGHT = FEWEST
 
 
 def summing(count: int) -> Any:
-    """The intrinsic for so many pixels at once."""
+    """Return the intrinsic for so many pixels at once."""
     pixels = ir.VectorType(FLOAT, count)
 
     @intrinsic
     def sum_pixels(context, source, starts, further, weights, first, last, out, at):  # type: ignore[no-untyped-def]
-        """out[at + i] = sum over t of weights[t] source[starts[t] + further + i].
+        """Set out[at + i] = sum over t of weights[t] source[starts[t] + further + i].
 
-        i < count, t from first to last - 1; source, out (n,) float32; starts (taps,) int64; weights (taps,) float32.
-        All contiguous.
+        i < count, t from first to last - 1; source, out (n,) float32; starts (taps,) int64; weights (taps,)
+        float32. All contiguous.
         """
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -55,7 +55,7 @@ sum_fewest, sum_few, sum_many = summing(FEWEST), summing(FEW), summing(MANY)
 
 
 def _pairs(builder: Any, one: Any, other: Any) -> Any:
-    """Sums of neighbours of two vectors of eight, half of each vector's by half."""
+    """Return the sums of neighbours of two vectors of eight, half of each vector's by half."""
     evens, odds = [0, 2, 8, 10, 4, 6, 12, 14], [1, 3, 9, 11, 5, 7, 13, 15]
     return builder.fadd(_shuffled(builder, one, other, evens), _shuffled(builder, one, other, odds))
 
@@ -67,9 +67,10 @@ def _shuffled(builder: Any, one: Any, other: Any, places: list[int]) -> Any:
 
 @intrinsic
 def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # type: ignore[no-untyped-def]
-    """out[at + i] = sum over t < taps of table[weights_at[at + i] + t] source[starts[at + i] + t], i < 8.
+    """Set out[at + i] = sum over t < taps of table[weights_at[at + i] + t] source[starts[at + i] + t], i < 8.
 
-    source, table, out (n,) float32; starts, weights_at (n,) int32; taps: a whole multiple of 8. All contiguous.
+    source, table, out (n,) float32; starts, weights_at (n,) int32; taps: a whole multiple of 8. All
+    contiguous.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -115,7 +116,7 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
 
 @intrinsic
 def transpose_eight(context, block, at, stride, out, to, out_stride):  # type: ignore[no-untyped-def]
-    """out[to + out_stride i + k] = block[at + stride k + i], i, k < 8; block, out (n,) float32, contiguous."""
+    """Set out[to + out_stride i + k] = block[at + stride k + i], i, k < 8; block, out (n,) float32, contiguous."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         block, out = (make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
@@ -125,12 +126,16 @@ def transpose_eight(context, block, at, stride, out, to, out_stride):  # type: i
             return vector_at(builder, array, index, EIGHT)
 
         rows = [builder.load(place(block, args[1], args[2], n), align=4) for n in range(EIGHT)]
-        for apart in (4, 2, 1):  # neighbours so far apart swap the halves of their pieces of twice that
-            for n in (n for n in range(EIGHT) if not n & apart):
-                one, other = rows[n], rows[n + apart]
-                low = [i if not i & apart else i - apart + EIGHT for i in range(EIGHT)]
-                high = [i + apart if not i & apart else i + EIGHT for i in range(EIGHT)]
-                rows[n], rows[n + apart] = (
+        for distance in (
+            4,
+            2,
+            1,
+        ):  # neighbours at this distance swap the halves of their pieces of twice that
+            for n in (n for n in range(EIGHT) if not n & distance):
+                one, other = rows[n], rows[n + distance]
+                low = [i if not i & distance else i - distance + EIGHT for i in range(EIGHT)]
+                high = [i + distance if not i & distance else i + EIGHT for i in range(EIGHT)]
+                rows[n], rows[n + distance] = (
                     _shuffled(builder, one, other, low),
                     _shuffled(builder, one, other, high),
                 )

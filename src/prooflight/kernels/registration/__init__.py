@@ -1,1 +1,1 @@
-"""Compiled loops of registration: tiles rendered, measured and judged."""
+"""Compiled loops of registration: rendering and measurement of tiles, and their evaluation."""

@@ -1,4 +1,4 @@
-"""The compiled loop of the coarse search: a scan made small."""
+"""Compiled loop of the coarse search: reduction of a scan."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import numpy as np
 from prooflight.kernels.compiled import kernel
 
 SHRINK = 8
-"""Camera pixels in a coarse pixel, either way: 0.84 mm. Known to the compiler, so that loops run in vectors."""
+"""Camera pixels in a coarse pixel, either way: 0.84 mm. Known to the compiler, so that loops run in
+vectors."""
 
 
 @kernel("image (L, P), means (L // SHRINK, P // SHRINK)")
 def square_means(image, means):  # type: ignore[no-untyped-def]
-    """Means over squares of 8 x 8 pixels of image (lines, pixels), whole ones: means (rows, columns) float32."""
+    """Compute means over whole squares of 8 x 8 pixels of image (lines, pixels): means (rows, columns) float32."""
     share = np.float32(1 / SHRINK**2)
     columns = np.empty(means.shape[1] * SHRINK, np.float32)
     for row in range(means.shape[0]):

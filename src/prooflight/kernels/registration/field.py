@@ -1,7 +1,8 @@
 """Compiled linear algebra of the field: normal equations of pose, planes and waves, and their solution.
 
-Products of cosines are sums of cosines, so that the waves' part of the normal equations needs a small table of sums
-over tiles only, not a product of matrices. Plain loops on one core: libraries would start threads for so little.
+Products of cosines are sums of cosines, so that the waves' part of the normal equations needs a small table
+of sums over tiles only, not a product of matrices. Plain loops on one core: libraries would start threads for
+so little.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 ROWS = 4
-"""Rows of a Cholesky factor that are made together."""
+"""Rows of a Cholesky factor that are computed together."""
 
 
 @kernel(
@@ -24,19 +25,19 @@ ROWS = 4
 def normal_equations(  # type: ignore[no-untyped-def]
     cosines_x, cosines_y, numbers_x, numbers_y, waves, fixed, precision, moves, scale
 ):
-    """Normal equations (lower triangle) and right-hand side of unknowns of variance 1, in multiples of ``scale``.
+    """Return normal equations (lower triangle) and right-hand side of unknowns in units of ``scale``, of variance 1.
 
-    cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n tiles; wave i is number numbers_x[i] <= A of the
-    one times number numbers_y[i] <= B of the other, waves (n, all of them or more) their values. fixed (2, n, f): how
-    displacements across and along answer to the first f unknowns. precision (n, 2, 2), moves (n, 2): of tiles.
-    Unknowns: f fixed, waves across, waves along.
+    cosines_x (n, 2 A + 1), cosines_y (n, 2 B + 1): cos(pi k u) at n tiles; wave i is number numbers_x[i] <= A
+    of the one times number numbers_y[i] <= B of the other, waves (n, all of them or more) their values. fixed
+    (2, n, f): derivatives of displacements across and along by the first f unknowns. precision (n, 2, 2),
+    moves (n, 2): of tiles. Unknowns: f fixed, waves across, waves along.
     """
     count, f = numbers_x.size, fixed.shape[2]
     size = f + 2 * count
     wide, high = 2 * numbers_x.max() + 1, 2 * numbers_y.max() + 1
     tables = np.zeros((3, wide, high))
     cross = np.zeros((f, 2 * count))
-    normal, asked = np.zeros((size, size)), np.zeros(size)
+    normal, right_side = np.zeros((size, size)), np.zeros(size)
     for t in range(moves.shape[0]):
         xx, xy, yy = precision[t, 0, 0], precision[t, 0, 1], precision[t, 1, 1]
         if xx + yy == 0:
@@ -52,14 +53,14 @@ def normal_equations(  # type: ignore[no-untyped-def]
                 tables[1, m, q] += b * other
                 tables[2, m, q] += c * other
         for i in range(count):
-            asked[f + i] += across * g[i]
-            asked[f + count + i] += along * g[i]
+            right_side[f + i] += across * g[i]
+            right_side[f + count + i] += along * g[i]
         for k in range(f):
             dx, dy = fixed[0, t, k], fixed[1, t, k]
             if dx == 0 and dy == 0:
                 continue
             by_x, by_y = xx * dx + xy * dy, xy * dx + yy * dy
-            asked[k] += by_x * moves[t, 0] + by_y * moves[t, 1]
+            right_side[k] += by_x * moves[t, 0] + by_y * moves[t, 1]
             for j in range(k + 1):
                 normal[k, j] += by_x * fixed[0, t, j] + by_y * fixed[1, t, j]
             for i in range(count):
@@ -82,13 +83,13 @@ def normal_equations(  # type: ignore[no-untyped-def]
         for j in range(i + 1):
             normal[i, j] *= scale[i] * scale[j]
         normal[i, i] += 1
-        asked[i] *= scale[i]
-    return normal, asked
+        right_side[i] *= scale[i]
+    return normal, right_side
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def dot(a, b, count):  # type: ignore[no-untyped-def]
-    """Of the first ``count`` numbers of two vectors."""
+    """Return the dot product of the first ``count`` numbers of two vectors."""
     total = 0.0
     for k in range(count):
         total += a[k] * b[k]
@@ -97,7 +98,7 @@ def dot(a, b, count):  # type: ignore[no-untyped-def]
 
 @kernel("a (N, N)", fastmath=True, error_model="numpy")
 def cholesky(a):  # type: ignore[no-untyped-def]
-    """Lower factor of a positive definite matrix, in place of its lower triangle; the upper one is left as it is."""
+    """Compute the lower factor of a positive definite matrix, in place of its lower triangle; the upper one is kept."""
     n = a.shape[0]
     for first in range(0, n, ROWS):
         last = min(first + ROWS, n)
@@ -129,14 +130,14 @@ def cholesky(a):  # type: ignore[no-untyped-def]
 
 @kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
 def forward(root, b):  # type: ignore[no-untyped-def]
-    """root^-1 b, in place of b (n,)."""
+    """Compute root^-1 b, in place of b (n,)."""
     for i in range(b.size):
         b[i] = (b[i] - dot(root[i], b, i)) / root[i, i]
 
 
 @kernel("root (N, N), b (N)", fastmath=True, error_model="numpy")
 def backward(root, b):  # type: ignore[no-untyped-def]
-    """root'^-1 b, in place of b (n,)."""
+    """Compute root'^-1 b, in place of b (n,)."""
     for i in range(b.size - 1, -1, -1):
         b[i] /= root[i, i]
         v = b[i]

@@ -1,4 +1,4 @@
-"""Compiled loops that find what of a design tells where it lies: what its tiles are worth, and show of its inks."""
+"""Compiled loops for landmarks: the information of a design's tiles, and their composition of inks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.look_up import look_up_light
 
 EVEN_EDGE = 0.01
-"""Squared difference from which edges count alike: a tenth of white from pixel to pixel."""
+"""Squared difference above which edges have equal weight: a tenth of white from pixel to pixel."""
 
 
 @kernel(
@@ -17,10 +17,10 @@ EVEN_EDGE = 0.01
     where="W % 8 == 0",
 )
 def tile_signals(packed, rows, columns, quantised, backing, signals):  # type: ignore[no-untyped-def]
-    """Mean signal of raster windows (tiles, height, width) float32 whose corners lie at rows, columns of the raster.
+    """Compute the mean signal of raster windows (tiles, height, width) float32 with corners at rows, columns.
 
-    packed (rows, columns) uint32 of the raster; quantised: ``QuantisedTable`` of the mean; width a multiple of 8. What
-    is off the page is ``backing``.
+    packed (rows, columns) uint32 of the raster; quantised: ``QuantisedTable`` of the mean; width a multiple
+    of 8. Off the page the signal is ``backing``.
     """
     height, width = signals.shape[1:]
     seen = np.zeros(width, np.uint32)
@@ -49,11 +49,11 @@ def tile_signals(packed, rows, columns, quantised, backing, signals):  # type: i
 def tile_information(  # type: ignore[no-untyped-def]
     expected, variance, offset, per_gain, gradient_noise, signal_noise2, size, margin, information
 ):
-    """Adds to information (tile rows, tile columns, 2) what tiles tell of displacements across and along [1/pixel^2].
+    """Add to information (tile rows, tile columns, 2) that of tiles about displacements across and along [1/pixel^2].
 
-    expected, variance (lines, pixels) [DN, DN^2]; offset, per_gain (pixels,) bring it to light signal. The sum of
-    squared slopes over twice the variance, a share of the slopes squared and of the signal squared; those nearer to a
-    tile's border than ``margin`` do not count.
+    expected, variance (lines, pixels) [DN, DN^2]; offset, per_gain (pixels,) convert to light signal. The
+    information is the sum of squared slopes over twice the variance, a share of the slopes squared and of the
+    signal squared; pixels nearer to a tile's border than ``margin`` are left out.
     """
     rows, columns = information.shape[:2]
     pixels = expected.shape[1]
@@ -91,14 +91,15 @@ def tile_information(  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
-    """Raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root of their light.
+    """Read raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root
+    of the light.
 
-    packed (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is -1. Returns
-    whether anything is.
+    packed (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is
+    -1. Returns whether any pixel is.
     """
     rows, columns = packed.shape
     beyond = False
-    before, known = np.uint32(0), False
+    before, is_cached = np.uint32(0), False
     a, b, c, d, root = logs[0, 0], logs[0, 0], logs[0, 0], logs[0, 0], roots[0, 0]
     for line in range(grid.shape[1]):
         y = row + line * stride_y
@@ -112,11 +113,11 @@ def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # ty
                 beyond = True
                 continue
             word = source[x]
-            if word != before or not known:
+            if word != before or not is_cached:
                 inks = (word & 255, (word >> 8) & 255, (word >> 16) & 255, word >> 24)
                 a, b, c, d = logs[0, inks[0]], logs[1, inks[1]], logs[2, inks[2]], logs[3, inks[3]]
                 root = roots[0, inks[0]] * roots[1, inks[1]] * roots[2, inks[2]] * roots[3, inks[3]]
-                before, known = word, True
+                before, is_cached = word, True
             grid[0, line, i], grid[1, line, i], grid[2, line, i], grid[3, line, i] = a, b, c, d
             grid[4, line, i] = root
     return beyond
@@ -124,7 +125,7 @@ def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # ty
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
-    """Parts of the squared differences of a line of ``read_grid``'s and the neighbours so far off, to shares (6,)."""
+    """Add the parts of squared differences of a line of ``read_grid``'s and neighbours at an offset, to shares (6,)."""
     s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     even = np.float32(EVEN_EDGE)
     size, other_line = grid.shape[2] - 1, line + down
@@ -149,7 +150,7 @@ def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
-    """The same of neighbours of which one lies off the page: roots (pixels,) as ``read_grid`` has them."""
+    """Add the same for neighbours of which one is off the page: roots (pixels,) as from ``read_grid``."""
     for i in range(here.size):
         if (here[i] < 0) != (there[i] < 0):
             edge = max(here[i], there[i]) ** 2 - backing
@@ -162,12 +163,13 @@ def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
     "packed (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
 )
 def edge_shares(packed, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
-    """How much of each tile's edges, across and along, each plane makes: adds to shares (tiles, 2, 6).
+    """Add the share of each plane in each tile's edges, across and along, to shares (tiles, 2, 6).
 
-    rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster pixels apart.
-    logs (4, 256) float32: logarithm of the light that an ink of that byte leaves; inks multiply (close enough for a
-    share). Light is in shares of white. Of the six sums four are an ink's part of squared differences, the fifth the
-    part of the page's own edge, the last all of it; strong edges count less, as they do where tiles are measured.
+    rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster
+    pixels apart. logs (4, 256) float32: logarithm of the light that an ink of that byte leaves; inks multiply
+    (close enough for a share). Light is in shares of white. Of the six sums four are an ink's part of squared
+    differences, the fifth the part of the page's own edge, the last all of it; strong edges have less weight,
+    as they do where tiles are measured.
     """
     grid = np.empty((5, size + 1, size + 1), np.float32)
     roots = np.exp(logs * np.float32(0.5))

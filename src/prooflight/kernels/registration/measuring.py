@@ -1,4 +1,4 @@
-"""Compiled loops of registration: tiles of a page rendered where they are thought to lie, and by how much they err."""
+"""Compiled loops of registration: tiles rendered at an assumed placement, and sums of their errors."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HUBER = 3.0
-"""Pixels further off than so many standard deviations weigh less: specks, dust, defects."""
+"""Residual above which a pixel's weight decreases: specks, dust, defects. [standard deviations]"""
 SUMS = 15
 NO_ESTIMATE = (np.float32(0),) * 4
-"""For ``weigh``, of a tile of which nothing is known yet."""
+"""Estimate for ``weighted_sums`` of a tile without an estimate yet."""
 
 
 class SensorTaps(NamedTuple):
@@ -25,44 +25,44 @@ class SensorTaps(NamedTuple):
 
     across: NDArray[np.float32]
     across_slope: NDArray[np.float32]
-    """By the page's displacement. [1/pixel]"""
+    """Derivative by the page's displacement. [1/pixel]"""
     along: NDArray[np.float32]
     along_slope: NDArray[np.float32]
     across_ratio: float
-    """Raster pixels in a camera pixel."""
+    """Raster pixels per camera pixel."""
     along_ratio: float
 
 
 class SensorLight(NamedTuple):
-    """What brings one sensor's scan to light, and how sure it then is."""
+    """Conversion of one sensor's scan to light, with its noise."""
 
     offset: NDArray[np.float32]
-    """(pixels,) [DN]"""
+    """Offset of each column, (pixels,). [DN]"""
     per_gain: NDArray[np.floating]
-    """(pixels,) 1 / a column's gain."""
+    """Inverse of each column's gain, (pixels,)."""
     noise: NDArray[np.float32]
-    """(4,) variance without light, by signal, by signal squared, by gradient squared."""
+    """Variance without light, by signal, by signal squared, by gradient squared, (4,)."""
 
 
 class TileWindows(NamedTuple):
-    """What all tiles of a page see with one sensor, and where they lie."""
+    """Raster windows of all tiles of a page for one sensor, with their positions."""
 
     signals: NDArray[np.float32]
-    """(tiles, height, width) as ``tile_signals`` leaves them."""
+    """Signals as from ``tile_signals``, (tiles, height, width)."""
     origins: NDArray[np.float64]
-    """(tiles, 2) x, y in the window where a tile's first footprint begins. [raster pixels]"""
+    """Start of a tile's first footprint in the window, x and y, (tiles, 2). [raster pixels]"""
     lines: NDArray[np.int64]
-    """(tiles,) where a tile's first pixel lies in the scan of a page in its place."""
+    """Line of a tile's first pixel in the scan of a page at its nominal place, (tiles,)."""
     columns: NDArray[np.int64]
 
 
 @inner_kernel(error_model="numpy")
 def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: ignore[no-untyped-def]
-    """Weights of raster pixels for each eight columns, as ``sum_eight`` wants them: (blocks x pixels x 8,) each.
+    """Compute weights of raster pixels for each eight columns, for ``sum_eight``: (blocks x pixels x 8,) each.
 
-    x: raster coordinate of the first column's centre less the footprint's reach; taps, slopes (phases, taps): weights
-    by where in a raster pixel a footprint begins. begins (blocks,): of each eight columns, the first raster pixel.
-    Returns how many raster pixels each eight columns see.
+    x: raster coordinate of the first column's centre less the footprint's reach; taps, slopes (phases, taps):
+    weights by the phase at which a footprint begins. begins (blocks,): of each eight columns, the first
+    raster pixel. Returns how many raster pixels each eight columns see.
     """
     phases, count = taps.shape
     pixels = int(np.ceil((EIGHT - 1) * ratio)) + count + 1
@@ -83,10 +83,10 @@ def spread_taps(x, ratio, taps, slopes, begins, weights, by_move):  # type: igno
 
 @inner_kernel(error_model="numpy")
 def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-def]
-    """One tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
+    """Render one tile at the camera's pixels and its derivatives by the page's displacement: out (3, lines, columns).
 
-    x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach. Window
-    rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; workspace:
+    x, y: raster coordinates, in the window, of the first camera pixel's centre, less the footprint's reach.
+    Window rows and out's lines are whole multiples of 16 and 8 long. taps: ``SensorTaps``; workspace:
     ``Workspace``.
     """
     taps_y, slopes_y, ratio_y = taps.along, taps.along_slope, taps.along_ratio
@@ -140,10 +140,10 @@ def render_tile(window, x, y, taps, workspace, out):  # type: ignore[no-untyped-
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def subtract(scan, light, top, left, part, image, error, base):  # type: ignore[no-untyped-def]
-    """Light of a scan above a tile's image, and base = 1 / variance, where the scan has it; returns the image's sum.
+    """Subtract a tile's image from the scan's light, and compute base = 1 / variance; return the image's sum.
 
-    light: ``SensorLight``; top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 .. i1 - 1
-    that lie there. image (3, lines, columns): value, derivatives; error, base (lines, columns).
+    light: ``SensorLight``; top, left: of the tile in the scan; part: its lines l0 .. l1 - 1 and columns i0 ..
+    i1 - 1 inside the scan. image (3, lines, columns): value, derivatives; error, base (lines, columns).
     """
     l0, l1, i0, i1 = part
     total = np.float32(0)
@@ -164,11 +164,12 @@ def subtract(scan, light, top, left, part, image, error, base):  # type: ignore[
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type: ignore[no-untyped-def]
-    """Normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
+def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type: ignore[no-untyped-def]
+    """Sum up normal equations of offset, gain and displacement of one tile; all (pixels,), in any order.
 
-    error: scan minus image; value, by_x, by_y: of the image; base: 1 / variance, 0 where nothing is seen. With
-    ``robust`` the weight of those that the estimate, as of ``solved``, leaves far off is lowered.
+    error: scan minus image; value, by_x, by_y: of the image; base: 1 / variance, 0 where nothing is seen.
+    With ``robust`` the weight of pixels with large residuals about the estimate, as of ``solved``, is
+    lowered.
     """
     level, gain, move_x, move_y = estimate
     # Scalars, not an array: the loop then runs in vectors.
@@ -219,12 +220,13 @@ def weigh(error, value, by_x, by_y, base, estimate, robust, mean, sums):  # type
     error_model="numpy",
 )
 def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
-    """Sums of ``weigh`` for chosen tiles of one sensor, the page displaced by ``moves`` (tiles, 2) pixels x, y.
+    """Compute the sums of ``weighted_sums`` for chosen tiles of one sensor, with the page displaced by
+    ``moves`` (tiles, 2).
 
-    scan (lines, pixels) uint16; lost (lines,) bool: those of it that nobody saw; light: ``SensorLight``; windows:
-    ``TileWindows``; taps: ``SensorTaps``; tiles (n,): which to measure, of size x size pixels; workspace:
-    ``Workspace``. sums (n, SUMS + 1): the last is the number of pixels, 0 where the tile lies outside the scan, or
-    less than a quarter of its lines was seen.
+    scan (lines, pixels) uint16; lost (lines,) bool: missing lines of it; moves: pixels x, y; light:
+    ``SensorLight``; windows: ``TileWindows``; taps: ``SensorTaps``; tiles (n,): indices of the tiles to
+    measure, of size x size pixels; workspace: ``Workspace``. sums (n, SUMS + 1): the last is the number of
+    pixels, 0 where the tile is outside the scan, or less than a quarter of its lines was seen.
     """
     image = np.empty((3, size, size), np.float32)
     error = np.empty((size, size), np.float32)
@@ -240,10 +242,10 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
         sums[n] = 0
         if i1 - i0 < size // 2 or l1 - l0 < size // 2:
             continue
-        gone = 0
+        missing = 0
         for line in range(l0, l1):
-            gone += lost[top + line]
-        if l1 - l0 - gone < size // 4:
+            missing += lost[top + line]
+        if l1 - l0 - missing < size // 4:
             continue
         x = windows.origins[tile, 0] - (moves[n, 0] - whole_x) * taps.across_ratio
         y = windows.origins[tile, 1] - (moves[n, 1] - whole_y) * taps.along_ratio
@@ -255,20 +257,20 @@ def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspac
         part = (l0, l1, i0, i1)
         total = subtract(scan, light, top, left, part, image, error, base)
         mean = total / np.float32(count)
-        if gone:
+        if missing:
             for line in range(l0, l1):
                 if lost[top + line]:
                     error[line] = 0
                     base[line] = 0
-            count -= gone * (i1 - i0)
-        weigh(errors, value, by_x, by_y, weights, NO_ESTIMATE, False, mean, sums[n])
-        weigh(errors, value, by_x, by_y, weights, solved(sums[n]), True, mean, sums[n])
+            count -= missing * (i1 - i0)
+        weighted_sums(errors, value, by_x, by_y, weights, NO_ESTIMATE, False, mean, sums[n])
+        weighted_sums(errors, value, by_x, by_y, weights, solved(sums[n]), True, mean, sums[n])
         sums[n, SUMS] = count
 
 
 @inner_kernel(error_model="numpy")
 def solved(s):  # type: ignore[no-untyped-def]
-    """Offset, gain and displacement x, y that the sums of one tile ask for."""
+    """Return offset, gain and displacement x, y that solve one tile's normal equations."""
     a = np.empty((4, 4))
     b = np.empty(4)
     k = 0
@@ -278,7 +280,7 @@ def solved(s):  # type: ignore[no-untyped-def]
             a[j, i] = s[k]
             k += 1
         b[i] = s[10 + i]
-    for i in range(4):  # a hair of damping: a tile may have edges of one direction only
+    for i in range(4):  # slight damping, since a tile may have edges of one direction only
         a[i, i] = a[i, i] * (1 + 1e-4) + 1e-9
     x = np.linalg.solve(a, b)
     return np.float32(x[0]), np.float32(x[1]), np.float32(x[2]), np.float32(x[3])

@@ -1,7 +1,8 @@
-"""The compiled heart of tile rendering: sums across a tile for eight columns at once, kept in registers.
+"""Compiled core of tile rendering: sums across a tile for eight columns at once, kept in registers.
 
-A camera pixel's place among raster pixels changes from column to column, so columns have weights of their own: a small
-table of what each raster pixel gives to each of eight columns. Nothing then needs to be turned or gathered.
+A camera pixel's phase among raster pixels changes from column to column, so columns have weights of their
+own: a small table of the weights of each raster pixel in each of eight columns. Nothing then needs to be
+transposed or gathered.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ _PIXELS = ir.VectorType(FLOAT, EIGHT)
 
 @intrinsic
 def sum_eight(context, values, tilts, begin, weights, slopes, first, count, out, by_x, by_y, at):  # type: ignore[no-untyped-def]
-    """Eight columns of a line: sums over k < count, k from ``begin`` on in values, tilts (n,) float32.
+    """Compute eight columns of a line: sums over k < count, k from ``begin`` on in values, tilts (n,) float32.
 
-    out[at:at + 8] of weights x values, by_x of slopes x values, by_y of weights x tilts; weights, slopes (n,) float32
-    hold eight numbers for each k, from 8 x first on. out, by_x, by_y (n,) float32.
+    out[at:at + 8] of weights x values, by_x of slopes x values, by_y of weights x tilts; weights, slopes (n,)
+    float32 hold eight numbers for each k, from 8 x first on. out, by_x, by_y (n,) float32.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:

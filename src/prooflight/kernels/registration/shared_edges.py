@@ -1,4 +1,4 @@
-"""Compiled loops that find planes by their fringes: where planes share edges, and what patches there would show."""
+"""Compiled loops for the register of planes by fringes: edges that planes share, and renderings of patches there."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.look_up import look_up_light
 from prooflight.kernels.prediction.summing import FEW
-from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weigh
+from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weighted_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PAIRS = 6
-"""Of four planes: CM, CY, CK, MY, MK, YK."""
+"""Number of pairs of four planes: CM, CY, CK, MY, MK, YK."""
 EDGES = 10
-"""Kinds of them: shared by a pair of planes, or of any plane, CMYK."""
+"""Number of kinds of edges: shared by a pair of planes, or of any one plane, CMYK."""
 ROUNDS = 5
 LAST_PHASE = 1 - 2.0**-20
-"""Of a raster pixel, before the next begins."""
+"""Greatest phase within a raster pixel, before the next begins."""
 
 
 class SensorPatches(NamedTuple):
-    """Patches of one scan as one sensor sees them, and what was to be printed there."""
+    """Patches of one scan for one sensor, with the raster under them."""
 
     light: NDArray[np.float32]
-    """(patches, size, size) the scan's. [DN]"""
+    """Light of the scan, (patches, size, size). [DN]"""
     base: NDArray[np.float32]
-    """(patches, size, size) inverse variance."""
+    """Inverse variance, (patches, size, size)."""
     packed: NDArray[np.uint32]
-    """(patches, height + 2 margin, width + 2 margin) the raster about them, as ``laid`` wants it."""
+    """Raster around the patches, for ``displace_planes``, (patches, height + 2 margin, width + 2 margin)."""
     margin: int
     origins: NDArray[np.float64]
-    """(patches, 2) where the first footprint begins in the window. [raster pixels]"""
+    """Start of the first footprint in the window, (patches, 2). [raster pixels]"""
     moves: NDArray[np.float64]
-    """(patches, 2) how far the page is displaced. [raster pixels]"""
+    """Displacement of the page, (patches, 2). [raster pixels]"""
 
 
 @kernel(
@@ -45,12 +45,12 @@ class SensorPatches(NamedTuple):
     error_model="numpy",
 )
 def shared_edges(packed, cell, stride_x, stride_y, light, scores):  # type: ignore[no-untyped-def]
-    """How strong edges are that planes share, and all of a plane's: adds to scores (rows, columns, 2, EDGES).
+    """Add the strength of edges that planes share, and of all edges of a plane, to scores (rows, columns, 2, EDGES).
 
-    packed (rows, columns) uint32 of the raster, looked at in steps of stride_x, stride_y raster pixels; a cell is
-    ``cell`` such steps wide and high. light (4, 256): share of the light that an ink of that byte leaves; inks multiply
-    (close enough for a choice). A plane off the others shows a strip of itself on the lighter side of an edge, across
-    or along; that of the weaker of two counts, squared, in shares of white.
+    packed (rows, columns) uint32 of the raster, sampled in steps of stride_x, stride_y raster pixels; a cell
+    is ``cell`` such steps wide and high. light (4, 256): share of the light that an ink of that byte leaves;
+    inks multiply (close enough for a choice). A plane off the others shows a strip of itself on the lighter
+    side of an edge, across or along; the strip of the weaker of two counts, squared, in shares of white.
     """
     for row in range(scores.shape[0]):
         for line in range(row * cell, (row + 1) * cell):
@@ -66,9 +66,14 @@ def shared_edges(packed, cell, stride_x, stride_y, light, scores):  # type: igno
 
 @inner_kernel(error_model="numpy")
 def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
-    """What ``shared_edges`` adds of two neighbouring raster pixels, to scores (EDGES,)."""
+    """Add the contribution of two neighbouring raster pixels to ``shared_edges``, scores (EDGES,)."""
     one, other = np.float32(1), np.float32(1)
-    change = (np.float32(0), np.float32(0), np.float32(0), np.float32(0))  # an array would be made each time
+    change = (
+        np.float32(0),
+        np.float32(0),
+        np.float32(0),
+        np.float32(0),
+    )  # an array would be allocated each time
     for ink in range(4):
         a, b = light[ink, (here >> (8 * ink)) & 255], light[ink, (there >> (8 * ink)) & 255]
         one, other = one * a, other * b
@@ -83,8 +88,8 @@ def add_strips(here, there, light, scores):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def laid(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
-    """A packed raster's planes displaced by right, down (4,): seen (rows, columns), of it from row top, column left."""
+def displace_planes(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
+    """Displace a packed raster's planes by right, down (4,): seen (rows, columns), from row top, column left on."""
     for row in range(seen.shape[0]):
         line = seen[row]
         y = row + top
@@ -103,15 +108,15 @@ def laid(packed, top, left, right, down, seen):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def footprint_pixels(taps, ratio, size):  # type: ignore[no-untyped-def]
-    """Raster pixels along one axis that ``size`` camera pixels see; taps (phases, taps) of one of them."""
+    """Return the raster pixels along one axis that ``size`` camera pixels see; taps (phases, taps) of one of them."""
     return int(np.ceil((size - 1) * ratio)) + taps.shape[1] + 1
 
 
 @inner_kernel(error_model="numpy")
 def within(place, pixels, part, whole):  # type: ignore[no-untyped-def]
-    """Where a part of a window begins in which ``pixels`` from a place on are seen, and the place in it.
+    """Return the start of the part of a window with ``pixels`` from a place on, and the place within that part.
 
-    part, whole: how long they are. A place that is displaced beyond the window is brought to its end. [raster pixels]
+    part, whole: their lengths. A place displaced beyond the window is moved to its end. [raster pixels]
     """
     first = min(max(int(np.floor(place)), 0), whole - part)
     return first, min(max(place - first, 0.0), part - pixels + LAST_PHASE)
@@ -119,7 +124,7 @@ def within(place, pixels, part, whole):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
-    """1 / variance of a patch's pixels, base (pixels,), from its image (3, pixels): value and derivatives."""
+    """Compute 1 / variance of a patch's pixels, base (pixels,), from its image (3, pixels): value and derivatives."""
     dark, by_light, by_square, by_slope = noise[0], noise[1], noise[2], noise[3]
     for i in range(base.size):
         m, gx, gy = image[0, i], image[1, i], image[2, i]
@@ -140,17 +145,17 @@ def inverse_variance(image, noise, base):  # type: ignore[no-untyped-def]
 def fringe_sums(  # type: ignore[no-untyped-def]
     patches, right, down, shifts, quantised, taps, noise, workspace, first, sums
 ):
-    """``weigh``'s sums of every patch of one sensor, for each of k ways in which its planes may lie.
+    """Compute ``weighted_sums``'s sums of every patch of one sensor, for each of k sets of displacements of its planes.
 
-    patches: ``SensorPatches``, whose inverse variance is made of the first way where ``first`` says so; right, down
-    (k, 4) of planes, shifts (k, 2) of the page beyond its ``moves``: raster pixels; taps: ``SensorTaps``; noise: as in
-    ``SensorLight``; workspace: ``Workspace``. sums (k, patches, SUMS) is written.
+    patches: ``SensorPatches``, whose inverse variance is computed for the first set if ``first``; right, down
+    (k, 4) of planes, shifts (k, 2) of the page beyond its ``moves``: raster pixels; taps: ``SensorTaps``;
+    noise: as in ``SensorLight``; workspace: ``Workspace``. sums (k, patches, SUMS) is written.
     """
     light, packed, margin = patches.light, patches.packed, patches.margin
     origins, moves = patches.origins, patches.moves
     size = light.shape[1]
     height, width = packed.shape[1] - 2 * margin, packed.shape[2] - 2 * margin
-    # Of a window with room for displacements only what a patch sees where it lies is rendered.
+    # Of a window with room for displacements only the part that a patch sees is rendered.
     rows = min(footprint_pixels(taps.along, taps.along_ratio, size), height)
     columns = min(footprint_pixels(taps.across, taps.across_ratio, size), width)
     wide = min((columns + FEW - 1) // FEW * FEW, width)
@@ -165,7 +170,7 @@ def fringe_sums(  # type: ignore[no-untyped-def]
         for k in range(right.shape[0]):
             left, x = within(origins[n, 0] - (moves[n, 0] + shifts[k, 0]), columns, wide, width)
             top, y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, rows, height)
-            laid(packed[n], margin + top, margin + left, right[k], down[k], seen)
+            displace_planes(packed[n], margin + top, margin + left, right[k], down[k], seen)
             look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
             render_tile(window, x, y, taps, workspace, image)
             if first and k == 0:
@@ -175,15 +180,15 @@ def fringe_sums(  # type: ignore[no-untyped-def]
                 error[i] = of_scan[i] - flat[0, i]
                 total += flat[0, i]
             mean = total / np.float32(error.size)
-            weigh(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[k, n])
+            weighted_sums(error, flat[0], flat[1], flat[2], weights, NO_ESTIMATE, False, mean, sums[k, n])
 
 
 @kernel("gathered (S, N, SUMS), level_sd (S), gain_sd, left (N, 6)", error_model="numpy")
 def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped-def]
-    """Sums (sensors, patches, SUMS) with each sensor's level and contrast taken out: left (patches, 6).
+    """Eliminate each sensor's level and contrast from sums (sensors, patches, SUMS): left (patches, 6).
 
-    level_sd (sensors,) [DN], gain_sd: of these beforehand. Of the six numbers one is what is left of the errors at no
-    displacement, two its push across and along, three the information on one (xx, xy, yy).
+    level_sd (sensors,) [DN], gain_sd: prior standard deviations of these. The six numbers are the squared
+    error at no displacement, its gradient across and along, and the information (xx, xy, yy).
     """
     for n in range(gathered.shape[1]):
         left[n] = 0
@@ -205,24 +210,24 @@ def without_light(gathered, level_sd, gain_sd, left):  # type: ignore[no-untyped
 
 @inner_kernel(error_model="numpy")
 def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untyped-def]
-    """What patches (n, 6) of ``without_light`` leave together, and the displacement (x, y) common to them. [-, pixels]
+    """Return the cost of patches (n, 6) of ``without_light``, and their common displacement (x, y). [-, pixels]
 
-    own_sd, common_sd: of each patch's own displacement and of the common one [pixels]. A patch counts u / (1 + u /
-    most), so that one that shows something else decides nothing. costs (n,): u of each, is written.
+    own_sd, common_sd: of each patch's own displacement and of the common one [pixels]. A patch counts u / (1
+    + u / most), so that one that shows something else has no influence. costs (n,): u of each, is written.
     """
     quadratics = np.empty(left.shape)
-    known = 1 / own_sd**2
+    prior = 1 / own_sd**2
     for n in range(left.shape[0]):
         c, x, y, xx, xy, yy = left[n]
-        whole = (xx + known) * (yy + known) - xy * xy
-        a, b, d = (yy + known) / whole, -xy / whole, (xx + known) / whole
+        whole = (xx + prior) * (yy + prior) - xy * xy
+        a, b, d = (yy + prior) / whole, -xy / whole, (xx + prior) / whole
         step_x, step_y = a * x + b * y, b * x + d * y
         quadratics[n, 0] = c - x * step_x - y * step_y
-        # What each patch explains by itself, by a displacement of its own, says the less of the common one.
-        quadratics[n, 1], quadratics[n, 2] = step_x * known, step_y * known
-        quadratics[n, 3] = known * (1 - a * known)
-        quadratics[n, 4] = -known * b * known
-        quadratics[n, 5] = known * (1 - d * known)
+        # What a displacement of its own explains of a patch is no evidence of the common one.
+        quadratics[n, 1], quadratics[n, 2] = step_x * prior, step_y * prior
+        quadratics[n, 3] = prior * (1 - a * prior)
+        quadratics[n, 4] = -prior * b * prior
+        quadratics[n, 5] = prior * (1 - d * prior)
     move_x, move_y, total = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
         push_x, push_y, total = 0.0, 0.0, 0.0
@@ -245,6 +250,6 @@ def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untype
 
 @kernel("left (K, N, 6), own_sd, common_sd, most, found (K, 3), costs (K, N)", error_model="numpy")
 def shared_costs(left, own_sd, common_sd, most, found, costs):  # type: ignore[no-untyped-def]
-    """``shared_cost`` of each of k ways in which planes may lie: found (k, 3), costs (k, patches) are written."""
+    """Run ``shared_cost`` on each of k sets of displacements: found (k, 3), costs (k, patches) are written."""
     for k in range(left.shape[0]):
         found[k] = shared_cost(left[k], own_sd, common_sd, most, costs[k])

@@ -1,4 +1,4 @@
-"""Compiled judging of tiles: from their sums to how far they lie off, what that is worth, and what they show."""
+"""Compiled evaluation of tiles: from their sums to their displacements, with precision, and their content."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ import numpy as np
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 LEAST_GAIN = 0.4
-"""A tile with less of its contrast is missing ink, a plane or all; where it lies cannot be told."""
+"""Least contrast of a tile; one with less lacks ink, a plane or all, and its place cannot be determined."""
 MOST_GAIN_SD = 0.15
-"""A tile whose contrast is less surely the design's than this is not counted."""
+"""Greatest standard deviation of the contrast of a tile that is used."""
 MISFIT = 1.5
-"""Of the variance expected, from which a tile's rest is more than noise: some of its ink is missing, or too much."""
+"""Ratio of residual to expected variance above which a tile has missing or additional ink, not only noise."""
 LEAST_EXPLAINED = 0.7
-"""Share of such a tile's variance that the design must explain all the same."""
+"""Least share of such a tile's variance that the design must explain."""
 STRUCTURE_PIXELS = 16.0
-"""Pixels that err together at most (assumed: a letter's stem, 4 x 4)."""
+"""Greatest number of pixels with a common error (assumed: a letter's stem, 4 x 4)."""
 FOREIGN = 0.5
-"""Share of the design's contrast that a tile shows which is not simply empty."""
+"""Share of the design's contrast above which a tile is not simply empty."""
 LEAST_NOISE = 0.05
 GAIN_SD = 0.3
-"""Of a tile's contrast before it is measured. [-]"""
+"""Prior standard deviation of a tile's contrast. [-]"""
 UNKNOWN_PIXELS = 10.0
-"""Standard deviation of a displacement in a direction that a tile says nothing of."""
+"""Standard deviation of a displacement in a direction without information."""
 _TINY = 1e-12
 
 
 @inner_kernel(error_model="numpy")
 def inverse(xx, xy, yy):  # type: ignore[no-untyped-def]
-    """Of a symmetric 2 x 2 matrix, as its three numbers."""
+    """Return the inverse of a symmetric 2 x 2 matrix, as its three numbers."""
     determinant = xx * yy - xy * xy
     return yy / determinant, -xy / determinant, xx / determinant
 
 
 @inner_kernel(error_model="numpy")
 def without_levels(s):  # type: ignore[no-untyped-def]
-    """Sums of one tile and sensor with its level and gain taken out.
+    """Eliminate level and gain from the sums of one tile and sensor.
 
-    Returns the information on its displacement (xx, xy, yy), the push (x, y), level and gain at no displacement, and
-    how much these change with one, (level by x, by y, gain by x, by y).
+    Returns the information on its displacement (xx, xy, yy), the gradient (x, y), level and gain at no
+    displacement, and their derivatives by one, (level by x, by y, gain by x, by y).
     """
     l00, l01, l11 = inverse(s[0] + _TINY, s[1], s[4] + 1 / GAIN_SD**2)
     level_x, level_y = l00 * s[2] + l01 * s[5], l00 * s[3] + l01 * s[6]
@@ -57,16 +57,16 @@ def without_levels(s):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # type: ignore[no-untyped-def]
-    """Sums of ``weigh`` (sensors, n, 16) -> moves (n, 2), precision (n, 2, 2), as in ``TileMoves``.
+    """Solve sums of ``weighted_sums`` (sensors, n, 16) for moves (n, 2), precision (n, 2, 2), as in ``TileMoves``.
 
-    Level and gain are each sensor's own and drop out. beyond (n, 2): ``Landmarks.beyond``; step_sd:
-    of what a linear step leaves [pixels]. flags (n, 3): seen, good, foreign. told (n, 3): gain, its standard
-    deviation, noise.
+    Level and gain are each sensor's own and are eliminated. beyond (n, 2): ``Landmarks.beyond``; step_sd:
+    standard deviation of the error of a linear step [pixels]. flags (n, 3): seen, good, foreign. told (n, 3):
+    gain, its standard deviation, noise.
     """
     unknown = 1 / UNKNOWN_PIXELS**2
     for n in range(gathered.shape[1]):
         xx, xy, yy, push_x, push_y = 0.0, 0.0, 0.0, 0.0, 0.0
-        left, variance, contrast, kept, pixels = 0.0, 0.0, 0.0, 0.0, 0.0
+        left, variance, contrast, retained, pixels = 0.0, 0.0, 0.0, 0.0, 0.0
         for sensor in range(gathered.shape[0]):
             s = gathered[sensor, n].astype(np.float64)
             own = without_levels(s)
@@ -79,9 +79,9 @@ def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # ty
             light = s[10] + s[1]
             variance += s[14] + 2 * s[11] + s[4] - light * light / max(s[0], _TINY)
             contrast += s[4]
-            kept += s[4] * (1 + gain)
+            retained += s[4] * (1 + gain)
             pixels += s[15]
-        gain = kept / max(contrast, _TINY)
+        gain = retained / max(contrast, _TINY)
         noise = max(left / max(pixels, 1.0), LEAST_NOISE)
         gain_sd = np.sqrt(noise / max(contrast, _TINY))
         explained = 1 - left / max(variance, _TINY)
@@ -94,10 +94,10 @@ def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # ty
         moves[n, 1] = (c01 * push_x + c11 * push_y) / max(gain, LEAST_GAIN)
         precision[n] = 0
         if good:
-            # What is left beyond the noise has structure, so that pixels do not err by themselves.
-            worth = min(gain, 1.0) ** 2 / (noise * min(max(noise, 1.0), STRUCTURE_PIXELS))
-            c00, c01, c11 = inverse(xx * worth + unknown, xy * worth, yy * worth + unknown)
-            # Ink missing from a tile takes edges along that only seem to move: by a pixel, were all of it missing.
+            # Residuals beyond the noise have structure, so that errors of pixels are not independent.
+            information = min(gain, 1.0) ** 2 / (noise * min(max(noise, 1.0), STRUCTURE_PIXELS))
+            c00, c01, c11 = inverse(xx * information + unknown, xy * information, yy * information + unknown)
+            # Ink missing from a tile removes edges, which looks like a displacement: a pixel if all is missing.
             least = step_sd**2 + ((1 - explained) ** 2 if misfit else 0.0)
             c00, c01, c11 = inverse(c00 + least + beyond[n, 0], c01, c11 + least + beyond[n, 1])
             precision[n, 0, 0], precision[n, 1, 1] = c00, c11

@@ -1,1 +1,1 @@
-"""Compiled loops of the matched-filter detector: binning, moving, fitting, taking away."""
+"""Compiled loops of the matched-filter detector: binning, displacement, fit and subtraction."""

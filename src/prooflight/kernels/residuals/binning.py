@@ -1,4 +1,4 @@
-"""Compiled loops: means over squares of pixels."""
+"""Compiled loops for means over squares of pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add_row(row, sums):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def gather_row(sums, bins, first, out):  # type: ignore[no-untyped-def]
-    """Means over squares from sums down columns (w,), from pixel ``first`` on; the last pixel goes on beyond."""
+    """Compute means over squares from column sums (w,), from pixel ``first`` on; the last pixel is repeated beyond."""
     share = np.float32(1 / (bins * bins))
     if bins == 2 and first == 0:
         for i in range(out.size):
@@ -36,7 +36,7 @@ def gather_row(sums, bins, first, out):  # type: ignore[no-untyped-def]
 
 @kernel("image (L, P), bins, out (-(-L // bins), P // bins)")
 def binned_rows(image, bins, out):  # type: ignore[no-untyped-def]
-    """Means over bins x bins pixels of an image (lines, pixels), out (., .); its last line goes on."""
+    """Compute means over bins x bins pixels of an image (lines, pixels), out (., .); its last line is repeated."""
     sums = np.empty(image.shape[1], np.float32)
     for line in range(out.shape[0]):
         sums[:] = 0
@@ -47,8 +47,10 @@ def binned_rows(image, bins, out):  # type: ignore[no-untyped-def]
 
 @kernel("packed (H, W), bins, out (-(-H // bins), -(-W // bins))")
 def take_turns(packed, bins, out):  # type: ignore[no-untyped-def]
-    """One of each bins x bins recipes, out (rows, columns): further right from row to row of squares and from square to
-    square, further down from row to row and column to column; the last go on beyond the raster (h, w).
+    """Take one of each bins x bins recipes, out (rows, columns).
+
+    Its place moves right from row to row of squares and from square to square, and down from row to row and
+    column to column; the last pixels of the raster (h, w) are repeated beyond it.
     """
     height, width = packed.shape
     for i in range(out.shape[0]):

@@ -1,4 +1,4 @@
-"""Compiled loops: means over blocks for the nuisance fit, and a page's smooth functions of colour by table."""
+"""Compiled loops of the nuisance fit: means over blocks, and a page's smooth functions of colour by table."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SHAPES = 16
-"""Most features of colour; those that a page does not have are 0."""
+"""Greatest number of features of colour; those that a page does not have are 0."""
 LEVELS = 256
-"""Of ink area, by which bells are tabulated."""
+"""Levels of ink area, by which bells are tabulated."""
 GAIN_AT, DOT_AT, SHAPE_AT = 6, 6 + INKS, 6 + 2 * INKS
 """First columns of ``block_sums``: inks' gains and dot gains, bells; before these, single numbers."""
 SLOPE_AT = SHAPE_AT + SHAPES
-"""Planes' slopes across, then along."""
+"""First column of planes' slopes across, then along."""
 SUMS = SLOPE_AT + 2 * INKS
 _MOST = np.float32(LEVELS - 1)
 _HALF = np.float32(0.5)
 
 
 class InkImages(NamedTuple):
-    """What one sensor would see of inks; images (..., lines, pixels) as ``Modes`` has them."""
+    """Derivatives of one sensor's image by inks; images (..., lines, pixels) as in ``Modes``."""
 
     gain: NDArray[np.float32]
-    """(4, ...) [DN]"""
+    """Derivative by gain, (4, ...). [DN]"""
     dot: NDArray[np.float32]
-    """(4, ...) [DN]"""
+    """Derivative by dot gain, (4, ...). [DN]"""
     texture: NDArray[np.float32]
-    """[DN^2]"""
+    """Variance of the texture. [DN^2]"""
     cover: NDArray[np.float32]
-    """(4, ...) [-]"""
+    """Ink area, (4, ...). [-]"""
 
 
 @inner_kernel()
 def shows(row):  # type: ignore[no-untyped-def]
-    """Whether anything in a row (pixels,) is not 0, looked at in vectors; the sign of a 0 does not count."""
-    bits, found = row.view(np.int32), np.int32(0)
+    """Return whether anything in a row (pixels,) is not 0, tested in vectors; the sign of a 0 does not count."""
+    bits, bits_set = row.view(np.int32), np.int32(0)
     for x in range(bits.size):
-        found |= np.int32(bits[x] << np.int32(1))
-    return found != 0
+        bits_set |= np.int32(bits[x] << np.int32(1))
+    return bits_set != 0
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def level_of(area):  # type: ignore[no-untyped-def]
-    """The nearest tabulated level of an ink area."""
+    """Return the nearest tabulated level of an ink area."""
     return np.int32(min(max(area, np.float32(0)), np.float32(1)) * _MOST + _HALF)
 
 
@@ -71,12 +71,12 @@ def add_bells(recipe, light, bells, shapes):  # type: ignore[no-untyped-def]
 def block_sums(  # type: ignore[no-untyped-def]
     measured, expected, offset, variance, inks, inside, bells, corners, side, out
 ):
-    """Sums over some blocks of ``side`` pixels of one sensor, into out (blocks, SUMS).
+    """Compute sums over some blocks of ``side`` pixels of one sensor, into out (blocks, SUMS).
 
-    inks: ``InkImages``. corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of each bell by
-    ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside, residual, light, variance,
-    squared slope of light, texture, ink gains (4), dot gains (4), bells times light, plane slopes across (4) and along
-    (4).
+    inks: ``InkImages``. corners (blocks, 2): first line and column. bells (4, LEVELS, SHAPES): factors of
+    each bell by ink, whose product is exp(-|a - centre|^2 / length^2). Columns of out: pixels inside,
+    residual, light, variance, squared slope of light, texture, ink gains (4), dot gains (4), bells times
+    light, plane slopes across (4) and along (4).
     """
     lines, pixels = measured.shape
     gain, dot, texture, cover = inks
@@ -86,7 +86,7 @@ def block_sums(  # type: ignore[no-untyped-def]
         top, end = corners[begin, 0], begin
         while end < corners.shape[0] and corners[end, 0] == top:
             end += 1
-        # Blocks side by side line after line, for a page's lines lie far apart in memory.
+        # Blocks side by side are processed line by line, since a page's lines are far apart in memory.
         for line in range(max(top, 1), min(top + side, lines - 1)):
             for block in range(begin, end):
                 sums = out[block]

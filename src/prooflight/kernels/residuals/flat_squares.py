@@ -1,4 +1,4 @@
-"""Compiled loop: second differences of residuals over squares of flat paper, of which a scan's noise is found."""
+"""Compiled loop for second differences of residuals over squares of flat paper, from which noise is estimated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def all_inside(inside, line, out):  # type: ignore[no-untyped-def]
-    """Whether a pixel and all its neighbours are inside (lines, pixels), of one line, out (pixels,); 1 or 0."""
+    """Compute whether each pixel of a line and all its neighbours are inside (lines, pixels), out (pixels,); 1 or 0."""
     bits = inside.view(np.uint8)
     above, here, below = bits[max(line - 1, 0)], bits[line], bits[min(line + 1, bits.shape[0] - 1)]
     last = out.size - 1
@@ -28,12 +28,12 @@ def all_inside(inside, line, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def flat_squares(left, variance, light, texture, inside, steepest, found):  # type: ignore[no-untyped-def]
-    """Of each flat square of 2 x 2 pixels, one after the other: squared second difference of residuals over four times
-    the stated variance, and texture over that variance, into found (2, squares); returns how many there are.
+    """Compute second differences of residuals in flat squares of 2 x 2 pixels; return the number of squares.
 
-    r[i, j] - r[i + 1, j] - r[i, j + 1] + r[i + 1, j + 1] holds neither columns' gains nor lines' flicker. Flat is what
-    is inside with all about its first pixel, and of which light changes over the diagonal by less than ``steepest``
-    standard deviations.
+    Written to found (2, squares): squared second difference over four times the stated variance, and texture
+    over that variance. r[i, j] - r[i + 1, j] - r[i, j + 1] + r[i + 1, j + 1] is free of columns' gains and
+    lines' flicker. A square is flat if its first pixel and all neighbours of that are inside, and light
+    changes over the diagonal by less than ``steepest`` standard deviations.
     """
     lines, pixels = left.shape
     there = np.empty(pixels, np.uint8)

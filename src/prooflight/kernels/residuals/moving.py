@@ -1,4 +1,4 @@
-"""Compiled loops: images moved to where a page lies, by displacements that are linear between nodes."""
+"""Compiled loops that displace images to a page's placement, by displacements that are linear between nodes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.residuals.fit import shows
 
 STRETCH = 16
-"""Pixels from node to node, along lines and across them."""
+"""Pixels between nodes, along lines and across them."""
 _HALF = np.float32(0.5)
 
 
 @inner_kernel()
 def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
-    """Values of one line at node columns, linear between rows of nodes ``STRETCH`` lines apart."""
+    """Interpolate one line at node columns, linear between rows of nodes ``STRETCH`` lines apart."""
     cell = min(line // STRETCH, nodes.shape[0] - 2)
     share = np.float32((line - cell * STRETCH) / STRETCH)
     for k in range(out.size):
@@ -23,7 +23,7 @@ def node_row(nodes, line, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
-    """Whole pixels by which a stretch is displaced, what is left at its first pixel, and what that grows by."""
+    """Return the whole pixels by which a stretch is displaced, the remainder at its first pixel, and its slope."""
     slope = (off[k + 1] - off[k]) / np.float32(STRETCH)
     whole = np.int64(np.floor(off[k] + slope * np.float32(count) * _HALF))
     return whole, np.float32(off[k] - whole), np.float32(slope)
@@ -31,8 +31,10 @@ def aimed(off, k, start, count):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def]
-    """Whole pixels by which a line's stretches are displaced, whole (2, stretches): right and down of right, down at
-    nodes; what is left at each pixel, shares (2, pixels).
+    """Split the displacement of a line, right and down at nodes, into whole pixels and remainders.
+
+    Written: whole (2, stretches), the whole pixels of each stretch, right and down; shares (2, pixels), the
+    remainder at each pixel.
     """
     for k in range(whole.shape[1]):
         start = k * STRETCH
@@ -47,7 +49,7 @@ def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
-    """Bilinear between two rows of neighbours, one longer than out (n,)."""
+    """Interpolate bilinearly between two rows of neighbours, one longer than out (n,)."""
     for i in range(out.size):
         p = above[i] + u[i] * (above[i + 1] - above[i])
         q = below[i] + u[i] * (below[i + 1] - below[i])
@@ -56,7 +58,7 @@ def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
-    """The same of an image from (top, left) on that ends somewhere; 0 beyond."""
+    """Interpolate the same way in an image from (top, left) on, with a border; 0 beyond."""
     lines, pixels = image.shape
     one = np.float32(1)
     for i in range(out.size):
@@ -70,7 +72,7 @@ def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
-    """Both: part of a line, out (n,), that looks u, v (n,) beyond neighbours from (top, left) on."""
+    """Interpolate part of a line, out (n,), u, v (n,) beyond neighbours from (top, left) on, inside and at borders."""
     lines, pixels = image.shape
     first, last = max(0, -left), min(out.size, pixels - 1 - left)
     if first >= last or top < 0 or top + 2 > lines:
@@ -85,7 +87,7 @@ def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
-    """One line, out (pixels,), of an image moved as ``aim_line`` says; stretches that go alike are done at once."""
+    """Displace one line of an image to out (pixels,) as from ``aim_line``; equal stretches are processed at once."""
     start = 0
     for k in range(whole.shape[1]):
         right, down = whole[0, k], whole[1, k]
@@ -99,7 +101,7 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def any_shows(image):  # type: ignore[no-untyped-def]
-    """Whether anything in an image (lines, pixels) is not 0."""
+    """Return whether anything in an image (lines, pixels) is not 0."""
     line = 0
     while line < image.shape[0] and not shows(image[line]):
         line += 1
@@ -111,10 +113,10 @@ def any_shows(image):  # type: ignore[no-untyped-def]
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
 )
 def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
-    """Some of images (n, lines, pixels) seen at pixel + across, line + along (nodes) of out, bilinear; 0 beyond.
+    """Sample some of images (n, lines, pixels) at pixel + across, line + along (nodes) to out, bilinear; 0 beyond.
 
-    Some lines of all, and an image's one after the other: so what is read and where to look stay at hand. Lines that
-    see nothing are not moved: most of a page has none of most inks.
+    Some lines of all images are processed at a time, one image after the other, so that pixels and positions
+    stay in the cache. Lines without content are skipped: most of a page has none of most inks.
     """
     lines, pixels = images.shape[1:]
     right, down = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
@@ -143,7 +145,7 @@ def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-d
     error_model="numpy",
 )
 def within(across, along, left, right, top, bottom, out):  # type: ignore[no-untyped-def]
-    """Which pixels look between left and right, top and bottom [pixels]; out (lines, pixels) uint8."""
+    """Compute which pixels see a point between left and right, top and bottom [pixels]; out (lines, pixels) uint8."""
     lines, pixels = out.shape
     at_x, at_y = np.empty(across.shape[1], np.float32), np.empty(across.shape[1], np.float32)
     for line in range(lines):

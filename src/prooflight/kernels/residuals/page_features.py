@@ -1,4 +1,4 @@
-"""Compiled loops: what a page is like, summed up over it."""
+"""Compiled loops for page features, summed over a page."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _HEAVY = np.float32(2)
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignore[no-untyped-def]
-    """What a row says within the page, added to out (11,): ``page_feature_sums``; returns how much of it is within."""
+    """Add a row's sums within the page to out (11,), see ``page_feature_sums``; return its pixels within."""
     total = np.zeros(11, np.float32)
     count = np.int32(0)
     for x in range(texture.size):
         there = np.float32(inside[x])
         c, m, y, k = there * cyan[x], there * magenta[x], there * yellow[x], there * black[x]
-        together = c + m + y + k
+        total_area = c + m + y + k
         count += np.int32(inside[x])
         total[0] += c
         total[1] += m
@@ -29,8 +29,8 @@ def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignor
         total[5] += np.float32(m > _SOLID)
         total[6] += np.float32(y > _SOLID)
         total[7] += np.float32(k > _SOLID)
-        total[8] += np.float32(together > _PRINTED)
-        total[9] += np.float32(together > _HEAVY)
+        total[8] += np.float32(total_area > _PRINTED)
+        total[9] += np.float32(total_area > _HEAVY)
         total[10] += there * texture[x]
     for i in range(total.size):
         out[i] += total[i]
@@ -39,7 +39,7 @@ def area_row(cyan, magenta, yellow, black, texture, inside, out):  # type: ignor
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
-    """Steps along a row, added to out (3,): of black, of the others' sum, and the second greatest of all four."""
+    """Add steps along a row to out (3,): of black, of the others' sum, and the second greatest of all four."""
     of_black, of_others, of_two = np.float32(0), np.float32(0), np.float32(0)
     for x in range(cyan.size - 1):
         by_c, by_m, by_y = cyan[x + 1] - cyan[x], magenta[x + 1] - magenta[x], yellow[x + 1] - yellow[x]
@@ -54,15 +54,16 @@ def edge_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
 
 @kernel("cover (4, L, P), texture (L, P), inside (L, P), every")
 def page_feature_sums(cover, texture, inside, every):  # type: ignore[no-untyped-def]
-    """Sums over every so many-th line of cover (4, lines, pixels), texture and inside (lines, pixels).
+    """Compute sums over every so many-th line of cover (4, lines, pixels), texture and inside (lines, pixels).
 
-    (14,): within the page each ink's area, where each is solid, where anything is printed, where more than two solids
-    are, and texture; then ``edge_row`` everywhere. With them the pixels within, and the steps there are.
+    (14,): within the page each ink's area, where each is solid, where anything is printed, where more than
+    two solids are, and texture; then ``edge_row`` everywhere. Returned with the number of pixels within and
+    of steps.
     """
-    sums, kept, steps = np.zeros(14), 0, 0
+    sums, pixels_within, steps = np.zeros(14), 0, 0
     for line in range(0, texture.shape[0], every):
         c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
-        kept += area_row(c, m, y, k, texture[line], inside[line], sums[:11])
+        pixels_within += area_row(c, m, y, k, texture[line], inside[line], sums[:11])
         edge_row(c, m, y, k, sums[11:])
         steps += c.size - 1
-    return sums, kept, steps
+    return sums, pixels_within, steps

@@ -1,4 +1,4 @@
-"""Compiled loops: block means for the nuisance fit, residuals without what was fitted, sums of modes over tiles."""
+"""Compiled loops for residuals: block means, subtraction of fitted nuisances, sums of modes over tiles."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _SAME = np.float32(0.004)
-"""Ink area by which recipes may differ that are taken for one."""
+"""Difference of ink areas below which recipes count as one."""
 _FLOOR = np.float32(1e-12)
 _ROOT_OF_2 = np.float32(2**0.5)
 
 
 class FittedAmounts(NamedTuple):
-    """What one sensor's scan has of every nuisance, in single precision."""
+    """Fitted amounts of every nuisance in one sensor's scan, in single precision."""
 
     shape: NDArray[np.float32]
-    """(SHAPES,) weights of bells: relative change of light by colour."""
+    """Weights of bells, the relative change of light by colour, (SHAPES,)."""
     columns: NDArray[np.float32]
-    """(pixels,) the same by column."""
+    """Relative change of light by column, (pixels,)."""
     gain: NDArray[np.float32]
-    """(4, 3) of each ink at the centre, and added at the right and lower edges."""
+    """Gain of each ink at the centre, and added at the right and lower edges, (4, 3)."""
     dot: NDArray[np.float32]
-    """(4,)"""
+    """Dot gain of each ink, (4,)."""
     planes: NDArray[np.float32]
-    """(4, 2) how far each lies too far right and down. [pixels]"""
+    """Displacement of each plane to the right and down, (4, 2). [pixels]"""
 
 
 class VarianceShares(NamedTuple):
-    """What residuals scatter by; see ``variances``."""
+    """Coefficients of the variance of residuals; see ``variances``."""
 
     scale: np.float32
     edge: np.float32
@@ -48,7 +48,7 @@ class VarianceShares(NamedTuple):
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def placed_level(area):  # type: ignore[no-untyped-def]
-    """The tabulated level of an ink area or the next lower one, and how far it lies above that."""
+    """Return the tabulated level at or below an ink area, and the remainder above it."""
     at = min(max(area, np.float32(0)), np.float32(1)) * np.float32(LEVELS - 1)
     below = min(np.int32(at), np.int32(LEVELS - 2))
     return below, at - np.float32(below)
@@ -56,17 +56,17 @@ def placed_level(area):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out):  # type: ignore[no-untyped-def]
-    """Smooth function of colour along a row of ink areas (pixels,): sum over j of weights_j bell_j; bells: ``Colours``.
+    """Evaluate sum over j of weights_j bell_j along a row of ink areas (pixels,); bells: ``Colours``.
 
-    last (INKS + 1,): recipe and value of the pixel found last, which stand for all that differ by less than
-    ``_SAME``.
+    last (INKS + 1,): recipe and value of the pixel evaluated last, which are used for all that differ by less
+    than ``_SAME``.
     """
     for x in range(1, out.size - 1):
         if not inside[x]:
             continue
         c, m, y, k = cyan[x], magenta[x], yellow[x], black[x]
-        apart = max(max(abs(c - last[0]), abs(m - last[1])), max(abs(y - last[2]), abs(k - last[3])))
-        if apart >= _SAME:
+        difference = max(max(abs(c - last[0]), abs(m - last[1])), max(abs(y - last[2]), abs(k - last[3])))
+        if difference >= _SAME:
             at_c, c_share = placed_level(c)
             at_m, m_share = placed_level(m)
             at_y, y_share = placed_level(y)
@@ -84,17 +84,17 @@ def shape_row(cyan, magenta, yellow, black, inside, bells, weights, last, out): 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def take_row(measured, expected, offset, relative, columns, out):  # type: ignore[no-untyped-def]
-    """A row of residuals without what is proportional to the light."""
+    """Compute a row of residuals without the part proportional to the light."""
     for x in range(out.size):
         out[x] = measured[x] - expected[x] - (expected[x] - offset[x]) * (relative[x] + columns[x])
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
-    """Take what one ink does out of a row of residuals, in place; its ends are left alone.
+    """Subtract the effect of one ink from a row of residuals, in place; its ends are unchanged.
 
-    areas: of the ink in the row above, this one and the next; amounts: its gain at the centre of the row and to the
-    right edge, dot gain, register right and down.
+    areas: of the ink in the row above, this one and the next; amounts: its gain at the centre of the row and
+    to the right edge, dot gain, register right and down.
     """
     above, here, below = areas
     at_centre, to_right, dots, right, down = amounts
@@ -119,22 +119,23 @@ def take_ink(gain, dot, areas, amounts, out):  # type: ignore[no-untyped-def]
 def residuals(  # type: ignore[no-untyped-def]
     measured, expected, offset, inside, inks, bells, fitted, first, last, out
 ):
-    """What is left of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
+    """Compute residuals of one sensor's scan after the fitted nuisances, (lines, pixels) [DN]; 0 outside.
 
-    inks: ``InkImages``; bells: as ``block_sums``; fitted: ``FittedAmounts``. Lines first .. last - 1 are written.
+    inks: ``InkImages``; bells: as ``block_sums``; fitted: ``FittedAmounts``. Lines first .. last - 1 are
+    written.
     """
     lines, pixels = measured.shape
     gain, dot, cover = inks.gain, inks.dot, inks.cover
     weights, columns, gains, dots, planes = fitted
-    relative, found = np.zeros(pixels, np.float32), np.empty(INKS + 1, np.float32)
+    relative, latest = np.zeros(pixels, np.float32), np.empty(INKS + 1, np.float32)
     for line in range(first, last):
         row = out[line]
-        found[:] = np.float32(-1)
+        latest[:] = np.float32(-1)
         if line == 0 or line == lines - 1:
             row[:] = np.float32(0)
             continue
         c, m, y, k = cover[0, line], cover[1, line], cover[2, line], cover[3, line]
-        shape_row(c, m, y, k, inside[line], bells, weights, found, relative)
+        shape_row(c, m, y, k, inside[line], bells, weights, latest, relative)
         take_row(measured[line], expected[line], offset, relative, columns, row)
         v = np.float32(2 * (line + 0.5) / lines - 1)
         for ink in range(INKS):
@@ -152,10 +153,11 @@ def residuals(  # type: ignore[no-untyped-def]
 # With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
 @inner_kernel(error_model="numpy")
 def log_row(values, parts):  # type: ignore[no-untyped-def]
-    """Natural logarithms of a row (n,) of numbers of at least 1, in place, to a unit in the last place or two.
+    """Compute natural logarithms of a row (n,) of numbers of at least 1, in place, to one or two units in the
+    last place.
 
-    The library's takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the logarithm of 1 + f a
-    polynomial (Cephes, logf). parts (2, n) is working space.
+    The library's function takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the
+    logarithm of 1 + f a polynomial (Cephes, logf). parts (2, n) is working space.
     """
     bits, powers, rest = values.view(np.int32), parts[0], parts[1]
     whole = rest.view(np.int32)
@@ -181,7 +183,7 @@ def log_row(values, parts):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
-    """Squared slopes of a row of light, out (pixels,); 0 at its ends."""
+    """Compute squared slopes of a row of light, out (pixels,); 0 at its ends."""
     out[0] = out[out.size - 1] = np.float32(0)
     for x in range(1, out.size - 1):
         across = (light[x + 1] - light[x - 1]) * np.float32(0.5)
@@ -191,7 +193,11 @@ def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def variance_row(light, variance, texture, slope, depth, shares, rest, level):  # type: ignore[no-untyped-def]
-    """Variance of a row but for what is in proportion to light, into rest; the root of that, into level; (pixels,)."""
+    """Compute a row's variance without the part proportional to light, into rest, and the root of that part,
+    into level.
+
+    All (pixels,).
+    """
     scale, edge, contrast, share, dark, _ = shares
     for x in range(rest.size):
         rest[x] = scale * variance[x] + edge * slope[x] + contrast * texture[x]
@@ -207,12 +213,12 @@ def variance_row(light, variance, texture, slope, depth, shares, rest, level):  
 def variances(  # type: ignore[no-untyped-def]
     light, variance, texture, inside, shares, first, last, out, of_edges
 ):
-    """Inverse variance of residuals of one sensor, (lines, pixels) [1/DN^2], and the edges' share of it; 0 outside.
+    """Compute the inverse variance of residuals of one sensor [1/DN^2], and the edges' share of variance; 0 outside.
 
-    What is dark counts for no variance in that share. Lines first .. last - 1 are written.
-
-    scale x temporal variance + edge x mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s =
-    share + dark x log(white / light)^2; shares: ``VarianceShares``.
+    Written: (lines, pixels) each, lines first .. last - 1. The variance is scale x temporal variance + edge x
+    mean squared slope over 3 x 3 pixels + contrast x texture + (s x light)^2, s = share + dark x log(white /
+    light)^2; shares: ``VarianceShares``. The additional variance of dark pixels is left out of the edges'
+    share.
     """
     edge, share, white = shares.edge, shares.share, shares.white
     lines, pixels = light.shape
@@ -242,19 +248,19 @@ def variances(  # type: ignore[no-untyped-def]
             inverse = np.float32(1) / (rest[x] + level[x] * level[x])
             sure[x] = inverse if there[x] else np.float32(0)
         for x in range(2, pixels - 2):
-            # What is dark is not flat for that.
+            # The additional variance of dark pixels must not make them count as flat.
             at_white = share * here[x]
             part = edge * slope[x] / (rest[x] + at_white * at_white)
             steep[x] = part if there[x] else np.float32(0)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_slopes(residual, weight, above, light, below, made, sums):  # type: ignore[no-untyped-def]
-    """Add what a row says of displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
+def add_slopes(residual, weight, above, light, below, scratch, sums):  # type: ignore[no-untyped-def]
+    """Add a row's sums about displacements to sums (5, pixels), as in ``slope_sums``; nothing at its ends.
 
     above, light, below: rows of light; made (3, pixels) is working space.
     """
-    push, across, along = made[0], made[1], made[2]
+    push, across, along = scratch[0], scratch[1], scratch[2]
     for x in range(residual.size):
         r, w = residual[x], weight[x]
         push[x] = r * w * min(np.float32(1), np.float32(16) / np.sqrt(r * r * w + _FLOOR))
@@ -278,7 +284,7 @@ def add_slopes(residual, weight, above, light, below, made, sums):  # type: igno
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def sum_of(row):  # type: ignore[no-untyped-def]
-    """Of a row (n,)."""
+    """Return the sum of a row (n,)."""
     total = np.float32(0)
     for x in range(row.size):
         total += row[x]
@@ -292,21 +298,20 @@ def sum_of(row):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore[no-untyped-def]
-    """What residuals of one sensor say of local displacements, added to out (5, tile rows, tile columns), rows first ..
-    last - 1.
+    """Add sums of one sensor's residuals about local displacements to out (5, tile rows, tile columns).
 
-    Sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the light across and along; r is kept
-    below 16 sigma. The last tiles take what is left over.
+    Rows first .. last - 1: sums of gx r / V, gy r / V, gx^2 / V, gy^2 / V, gx gy / V; gx, gy: slopes of the
+    light across and along; r is limited to 16 sigma. The last tiles include the remaining pixels.
     """
     lines, pixels = residual.shape
     rows, columns = out.shape[1], out.shape[2]
-    sums, made = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
+    sums, scratch = np.empty((5, pixels), np.float32), np.empty((3, pixels), np.float32)
     for row in range(first, last):
         sums[:] = np.float32(0)
         stop = lines - 2 if row == rows - 1 else (row + 1) * side
         for line in range(max(row * side, 2), min(stop, lines - 2)):
             around = light[line - 1], light[line], light[line + 1]
-            add_slopes(residual[line], weight[line], *around, made, sums)
+            add_slopes(residual[line], weight[line], *around, scratch, sums)
         for i in range(5):
             for column in range(columns):
                 end = pixels if column == columns - 1 else (column + 1) * side
@@ -320,10 +325,9 @@ def slope_sums(residual, weight, light, side, first, last, out):  # type: ignore
     error_model="numpy",
 )
 def take_slopes(residual, weight, light, across_by, along_by, first, last):  # type: ignore[no-untyped-def]
-    """Take local displacements, fields (lines, pixels) by which light lies too far right and down [pixels], out of one
-    sensor's residuals, in place.
+    """Subtract local displacements from one sensor's residuals, in place, in lines first .. last - 1.
 
-    Of lines first .. last - 1.
+    across_by, along_by: fields (lines, pixels) by which light lies too far right and down [pixels].
     """
     lines, pixels = residual.shape
     for line in range(max(first, 2), min(last, lines - 2)):
@@ -340,7 +344,10 @@ def take_slopes(residual, weight, light, across_by, along_by, first, last):  # t
     error_model="numpy",
 )
 def foretell_anew(residual, weight, before, after, first, last):  # type: ignore[no-untyped-def]
-    """Residuals of one sensor by what is expected ``after``, not ``before``, in place; of lines first .. last - 1."""
+    """Change residuals of one sensor from the expectation ``before`` to ``after``, in place, on some lines.
+
+    Lines first .. last - 1 are written.
+    """
     for line in range(first, last):
         for x in range(residual.shape[1]):
             change = after[line, x] - before[line, x]
@@ -354,9 +361,9 @@ def foretell_anew(residual, weight, before, after, first, last):  # type: ignore
     error_model="numpy",
 )
 def column_gains(residual, weight, light, known, first, last, out):  # type: ignore[no-untyped-def]
-    """Relative gain of each column of one sensor from its residuals, (pixels,) [-]; known: 1 / prior variance.
+    """Estimate the relative gain of each column of one sensor from its residuals, (pixels,) [-].
 
-    Of pixels first .. last - 1.
+    known: 1 / prior variance. Pixels first .. last - 1 are written.
     """
     lines, pixels = residual.shape
     power = np.full(pixels, known)
@@ -382,7 +389,7 @@ def column_gains(residual, weight, light, known, first, last, out):  # type: ign
     error_model="numpy",
 )
 def take_columns(residual, weight, light, gains, first, last):  # type: ignore[no-untyped-def]
-    """Take column gains (pixels,) out of one sensor's residuals, in place, of lines first .. last - 1."""
+    """Subtract column gains (pixels,) from one sensor's residuals, in place, in lines first .. last - 1."""
     pixels = residual.shape[1]
     for line in range(first, last):
         for x in range(pixels):

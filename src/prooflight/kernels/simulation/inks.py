@@ -1,4 +1,4 @@
-"""Compiled loops of the fast path: inks as they came out, looked up in the true tables."""
+"""Compiled loops of the fast path: inks as printed, looked up in the true tables."""
 
 from __future__ import annotations
 
@@ -14,48 +14,49 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TRUE_NODES = NODES + 4
-"""The true tables reach to 113 % of a full solid, which ink gain may lay."""
+"""Number of nodes of the true tables, which reach to 113 % of a full solid, as ink gain may exceed it."""
 NOISE_STEPS = 1024
 STRIDES = (TRUE_NODES**3, TRUE_NODES**2, TRUE_NODES)
 LAST_PLACE = np.float32(TRUE_NODES - 1.001)
 ALIKE = 4
-"""Four neighbours whose bytes differ by no more are looked up once, at their mean: for the steepest ink, black near its
-solid, that errs by less than 5 x (4 / 255 / 2)^2 / 2 of white, 0.02 %."""
+"""Greatest difference of bytes of four neighbours that are looked up once, at their mean: for the steepest
+ink, black near its solid, the error is below 5 x (4 / 255 / 2)^2 / 2 of white, 0.02 %."""
 RUNS = 128
-"""A row of one colour is looked up so often, because inks' gain tilts over the page: to half a per cent of the tilt."""
+"""Number of look-ups in a row of one colour, because inks' gain varies over the page: to half a per cent of
+that."""
 
 
 class PrintedInks(NamedTuple):
-    """What came out otherwise than the raster says."""
+    """Deviations of a print from its raster."""
 
     planes: NDArray[np.int64]
-    """(4, 2) how many raster pixels each plane lies too far right and down."""
+    """Raster pixels by which each plane lies too far right and down, (4, 2)."""
     gains: NDArray[np.float32]
-    """(4, 3) at the centre, and added at the right and lower edges."""
+    """Gain of each ink at the centre, and added at the right and lower edges, (4, 3)."""
     dot_gains: NDArray[np.float32]
-    """(4,)"""
+    """Dot gain of each ink, (4,)."""
     speck_places: NDArray[np.int64]
-    """(n, 2) ``speck_pixels``."""
+    """Places of specks as from ``speck_pixels``, (n, 2)."""
     speck_words: NDArray[np.uint32]
-    """(n,)"""
+    """Recipes of the specks, (n,)."""
 
 
 class TrueTable(NamedTuple):
-    """What one sensor truly sees of inks; as ``TrueSensor``."""
+    """True response of one sensor to inks; as ``TrueSensor``."""
 
     nodes: NDArray[np.float32]
-    """(37^4, 2)"""
+    """Light and relative variance at each node, (37^4, 2)."""
     bends: NDArray[np.float32]
-    """(4, 36)"""
+    """Curvature between nodes along each ink, (4, 36)."""
     white: np.float32
-    """The paper's factor."""
+    """Factor of the paper."""
     backing: np.float32
-    """The backing's light. [DN]"""
+    """Light of the backing. [DN]"""
 
 
 @inner_kernel()
 def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
-    """Where in the true tables an ink of a raster's byte value (a float32) lies, given its gain. [nodes]"""
+    """Return the position in the true tables of an ink of a raster's byte value (a float32), given its gain. [nodes]"""
     area = byte * np.float32(1 / 255)
     printed = area * (np.float32(1) + gain + np.float32(4) * dot_gain * (np.float32(1) - area))
     return min(max(printed * np.float32(255 / NODE_STEP), np.float32(0)), LAST_PLACE)
@@ -63,10 +64,10 @@ def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
-    """Light and texture, a halftone's variance at unit contrast, at four places [nodes]; nodes (37^4, 2).
+    """Return light and texture, a halftone's variance at unit contrast, at four positions [nodes]; nodes (37^4, 2).
 
-    Light is bent between nodes as it is along each ink alone (bends (4, 36), see ``TrueSensor``); relative variance is
-    linear in the innermost ink, black.
+    Light between nodes is curved as along each ink alone (bends (4, 36), see ``TrueSensor``); relative
+    variance is linear in the innermost ink, black.
     """
     c, m, y, k = int(places[0]), int(places[1]), int(places[2]), int(places[3])
     base = c * STRIDES[0] + m * STRIDES[1] + y * STRIDES[2] + k
@@ -101,7 +102,7 @@ def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def alike(one, two, three, four):  # type: ignore[no-untyped-def]
-    """Whether four recipes differ by at most ``ALIKE`` in every ink."""
+    """Return whether four recipes differ by at most ``ALIKE`` in every ink."""
     for ink in range(4):
         shift = np.uint32(8 * ink)
         a = int((one >> shift) & np.uint32(255))
@@ -115,10 +116,10 @@ def alike(one, two, three, four):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[no-untyped-def]
-    """Two printed raster rows looked up in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
+    """Look up two printed raster rows in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
 
-    v: where the rows lie on the page, -1 top .. 1 bottom. Squares of one colour are looked up once, and so are runs of
-    them.
+    v: position of the rows on the page, -1 top .. 1 bottom. Squares of one colour are looked up once, and so
+    are runs of them.
     """
     gains, dot_gains = inks.gains, inks.dot_gains
     nodes, bends, paper = table.nodes, table.bends, table.white
@@ -154,14 +155,14 @@ def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[
             for corner in range(4):
                 word = (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
                 at = right if corner & 1 else left
-                # A square at a letter's edge has two colours: often the last but one is this one again.
+                # A square at a letter's edge has two colours, and often the last but one is repeated.
                 for ink in range(4):
                     byte = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
                     gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
                     places[ink] = node_place(byte, gain, dot_gains[ink])
-                found_light, found_texture = look_up(nodes, bends, places)
-                light[corner >> 1, at] = found_light * paper
-                texture[corner >> 1, at] = found_texture * paper * paper
+                corner_light, corner_texture = look_up(nodes, bends, places)
+                light[corner >> 1, at] = corner_light * paper
+                texture[corner >> 1, at] = corner_texture * paper * paper
             continue
         for row in range(2):
             light[row, left] = square_light
@@ -172,9 +173,9 @@ def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[
 
 @inner_kernel()
 def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untyped-def]
-    """Light and texture (2, columns) of the rows from ``top`` on where specks lie: as ``look_up_rows``, a pixel each.
+    """Set light and texture (2, columns) of the rows from ``top`` on at specks, each pixel as in ``look_up_rows``.
 
-    v: how far down the page these rows are, -1 to 1.
+    v: position of these rows on the page, -1 top to 1 bottom.
     """
     places, packed, gains, dot_gains = inks.speck_places, inks.speck_words, inks.gains, inks.dot_gains
     nodes, bends, paper = table.nodes, table.bends, table.white
@@ -195,9 +196,10 @@ def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untype
 
 @inner_kernel()
 def look_up_pair(packed, top, inks, table, printed, lights, textures):  # type: ignore[no-untyped-def]
-    """Light above the backing's and texture (2, columns) of rows ``top`` and the next as they came out.
+    """Compute light above the backing's and texture (2, columns) of rows ``top`` and the next as printed.
 
-    Arguments as in ``scan_lines``. A last row without a next one is its own. printed (2, columns): working space.
+    Arguments as in ``scan_lines``. A last row without a next one is repeated. printed (2, columns): working
+    space.
     """
     rows = packed.shape[0]
     v = np.float32((2 * top + 2) / rows - 1)

@@ -1,4 +1,4 @@
-"""Compiled loops of the fast path: light of the inks filtered as prediction does, lit, and noise."""
+"""Compiled loops of the fast path: light of the inks filtered as in prediction, illumination, and noise."""
 
 from __future__ import annotations
 
@@ -14,44 +14,47 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PHASES = 1024
-"""Places within a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel at
-s = 2, which is less than a thousandth of an edge."""
+"""Phases of a raster pixel for which weights are tabulated: the nearest is off by at most 1/4096 camera pixel
+at s = 2, which is less than a thousandth of an edge."""
 
 
 class PrintLight(NamedTuple):
-    """What acts on the light of one print as a whole."""
+    """Factors on the light of one print as a whole."""
 
     columns: NDArray[np.float32]
-    """(pixels,) lamps, table gain and what flat-fielding left. [-]"""
+    """Lamps, table gain and residual of flat-fielding, (pixels,). [-]"""
     flicker: NDArray[np.float32]
-    """(lines,) [-]"""
+    """Flicker of the lamp, (lines,). [-]"""
     cloud: NDArray[np.float32]
     """Nodes of cloudy paper, less 1. [-]"""
     cloud_down: NDArray[np.float32]
-    """(lines,) where lines lie among them, below 0 off the page."""
+    """Positions of lines among them, below 0 off the page, (lines,)."""
     cloud_across: NDArray[np.float32]
-    """(pixels,) likewise."""
+    """Positions of pixels among them, likewise, (pixels,)."""
     contrast: np.float32
-    """Of the halftone."""
+    """Contrast of the halftone."""
 
 
 class NoisySensor(NamedTuple):
-    """What one sensor makes of light."""
+    """Response of one sensor to light."""
 
     column_offset: NDArray[np.float32]
-    """(pixels,) [DN]"""
+    """Offset of each column, (pixels,). [DN]"""
     column_gain: NDArray[np.float32]
     backing: np.float32
-    """The backing's light. [DN]"""
+    """Light of the backing. [DN]"""
     noise: NDArray[np.float32]
-    """(NOISE_STEPS,) variance before rounding at light 0 .. noise_top. [DN^2]"""
+    """Variance before rounding at light 0 .. noise_top, (NOISE_STEPS,). [DN^2]"""
     noise_top: np.float32
     top_code: np.float32
 
 
 @inner_kernel()
 def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-def]
-    """Where every camera pixel's footprint begins: raster pixel and phase, (pixels,) each; nodes: of ``place_row``."""
+    """Compute the start of every camera pixel's footprint: raster pixel and phase, (pixels,) each.
+
+    nodes: as of ``place_row``.
+    """
     for k in range(nodes.size - 1):
         start = k * segment
         advance = (nodes[k + 1] - nodes[k]) / segment
@@ -64,9 +67,9 @@ def begin_at(nodes, segment, reach, first, phase):  # type: ignore[no-untyped-de
 
 @inner_kernel(fastmath={"reassoc", "contract"})
 def sample_across(light, texture, pad, first, phase, table, light_out, texture_out):  # type: ignore[no-untyped-def]
-    """One raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as there are taps.
+    """Sample one raster row at camera columns; light, texture: with ``pad`` zeros at both ends, as many as taps.
 
-    Sums may be taken in any order, so that taps run in vectors; taking them from slices is what makes them do so.
+    Sums may be taken in any order, so that taps run in vectors, which needs slices.
     """
     taps = table.shape[1]
     last = light.size - pad
@@ -87,9 +90,10 @@ def sample_across(light, texture, pad, first, phase, table, light_out, texture_o
 def sample_along(  # type: ignore[no-untyped-def]
     light_ring, texture_ring, rows, first, phase, table, weights, light_out, texture_out
 ):
-    """One line from rings of filtered rows, row r at r % depth; rows off the page count as 0.
+    """Sample one line from rings of filtered rows, row r at r % depth; rows off the page count as 0.
 
-    table (taps, 1025); weights (pixels,) is working space: small loops run in vectors, one large one would not.
+    table (taps, 1025); weights (pixels,) is working space: small loops run in vectors, one large one would
+    not.
     """
     depth = light_ring.shape[0]
     light_out[:] = 0
@@ -127,11 +131,11 @@ def sample_along(  # type: ignore[no-untyped-def]
 def scan_lines(  # type: ignore[no-untyped-def]
     packed, inks, table, across, along, depth, above_backing, texture_variance
 ):
-    """Light above the backing's and texture of every line of one sensor, before lamp and columns.
+    """Compute light above the backing's and texture of every line of one sensor, before lamp and columns.
 
     packed (rows, columns) uint32: the raster; inks: ``PrintedInks``; table: ``TrueTable``; across, along:
-    ``FilterPass``; depth: rows that a line crosses and its footprint sees, and some.
-    Written: above_backing [DN], texture_variance [DN^2], both (lines, pixels).
+    ``FilterPass``; depth: rows that a line crosses and its footprint sees, and some. Written: above_backing
+    [DN], texture_variance [DN^2], both (lines, pixels).
     """
     rows, columns = packed.shape
     lines, pixels = above_backing.shape
@@ -196,7 +200,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
     "sensor.noise (NOISE_STEPS)"
 )
 def light_lines(mean, variance, light, sensor):  # type: ignore[no-untyped-def]
-    """Light above the backing's and texture -> expected DN and its variance, in place, (lines, pixels) each.
+    """Convert light above the backing's and texture to expected DN and its variance, in place, (lines, pixels) each.
 
     light: ``PrintLight``; sensor: ``NoisySensor``.
     """
@@ -234,10 +238,10 @@ def light_lines(mean, variance, light, sensor):  # type: ignore[no-untyped-def]
 
 @kernel("mean (N), variance (N), top_code, normal (65536), key, dn (N)")
 def add_noise(mean, variance, top_code, normal, key, dn):  # type: ignore[no-untyped-def]
-    """Expected DN and its variance, rounding included -> digital numbers; all (n,), dn uint16.
+    """Draw digital numbers from expected DN and its variance, rounding included; all (n,), dn uint16.
 
-    Noise is the sum of two draws from ``normal``, 2^16 even quantiles of a normal distribution of variance 1/2, at 16
-    bits each of a counter's hash (splitmix64: Steele, Lea and Flood 2014), two pixels a hash.
+    Noise is the sum of two draws from ``normal``, 2^16 even quantiles of a normal distribution of variance
+    1/2, at 16 bits each of a counter's hash (splitmix64: Steele, Lea and Flood 2014), two pixels a hash.
     """
     mask = np.uint64(0xFFFF)
     bits = np.uint64(0)

@@ -1,1 +1,1 @@
-"""Compiled loops that sum evidence up, and that rank it."""
+"""Compiled loops that sum evidence and rank it."""

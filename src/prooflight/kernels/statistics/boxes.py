@@ -1,4 +1,4 @@
-"""Compiled loops: sums over boxes of tiles, from size to size.
+"""Compiled loops for sums over boxes of tiles, from size to size.
 
 Cells tile the map; boxes are 2 x 2 cells and overlap by half; four cells make one of the next size.
 """
@@ -12,7 +12,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def box_row(cells, y, out):  # type: ignore[no-untyped-def]
-    """Sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); there is nothing beyond the map."""
+    """Compute sums of 2 x 2 cells from row y of cells (h, w) on, out (w,); 0 beyond the map."""
     height, last = cells.shape[0], out.size - 1
     top, bottom = cells[y], cells[min(y + 1, height - 1)]
     share = np.float32(1) if y + 1 < height else np.float32(0)
@@ -23,7 +23,7 @@ def box_row(cells, y, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
-    """Take so much of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
+    """Subtract shares of row y and of the next of cells (h, w) from sums of 2 x 2, in place."""
     height, last = cells.shape[0], out.size - 1
     top, bottom = cells[y], cells[min(y + 1, height - 1)]
     for x in range(last):
@@ -38,7 +38,7 @@ def take_box_row(cells, y, above, below, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def merged(cells, gains, out):  # type: ignore[no-untyped-def]
-    """Cells (4, modes, h, w) of twice the side into out; gains (h,): share of C taken from N of each row."""
+    """Merge cells (4, modes, h, w) to twice the side, into out; gains (h,): share of C taken from N of a row."""
     modes, height, width = out.shape[1], cells.shape[2], cells.shape[3]
     line = np.empty(width + 1, np.float32)
     line[width] = 0
@@ -68,10 +68,10 @@ def merged(cells, gains, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def own_of_cells(cells, gains, level, known, mode, out):  # type: ignore[no-untyped-def]
-    """N', D' and the edges' part of D' of one mode's cells, each by itself, into out (3, h, w).
+    """Compute N', D' and the edges' part of D' of one mode's cells, each by itself, into out (3, h, w).
 
-    cells (4, modes, h, w): N, D, C, edges, of modes of which the first is common to all; gains (h,), level (h, w):
-    shares of C taken from N; known: 1 / the common mode's prior variance.
+    cells (4, modes, h, w): N, D, C, edges, of modes of which the first is common to all; gains (h,), level
+    (h, w): shares of C subtracted from N; known: 1 / the common mode's prior variance.
     """
     for y in range(out.shape[1]):
         taken, share = gains[y], level[y]
@@ -95,7 +95,7 @@ def own_of_cells(cells, gains, level, known, mode, out):  # type: ignore[no-unty
 
 @kernel("maps (N, H, W), out (N, H // 2, W // 2)", fastmath=True, error_model="numpy")
 def squares(maps, out):  # type: ignore[no-untyped-def]
-    """Sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""
+    """Compute sums of 2 x 2 of maps (n, h, w), out (n, h // 2, w // 2)."""
     for n in range(out.shape[0]):
         for y in range(out.shape[1]):
             above, below, row = maps[n, 2 * y], maps[n, 2 * y + 1], out[n, y]

@@ -1,4 +1,4 @@
-"""Compiled loops: extremely randomised trees (Geurts, Ernst, Wehenkel 2006), grown, and gone down by rows."""
+"""Compiled loops for extremely randomised trees (Geurts, Ernst, Wehenkel 2006): growing and evaluation."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ if TYPE_CHECKING:
 
 
 class Examples(NamedTuple):
-    """What a tree learns from."""
+    """Training examples of a tree."""
 
     columns: NDArray[np.float32]
-    """(columns, pages)"""
+    """Features, (columns, pages)."""
     bad: NDArray[np.bool_]
-    """(pages,)"""
+    """Whether a page is bad, (pages,)."""
     weight: NDArray[np.float64]
-    """(pages,)"""
+    """Weight of each page, (pages,)."""
     rising: NDArray[np.bool_]
-    """(columns,) whether a cut must have no smaller share of bad rows above it than below."""
+    """Whether a cut of the column must have no smaller share of bad rows above it than below, (columns,)."""
 
 
 class TreeNodes(NamedTuple):
-    """Nodes of one tree as ``Forest`` has them, with room for all that there may be."""
+    """Nodes of one tree as in ``Forest``, with room for the greatest possible number."""
 
     column: NDArray[np.int32]
     cut: NDArray[np.float32]
@@ -37,10 +37,11 @@ class TreeNodes(NamedTuple):
 
 @inner_kernel(error_model="numpy")
 def best_cut(examples, rows, of_bad, of_all, order, tries, least, rng):  # type: ignore[no-untyped-def]
-    """Of so many columns drawn, each cut at a place drawn evenly between its least and greatest: which, and where.
+    """Return the best of several random cuts, as column and position.
 
-    rows: of the node, of_bad and of_all: their weights; order: all columns in any order,
-    shuffled as far as they are drawn. -1: none leaves ``least`` rows on either side.
+    ``tries`` columns are drawn, each cut at a place drawn uniformly between its least and greatest. rows: of
+    the node, of_bad and of_all: their weights; order: all columns in any order, shuffled as far as they are
+    drawn. -1: none leaves ``least`` rows on either side.
     """
     columns, bad, weight, rising = examples
     best, at, most = -1, np.float32(0), 0.0
@@ -77,10 +78,10 @@ def best_cut(examples, rows, of_bad, of_all, order, tries, least, rng):  # type:
     error_model="numpy",
 )
 def grow(examples, tries, least, rng, nodes):  # type: ignore[no-untyped-def]
-    """Grow a tree of ``Examples`` into ``TreeNodes`` for (2 pages,); return how many there are.
+    """Grow a tree of ``Examples`` into ``TreeNodes`` for (2 pages,); return the number of nodes.
 
-    A rising column is cut only where the share of bad rows is no smaller on its right: no cut takes a larger value for
-    a better one. (Bounds on all ends below, which would hold across cuts as well, cost 3 points of detection:
+    A rising column is cut only where the share of bad rows is no smaller on its right: no cut prefers a
+    larger value. (Bounds on all ends below, which would hold across cuts as well, cost 3 points of detection:
     decision 42.)
     """
     columns, bad, weight, _ = examples
@@ -95,7 +96,7 @@ def grow(examples, tries, least, rng, nodes):  # type: ignore[no-untyped-def]
         waiting -= 1
         first, last, above = begin[waiting], end[waiting], parent[waiting]
         here = rows[first:last]
-        if above >= 0:  # the left branch is taken up first
+        if above >= 0:  # the left branch is processed first
             if left[above] < 0:
                 left[above] = count
             else:
@@ -126,7 +127,7 @@ def grow(examples, tries, least, rng, nodes):  # type: ignore[no-untyped-def]
 
 @kernel("columns (N, _), column (M), cut (M), left (M), right (M), share (M), root (_), out (N)")
 def shares_of(columns, column, cut, left, right, share, root, out):  # type: ignore[no-untyped-def]
-    """Mean over trees of what each row's end holds: columns (rows, columns) float32 -> out (rows,)."""
+    """Compute the mean over trees of each row's leaf value: columns (rows, columns) float32 -> out (rows,)."""
     for row in range(columns.shape[0]):
         total = 0.0
         for tree in range(root.size):

@@ -1,4 +1,4 @@
-"""Compiled loops: how much of a page's own detail is seen again further down, in boxes."""
+"""Compiled loops for the correlation of a page with its own detail further up, in boxes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _LEAST = np.float32(1e-6)
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_lags(n, d, e, ghost, sums):  # type: ignore[no-untyped-def]
-    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); ghost (lags,): what was there.
+    """Add N' e, D' e^2 and the edges' e^2 of one place at all lags to sums (3 lags,); ghost (lags,): detail there.
 
-    One array is written: with more, the compiler would not know them apart and give up vectors.
+    One array is written: with more, the compiler could not rule out aliasing and would not vectorise.
     """
     lags = ghost.size
     for lag in range(lags):
@@ -30,10 +30,11 @@ def add_lags(n, d, e, ghost, sums):  # type: ignore[no-untyped-def]
     where="H + lags - 1 <= D",
 )
 def ghost_parts(own, power, of_edges, detail, lags, rows, columns, out):  # type: ignore[no-untyped-def]
-    """Sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
+    """Compute sums of N' e, D' e^2 and the edges' e^2 between cuts, at so many lags.
 
-    own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag above;
-    rows (n + 1,), columns (m + 1,): where cuts lie, rising; out (n, m, 3 lags), from the most lag down.
+    own, power, of_edges (h, w); detail (w, h + most lag): of each column downwards, as many 0 as the most lag
+    above; rows (n + 1,), columns (m + 1,): positions of cuts, rising; out (n, m, 3 lags), from the most lag
+    down.
     """
     out[:] = 0
     for k in range(out.shape[0]):
@@ -54,7 +55,7 @@ def add_to(row, out):  # type: ignore[no-untyped-def]
 
 @kernel("parts (_, _, K), rows (N, 2), columns (M, 2), out (N, M, K)")
 def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
-    """Boxes, rows (n, 2) and columns (m, 2) of cuts, from parts (rows, columns, l): out (n, m, l)."""
+    """Sum parts (rows, columns, l) over boxes, rows (n, 2) and columns (m, 2) of cuts: out (n, m, l)."""
     across = np.zeros((parts.shape[0], columns.shape[0], parts.shape[2]), np.float32)
     for k in range(parts.shape[0]):
         for m in range(columns.shape[0]):
@@ -69,7 +70,7 @@ def boxed(parts, rows, columns, out):  # type: ignore[no-untyped-def]
 
 @kernel("sums (N, 3, K), noise, at_edges, tolerance, least, out (N, K)", fastmath=True, error_model="numpy")
 def t_of_boxes(sums, noise, at_edges, tolerance, least, out):  # type: ignore[no-untyped-def]
-    """T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
+    """Compute T of sums (n, 3, lags) into out (n, lags); 0 where there is no more information than ``least``."""
     for n in range(out.shape[0]):
         pushes, powers, edges, row = sums[n, 0], sums[n, 1], sums[n, 2], out[n]
         for lag in range(row.size):

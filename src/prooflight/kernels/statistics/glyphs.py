@@ -1,4 +1,4 @@
-"""Compiled loops: what a scan's residuals say of each glyph against what might stand in its place."""
+"""Compiled loops for the energy of a scan's residuals at each glyph, given a hypothesis of its letter."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NUISANCES = 6
-"""Of one glyph: its ink as a whole, its place across and along, the level about it, how broad its strokes are across
-and along."""
+"""Number of nuisances of one glyph: its ink as a whole, its place across and along, the level around it, the
+breadth of its strokes across and along."""
 SHARE = 2
-"""Cells of a patch to a camera pixel, each way."""
+"""Cells of a patch per camera pixel, each way."""
 _HALF = np.float32(0.5)
 _MARGIN = np.float32(1.5)
 
@@ -25,27 +25,27 @@ class Patches(NamedTuple):
     """Images of letters, in cells of half a camera pixel, one after the other."""
 
     own: NDArray[np.float32]
-    """(cells,) how much of a letter's ink a pixel in the middle of each cell sees."""
+    """Share of a letter's ink that a pixel in the middle of each cell sees, (cells,)."""
     size: NDArray[np.int64]
-    """(letters, 2) rows and columns of each."""
+    """Rows and columns of each letter, (letters, 2)."""
     first: NDArray[np.int64]
-    """(letters,) where each begins."""
+    """Index of the first cell of each letter, (letters,)."""
 
 
 class PlacedGlyphs(NamedTuple):
-    """Where glyphs stand in a scan whose page lies in its place."""
+    """Glyphs in the scan of a page at its nominal place."""
 
     letter: NDArray[np.int64]
-    """(glyphs,)"""
+    """Letter of each glyph, (glyphs,)."""
     at: NDArray[np.float32]
-    """(glyphs, 2) the middle of a patch's first cell, right and down. [pixels]"""
+    """Middle of a patch's first cell, right and down, (glyphs, 2). [pixels]"""
     contrast: NDArray[np.float32]
-    """(glyphs, sensors) light of ink less light of what is about it. [DN]"""
+    """Light of the ink minus that of its surroundings, (glyphs, sensors). [DN]"""
 
 
 @inner_kernel(error_model="numpy")
 def displaced(nodes, x, y):  # type: ignore[no-untyped-def]
-    """A field at nodes (R, C), ``STRETCH`` pixels apart, at a place; bilinear."""
+    """Interpolate a field at nodes (R, C), ``STRETCH`` pixels apart, at a place; bilinear."""
     u, v = x / np.float32(STRETCH), y / np.float32(STRETCH)
     column = min(max(np.int64(u), 0), nodes.shape[1] - 2)
     row = min(max(np.int64(v), 0), nodes.shape[0] - 2)
@@ -57,7 +57,7 @@ def displaced(nodes, x, y):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def cell(image, first, columns, row, column, u, v):  # type: ignore[no-untyped-def]
-    """An image between the middles of four cells."""
+    """Interpolate an image between the middles of four cells."""
     at = first + row * columns + column
     p = image[at] + u * (image[at + 1] - image[at])
     below = at + columns
@@ -67,7 +67,7 @@ def cell(image, first, columns, row, column, u, v):  # type: ignore[no-untyped-d
 
 @inner_kernel(error_model="numpy")
 def explained(whole, right):  # type: ignore[no-untyped-def]
-    """What a small symmetric positive system explains: right' whole^-1 right; both overwritten (Cholesky)."""
+    """Return right' whole^-1 right of a small symmetric positive system; overwrites both (Cholesky)."""
     n = right.size
     total = 0.0
     for i in range(n):
@@ -93,11 +93,12 @@ def explained(whole, right):  # type: ignore[no-untyped-def]
 def glyph_energies(  # type: ignore[no-untyped-def]
     left, weight, across, along, patches, placed, known, start, stop, out
 ):
-    """Of glyphs start .. stop: the energy of what its nuisances leave of the residuals there, how many pixels that is
-    of, and how far right and down of itself the scan shows it [pixels].
+    """Compute the residual energy of glyphs start .. stop after a fit of their nuisances, into out (n, 4).
 
-    left, weight: residuals and their inverse variance; across, along: ``PixelMap``; known: inverse variances of a
-    glyph's nuisances, in units of its contrast and pixels.
+    Columns of out: energy of the residuals that the nuisances leave, number of pixels, and displacement of
+    the glyph in the scan, right and down [pixels]. left, weight: residuals and their inverse variance;
+    across, along: ``PixelMap``; known: inverse variances of a glyph's nuisances, in units of its contrast and
+    pixels.
     """
     own = patches.own
     sensors, lines, pixels = left.shape

@@ -1,4 +1,4 @@
-"""Compiled loops: extremes of small windows by class of place, and pixels that differ by more than a stated share."""
+"""Compiled loops for extremes of small windows by class of place, and for pixels that differ by a stated share."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ WINDOWS = (1, 2, 4, 8)
 SIZES = len(WINDOWS)
 TALLEST = WINDOWS[-1]
 STRIP = 64
-"""Lines after which sums begin anew, so that they are the same to the last bit whoever shares the lines out."""
+"""Lines after which sums start again, so that they do not depend, to the last bit, on how threads divide the
+lines."""
 CLASSES = 6
 """Classes of places: bare paper, flat tint, gradient, edge, text, border."""
 NOT_INSPECTED = 255
 """Stands for the class of a place that is not inspected."""
 _BARE, _GRADIENT, _BORDER = 0, 2, 5
 LEAST_T = np.float32(2.5)
-"""Deviations below are not looked at one by one: of Gaussian noise, 1.2 % are beyond."""
+"""Least deviation that is noted: 1.2 % of Gaussian noise are beyond."""
 _BLOCK = 64
 _NOTHING = np.float32(1e-9)
 
@@ -40,7 +41,7 @@ def slope_row(above, here, below, white, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
-    """Steepest slope of any sensor's light at each pixel, (lines, pixels), in shares of white a pixel.
+    """Compute the steepest slope of any sensor's light at each pixel, (lines, pixels), in shares of white a pixel.
 
     Lines first .. last - 1 are written; 0 at the edges of the field.
     """
@@ -89,16 +90,16 @@ def classes_of(steps, bare, border, inside, first, last, out, counts):  # type: 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def evidence_row(residual, weight, light, push, power):  # type: ignore[no-untyped-def]
-    """What a row (pixels,) says of a relative change of light: r light / V, and light^2 / V."""
+    """Compute a row's evidence (pixels,) of a relative change of light: r light / V, and light^2 / V."""
     for x in range(residual.size):
-        known = weight[x] * light[x]
-        push[x] = residual[x] * known
-        power[x] = light[x] * known
+        weighted_light = weight[x] * light[x]
+        push[x] = residual[x] * weighted_light
+        power[x] = light[x] * weighted_light
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def pair_up(row, step, count, out):  # type: ignore[no-untyped-def]
-    """Sums of each of the first ``count`` of a row and the one ``step`` further on."""
+    """Add each of the first ``count`` of a row to the one ``step`` further on."""
     for x in range(count):
         out[x] = row[x] + row[x + step]
 
@@ -122,7 +123,7 @@ def excess(push, power, tolerance, first, last):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def note_row(push, power, tolerance, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
-    """Note the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle."""
+    """Record the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle."""
     half = WINDOWS[size] // 2
     for begin in range(0, count, _BLOCK):
         end = min(begin + _BLOCK, count)
@@ -153,13 +154,14 @@ def note_row(push, power, tolerance, count, places, line, size, most, at, beyond
 def window_extremes(  # type: ignore[no-untyped-def]
     residual, weight, light, places, tolerance, first, last, most, at, beyond
 ):
-    """Extremes of T over windows of every size, of each sensor and, where there are several, of all together.
+    """Find extremes of T over windows of every size, of each sensor and, where there are several, of all together.
 
-    A window's T is N / sqrt(D + tolerance D^2), N = sum light r / V, D = sum light^2 / V: how far its light is off, in
-    standard deviations of noise and of a relative tolerance, whose square is ``tolerance``. places (sizes, lines,
-    pixels): class of each place, for windows of each size about it. Written, for windows whose last line is first ..
-    last - 1: most, the greatest T squared of both signs, lighter and darker; at, first line and first pixel of that
-    window; beyond, how many windows deviate by ``LEAST_T`` or more. ``first`` is a multiple of ``STRIP``.
+    A window's T is N / sqrt(D + tolerance D^2), N = sum light r / V, D = sum light^2 / V: the deviation of
+    its light in standard deviations of noise and of a relative tolerance, whose square is ``tolerance``.
+    places (sizes, lines, pixels): class of each place, for windows of each size about it. Written, for
+    windows whose last line is first .. last - 1: most, the greatest T squared of both signs, lighter and
+    darker; at, first line and first pixel of that window; beyond, how many windows deviate by ``LEAST_T`` or
+    more. ``first`` is a multiple of ``STRIP``.
     """
     sensors, _, pixels = residual.shape
     channels = sensors + 1 if sensors > 1 else 1
@@ -218,10 +220,11 @@ def pair_rows(row, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def beyond_share(residual, weight, white, flat, share, least_z, first, last, out):  # type: ignore[no-untyped-def]
-    """Which flat pixels of any sensor differ by more than a share of white, lighter and darker: returns how many.
+    """Mark flat pixels of any sensor that differ by more than a share of white, lighter and darker; return
+    their number.
 
-    out (2, lines, pixels) bytes, lines first .. last - 1 of which are written; flat (lines, pixels) bytes. A pixel
-    counts only where it deviates by ``least_z`` standard deviations too.
+    out (2, lines, pixels) bytes, lines first .. last - 1 of which are written; flat (lines, pixels) bytes. A
+    pixel counts only where it deviates by ``least_z`` standard deviations too.
     """
     sensors, _, pixels = residual.shape
     count = 0

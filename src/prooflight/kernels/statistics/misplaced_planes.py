@@ -1,4 +1,4 @@
-"""Compiled loops: what an ink plane that is printed elsewhere, or as another ink, would explain of a residual."""
+"""Compiled loops for ink planes printed elsewhere, or as another ink: the part of a residual that they explain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def row_explained(push, weight, here, there):  # type: ignore[no-untyped-def]
-    """N and D of a row (n,) of cells if ``there`` lay on them instead of ``here``."""
+    """Return N and D of a row (n,) of cells if ``there`` lay on them instead of ``here``."""
     explained, power = np.float32(0), np.float32(0)
     for x in range(push.size):
         step = there[x] - here[x]
@@ -25,10 +25,10 @@ def row_explained(push, weight, here, there):  # type: ignore[no-untyped-def]
     where="N % 2 == 1",
 )
 def shift_sums(pushes, weights, plane, wanted, explained, power):  # type: ignore[no-untyped-def]
-    """N and D of a plane at every ``wanted`` shift, added to explained, power (2 reach + 1, 2 reach + 1) float64.
+    """Add N and D of a plane at every ``wanted`` shift to explained, power (2 reach + 1, 2 reach + 1) float64.
 
-    pushes, weights (h, w): r / V and 1 / V of cells. plane (h + 2 reach, w + 2 reach): its effect, bordered by 0.
-    wanted: of shifts down and right, none in the middle.
+    pushes, weights (h, w): r / V and 1 / V of cells. plane (h + 2 reach, w + 2 reach): its effect, bordered
+    by 0. wanted: of shifts down and right, none in the middle.
     """
     height, width = pushes.shape
     reach = wanted.shape[0] // 2
@@ -51,14 +51,14 @@ def shift_sums(pushes, weights, plane, wanted, explained, power):  # type: ignor
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untyped-def]
-    """N' and D' of one mode along a row of tiles, added to push and power (w,)."""
+def without_light(tiles, mode, y, prior, push, power):  # type: ignore[no-untyped-def]
+    """Add N' and D' of one mode along a row of tiles to push and power (w,)."""
     own, whole, shared = tiles[0, mode, y], tiles[1, mode, y], tiles[2, mode, y]
     push0, power0 = tiles[0, 0, y], tiles[1, 0, y]
     for x in range(push.size):
-        push[x] += own[x] - shared[x] * push0[x] / (power0[x] + known)
+        push[x] += own[x] - shared[x] * push0[x] / (power0[x] + prior)
     for x in range(push.size):
-        power[x] += max(whole[x] - shared[x] * shared[x] / (power0[x] + known), np.float32(0))
+        power[x] += max(whole[x] - shared[x] * shared[x] / (power0[x] + prior), np.float32(0))
 
 
 @kernel(
@@ -68,10 +68,10 @@ def without_light(tiles, mode, y, known, push, power):  # type: ignore[no-untype
     error_model="numpy",
 )
 def swap_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
-    """Pushes and powers of exchanging each of pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
+    """Compute pushes and powers of exchanging pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
 
-    tiles (4, 9 modes or more, h, w): N, D, C of light, each ink added, each ink's gain; cover (4, h, w); known: 1 / the
-    prior variance of light.
+    tiles (4, 9 modes or more, h, w): N, D, C of light, each ink added, each ink's gain; cover (4, h, w);
+    known: 1 / the prior variance of light.
     """
     width = out.shape[3] * side
     push, power = np.empty((2, INKS, tiles.shape[3]), np.float32)

@@ -1,4 +1,4 @@
-"""Compiled loops: the most and least of a statistic against what places of the same sort on this page scatter by."""
+"""Compiled loops for extremes of a statistic relative to its scatter at places of the same class on the same page."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.statistics.boxes import box_row, take_box_row
 
 SHARES = 4
-"""Classes of the edges' share of the information, times as many of the information itself."""
+"""Number of classes of the edges' share of the information, and as many of the information itself."""
 CLASSES = SHARES * SHARES
 NO_CLASS = CLASSES
-"""Of places without information."""
+"""Class of places without information."""
 BINS = 96
-"""Of log2 |T|, eight an octave from 2^-4 on."""
+"""Number of bins of log2 |T|, eight an octave from 2^-4 on."""
 ONE_SIGMA = 0.6827
 PRIOR = 30.0
-"""Independent places of a class whose scatter is taken from the whole page's."""
+"""Weight of the whole page's scatter in that of a class, in independent places."""
 PAGE_PRIOR = 10.0
-"""Independent places by which the page's is held to 1."""
+"""Weight of 1 in the page's scatter, in independent places."""
 LEAST_SCALE = 0.5
 _MOST_SQUARE = np.float32(100)
 _NOTHING_COMMON = np.float32(1e30)
@@ -28,7 +28,7 @@ _EIGHTHS = tuple(int(np.float32(2 ** (j / 8)).view(np.int32)) & 0x7FFFFF for j i
 
 @inner_kernel()
 def quantile_of(histogram, count):  # type: ignore[no-untyped-def]
-    """|T| below which ``ONE_SIGMA`` of so many lie."""
+    """Return |T| below which ``ONE_SIGMA`` of so many lie."""
     wanted = ONE_SIGMA * count
     below = 0.0
     for i in range(BINS):
@@ -40,7 +40,7 @@ def quantile_of(histogram, count):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def row_of_t(own, power, edges, noise, at_edges, tolerance, least, t):  # type: ignore[no-untyped-def]
-    """T of a row of places into t, 0 where nothing is known; returns the sum of T^2, each at most 100."""
+    """Compute T of a row of places into t, 0 without information; return the sum of T^2, each at most 100."""
     squares = np.float32(0)
     for x in range(t.size):
         d = power[x]
@@ -55,7 +55,7 @@ def row_of_t(own, power, edges, noise, at_edges, tolerance, least, t):  # type: 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def row_of_classes(power, edges, most, least, kinds):  # type: ignore[no-untyped-def]
-    """Of which sort each place of a row is: by the edges' share of its information, and by how much it has of it."""
+    """Classify each place of a row by the edges' share of its information, and by the amount of information."""
     for x in range(kinds.size):
         d = power[x]
         e = min(max(edges[x], np.float32(0)), d)
@@ -68,7 +68,7 @@ def row_of_classes(power, edges, most, least, kinds):  # type: ignore[no-untyped
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
-    """In which eighth of an octave each |T| of a row lies, from its bits; shifted (w,) float32 is working space."""
+    """Compute the eighth of an octave of each |T| of a row from its bits; shifted (w,) float32 is working space."""
     for x in range(t.size):
         shifted[x] = abs(t[x]) + np.float32(1e-4)
     bits = shifted.view(np.int32)
@@ -83,12 +83,12 @@ def row_of_bins(t, shifted, bins):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no-untyped-def]
-    """Count a row of T (w,) by class and size, and keep each class's greatest and least with their places.
+    """Count a row of T (w,) by class and size, and store each class's greatest and least with their places.
 
-    bounds (classes,): |T| up to which a class has nothing new. What is not known is not counted.
+    bounds (classes,): |T| up to which a class has no new extreme. Places without information are not counted.
     """
     for x in range(t.size):
-        kind = np.uint32(kinds[x])  # no index below 0 to look after
+        kind = np.uint32(kinds[x])  # unsigned, so that no negative index is tested for
         if kind == NO_CLASS:
             continue
         histogram[kind, np.uint32(bins[x])] += np.uint32(1)
@@ -101,7 +101,7 @@ def sort_row(t, kinds, bins, y, histogram, bounds, ends, at):  # type: ignore[no
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def greatest_of(power):  # type: ignore[no-untyped-def]
-    """The greatest of a map, at least 0."""
+    """Return the greatest value of a map, at least 0."""
     most = np.float32(0)
     for y in range(power.shape[0]):
         row = power[y]
@@ -112,11 +112,11 @@ def greatest_of(power):  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def against_own(own, power, edges, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """Extremes of T, and of T over the scatter of T at places of the same class on the same page.
+    """Find extremes of T, and of T over the scatter of T at places of the same class on the same page.
 
-    own, power, edges (h, w): N', D' and the edges' part of it; scatter (3,); overlap: places that count as one.
-    Written: values (5,): greatest and least T, the same over that scatter, mean of T^2, each at most 100; 0 where
-    nothing is informed; places (4, 2): row and column of the extremes.
+    own, power, edges (h, w): N', D' and the edges' part of it; scatter (3,); overlap: number of places that
+    count as one. Written: values (5,): greatest and least T, the same over that scatter, mean of T^2, each at
+    most 100; 0 without information; places (4, 2): row and column of the extremes.
     """
     height, width = own.shape
     values[:] = 0
@@ -126,7 +126,7 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
         return
     t, shifted = np.empty(width, np.float32), np.empty(width, np.float32)
     kinds, bins = np.empty(width, np.int32), np.empty(width, np.int32)
-    known = np.zeros((CLASSES, BINS), np.uint32)
+    histogram = np.zeros((CLASSES, BINS), np.uint32)
     bounds, ends = np.zeros(CLASSES, np.float32), np.zeros((CLASSES, 2), np.float32)
     at = np.zeros((CLASSES, 2, 2), np.int64)
     squares = 0.0
@@ -134,17 +134,17 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
         squares += row_of_t(own[y], power[y], edges[y], scatter[0], scatter[1], scatter[2], least, t)
         row_of_classes(power[y], edges[y], most, least, kinds)
         row_of_bins(t, shifted, bins)
-        sort_row(t, kinds, bins, y, known, bounds, ends, at)
-    total = known.sum()
+        sort_row(t, kinds, bins, y, histogram, bounds, ends, at)
+    total = histogram.sum()
     values[4] = squares / total
     n = total / overlap
-    of_page = (n * quantile_of(known.sum(axis=0), total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
+    of_page = (n * quantile_of(histogram.sum(axis=0), total) ** 2 + PAGE_PRIOR) / (n + PAGE_PRIOR)
     for k in range(CLASSES):
-        count = known[k].sum()
+        count = histogram[k].sum()
         if count == 0:
             continue
         n = count / overlap
-        squared = (n * quantile_of(known[k], count) ** 2 + PRIOR * of_page) / (n + PRIOR)
+        squared = (n * quantile_of(histogram[k], count) ** 2 + PRIOR * of_page) / (n + PRIOR)
         scale = np.float32(max(np.sqrt(squared), LEAST_SCALE))
         for end in range(2):
             sign = np.float32(1 - 2 * end)
@@ -156,7 +156,7 @@ def against_own(own, power, edges, scatter, least, overlap, values, places):  # 
 
 @kernel("maps (3, M, H, W), scatter (M, 3), least, overlap, values (M, 5), places (M, 4, 2)")
 def each_against_own(maps, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """``against_own`` of every mode: maps (3, modes, h, w), scatter (modes, 3); written (modes, ...)."""
+    """Run ``against_own`` on every mode: maps (3, modes, h, w), scatter (modes, 3); written (modes, ...)."""
     for mode in range(maps.shape[1]):
         against_own(
             maps[0, mode],
@@ -171,11 +171,12 @@ def each_against_own(maps, scatter, least, overlap, values, places):  # type: ig
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-untyped-def]
-    """N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), once what is common to all is taken out.
+def box_map(cells, mode, gains, level, prior, common, out):  # type: ignore[no-untyped-def]
+    """Compute N', D' and the edges' part of D' of one mode's boxes, out (3, h, w), without the common mode.
 
-    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C taken from N of each row of cells; level (h, w): the
-    same of each box; common (2, h, w): N and D of the common mode's boxes, known: 1 / its prior variance.
+    cells (4, modes, h, w): N, D, C, edges; gains (h,): share of C subtracted from N of each row of cells;
+    level (h, w): the same of each box; common (2, h, w): N and D of the common mode's boxes, prior: 1 / its
+    prior variance.
     """
     height, width = out.shape[1:]
     rows = np.empty((4, width), np.float32)
@@ -189,18 +190,18 @@ def box_map(cells, mode, gains, level, known, common, out):  # type: ignore[no-u
         share, push0, power0 = level[y], common[0, y], common[1, y]
         own, rest, of_edges = out[0, y], out[1, y], out[2, y]
         for x in range(width):
-            part_common = shared[x] / (power0[x] + known)
+            part_common = shared[x] / (power0[x] + prior)
             own[x] = push[x] - shared[x] * share[x] - part_common * push0[x]
         for x in range(width):
-            part_common = shared[x] / (power0[x] + known)
+            part_common = shared[x] / (power0[x] + prior)
             rest[x] = max(power[x] - shared[x] * part_common, np.float32(0))
         for x in range(width):
             of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
 
 
 @inner_kernel()
-def says_something(power):  # type: ignore[no-untyped-def]
-    """Whether any place of a map has information; most that do are seen to at once."""
+def has_information(power):  # type: ignore[no-untyped-def]
+    """Return whether any place of a map has information; usually the first rows decide."""
     y = 0
     while y < power.shape[0] and greatest_of(power[y : y + 1]) <= 0:
         y += 1
@@ -213,19 +214,19 @@ def says_something(power):  # type: ignore[no-untyped-def]
     where="M <= N",
 )
 def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
-    """``against_own`` of all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
+    """Run ``against_own`` on all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
 
-    The rest as in ``box_map`` and ``each_against_own``.
+    Other arguments as in ``box_map`` and ``each_against_own``.
     """
     modes, height, width = scatter.shape[0], cells.shape[2], cells.shape[3]
     nothing = np.zeros((2, height, width), np.float32)
     of_all, maps = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
     for mode in range(modes):
-        if not says_something(cells[1, mode]):
+        if not has_information(cells[1, mode]):
             values[mode] = 0
             places[mode] = 0
             continue
         one = maps if mode else of_all
-        known_by, light = (known, of_all) if mode else (_NOTHING_COMMON, nothing)
-        box_map(cells, mode, gains, level, known_by, light, one)
+        prior, light = (known, of_all) if mode else (_NOTHING_COMMON, nothing)
+        box_map(cells, mode, gains, level, prior, light, one)
         against_own(one[0], one[1], one[2], scatter[mode], least, overlap, values[mode], places[mode])

@@ -1,18 +1,19 @@
-"""Compiled loops: connected pieces of a raster's colours."""
+"""Compiled loops for connected components of a raster's colours."""
 
 from __future__ import annotations
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 
 RUN = 4
-"""Numbers of a run: row, first column, column after its last, colour; afterwards its piece instead of its colour."""
+"""Length of a run's record: row, first column, column after its last, colour; its piece replaces its colour
+later."""
 PIECE = 6
-"""Numbers of a piece: first column, first row, columns, rows, area, colour."""
+"""Length of a piece's record: first column, first row, columns, rows, area, colour."""
 
 
 @inner_kernel()
 def root(parents, at):  # type: ignore[no-untyped-def]
-    """The first run of the piece that a run is of."""
+    """Return the first run of the piece that a run belongs to."""
     while parents[at] != at:
         parents[at] = parents[parents[at]]
         at = parents[at]
@@ -21,7 +22,8 @@ def root(parents, at):  # type: ignore[no-untyped-def]
 
 @kernel("packed (R, C), colours (K), runs (M, RUN), parents (M)")
 def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
-    """Runs of ``colours`` along rows, joined to those of the row before that they touch, corners too; their number.
+    """Find runs of ``colours`` along rows, and join those that touch in adjacent rows, corners too; return
+    their number.
 
     packed: one number a pixel. -1: there are more than ``runs`` holds.
     """
@@ -61,7 +63,7 @@ def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
 
 @kernel("runs (M, RUN), parents (M), pieces (M, PIECE)")
 def piece_boxes(runs, parents, pieces):  # type: ignore[no-untyped-def]
-    """Box, area and colour of every piece of joined runs, and the number of pieces; each run learns its piece."""
+    """Compute box, area and colour of every piece of joined runs; return the number of pieces, and label each run."""
     count = 0
     for at in range(runs.shape[0]):
         first = root(parents, at)
@@ -86,7 +88,7 @@ def piece_boxes(runs, parents, pieces):  # type: ignore[no-untyped-def]
 
 @kernel("runs (M, RUN), pieces (N, PIECE), wanted (N), out (_)", where="M >= 0")
 def filled_pieces(runs, pieces, wanted, out):  # type: ignore[no-untyped-def]
-    """Masks of pieces, row by row, each from ``wanted`` on in out; -1: not of this piece. out: 0 before."""
+    """Draw masks of pieces, row by row, each from ``wanted`` on in out; -1: not of this piece. out: 0 before."""
     for at in range(runs.shape[0]):
         piece = runs[at, 3]
         if wanted[piece] < 0:

@@ -1,7 +1,8 @@
-"""Compiled loops: sums along lines at every slope, by the fast discrete Radon transform.
+"""Compiled loops for sums along lines at every slope, by the fast discrete Radon transform.
 
-A line of twice the height is two lines of half of it, the lower one set off by half of what it leans: so sums along all
-of h slopes of all lines of height h cost log2 h additions a line (Goetz and Druck 1996; Brady 1998).
+A line of twice the height is two lines of half of it, the lower one displaced by half of its lean: so sums
+along all of h slopes of all lines of height h cost log2 h additions a line (Goetz and Druck 1996; Brady
+1998).
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def doubled(sums, out):  # type: ignore[no-untyped-def]
-    """Sums along lines of height h, (strips, h, w), made those of twice the height, out (strips // 2, 2 h, w).
+    """Combine sums along lines of height h, (strips, h, w), to those of twice the height, out (strips // 2, 2 h, w).
 
-    ``[k, a, x]``: of the line that begins at the top of strip k, at x, and is a further right at its foot. What lies
-    beyond the right side is nothing.
+    ``[k, a, x]``: of the line that begins at the top of strip k, at x, and is a further right at its foot.
+    Beyond the right side is 0.
     """
     width = sums.shape[2]
     for k in range(out.shape[0]):
@@ -31,20 +32,20 @@ def doubled(sums, out):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def signed_squares(above, above_known, below, below_known, lean, least, most_of_half, out):  # type: ignore[no-untyped-def]
-    """Write n |n| / d of lines into out (w,), from sums over their halves, of lines that lean so far right;
-    returns the greatest and the least, at least and at most 0.
+def signed_squares(above, above_power, below, below_power, lean, least, most_of_half, out):  # type: ignore[no-untyped-def]
+    """Write n |n| / d of lines into out (w,), from sums over their halves; return the greatest and the least.
 
-    No line counts for more than ``most_of_half`` times as much as either of its halves, and for nothing where these do
-    not agree, or where it leaves the page.
+    The lines lean right by ``lean``; the extremes are at least and at most 0. No line counts for more than
+    ``most_of_half`` times as much as either of its halves, and for nothing where these do not agree, or where
+    it leaves the page.
     """
     zero = np.float32(0)
     within, step = max(out.size - lean, 0), (lean + 1) // 2
-    # Slices of one length: the compiler then knows that no index is negative, and the loops run in vectors.
-    above, above_known, line = above[:within], above_known[:within], out[:within]
-    below, below_known = below[step : step + within], below_known[step : step + within]
+    # Slices of one length, so that the compiler knows that no index is negative, and loops run in vectors.
+    above, above_power, line = above[:within], above_power[:within], out[:within]
+    below, below_power = below[step : step + within], below_power[step : step + within]
     for x in range(line.size):
-        n, m, d, e = above[x], below[x], above_known[x], below_known[x]
+        n, m, d, e = above[x], below[x], above_power[x], below_power[x]
         one, other = n * abs(n) / max(d, least), m * abs(m) / max(e, least)
         value = (n + m) * abs(n + m) / max(d + e, least)
         more, fewer = max(min(one, other), zero), min(max(one, other), zero)
@@ -58,11 +59,10 @@ def signed_squares(above, above_known, below, below_known, lean, least, most_of_
 
 @inner_kernel()
 def extremes_by_slope(push, power, first, least, most_of_half, above, values, places):  # type: ignore[no-untyped-def]
-    """Greatest and least n / sqrt(d) of lines of every slope from ``first`` on, of which push, power (strips, h, w) are
-    the halves.
+    """Find the greatest and least n / sqrt(d) of lines of every slope from ``first`` on.
 
-    above: strips of whole lines that lie above these. Updated: values (2 h, 2), the least with its sign turned; places
-    (2 h, 2, 2): strip and x of each.
+    push, power (strips, h, w) are those of the lines' halves. above: strips of whole lines above these.
+    Updated: values (2 h, 2), the least with its sign turned; places (2 h, 2, 2): strip and x of each.
     """
     width = push.shape[2]
     line = np.empty(width, np.float32)
@@ -92,25 +92,25 @@ def extremes_by_slope(push, power, first, least, most_of_half, above, values, pl
     where="0 < smallest, smallest * 2 ** (L - 1) == S, H % S == 0",
 )
 def slanted(push, power, smallest, first, least, most_of_half, values, places):  # type: ignore[no-untyped-def]
-    """Greatest and least n / sqrt(d), n and d added up along lines that lean right, of every slope and of L heights.
+    """Find the greatest and least n / sqrt(d) along lines that lean right, of every slope and of L heights.
 
-    Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a height are whole columns to the right over
-    it, of which those below first of that height are left out. least: of d, so that little information says little;
-    most_of_half: as in ``signed_squares``. Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top;
-    0 where there is nothing.
+    n and d are sums along a line. Heights are smallest, twice that, ..., S rows; slopes a = 0..height of a
+    height are whole columns to the right over it, of which those below first of that height are left out.
+    least: of d, so that little information has little effect; most_of_half: as in ``signed_squares``.
+    Written: values (L, S, 2), places (L, S, 2, 2) strip and column at its top; 0 without information.
     """
     values[:] = 0
     places[:] = 0
     width, tallest = push.shape[1], values.shape[1]
-    for top in range(0, push.shape[0], tallest):  # so many rows stay near the processor through all levels
+    for top in range(0, push.shape[0], tallest):  # these rows stay in the cache through all levels
         n = push[top : top + tallest].reshape(tallest, 1, width)
         d = power[top : top + tallest].reshape(tallest, 1, width)
         level = 0
         while level < values.shape[0]:
             tall = 2 * n.shape[1]
             if tall >= smallest:
-                known = np.float32(least), np.float32(most_of_half)
-                extremes_by_slope(n, d, first[level], *known, top // tall, values[level], places[level])
+                limits = np.float32(least), np.float32(most_of_half)
+                extremes_by_slope(n, d, first[level], *limits, top // tall, values[level], places[level])
                 level += 1
             if level < values.shape[0]:
                 longer_n = np.empty((tallest // tall, tall, width), np.float32)
@@ -126,9 +126,10 @@ def slanted(push, power, smallest, first, least, most_of_half, values, places): 
     error_model="numpy",
 )
 def tiles_known(own, power, edges, scatter, least, t, known):  # type: ignore[no-untyped-def]
-    """T of tiles, and the information on an amount N' / D' that they have, (h, w) each, from N', D' and edges.
+    """Compute T of tiles, and their information on an amount N' / D', (h, w) each, from N', D' and edges.
 
-    scatter (3,): what N' scatters by: noise, edges, tolerance; tiles of no more D' than ``least`` know nothing.
+    scatter (3,): coefficients of the scatter of N': noise, edges, tolerance; tiles of no more D' than
+    ``least`` have none.
     """
     noise, at_edges, tolerance = scatter[0], scatter[1], scatter[2]
     zero = np.float32(0)

@@ -1,4 +1,4 @@
-"""Compiled loops: what columns say once the light about them is taken out, and columns side by side taken together."""
+"""Compiled loops for columns without the light around them, and for sums of adjacent columns."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
-    """Sums of a row (w,) from ``reach_before`` before each place to ``reach_after`` behind it, into out (w,) float64.
+    """Compute sums of a row (w,) from ``reach_before`` before to ``reach_after`` after each place, into out
+    (w,) float64.
 
-    beyond: 1: the first and the last value go on beyond the row, 0: nothing does. prefix (w + 1,) float64 is working
-    space.
+    beyond: 1: the first and the last value are repeated beyond the row, 0: zero beyond. prefix (w + 1,)
+    float64 is working space.
     """
     size = row.size
     prefix[0] = 0.0
@@ -31,12 +32,12 @@ def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignor
     where="0 < length, 0 < step, (Q - 1) * step + length <= S",
 )
 def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-untyped-def]
-    """N', D', the edges' part of D' and what uneven light adds to N', out (4, modes, parts, w), of ``length`` segments
-    each of columns (4, modes, segments, w), one part every ``step`` of them.
+    """Compute N', D', the edges' part of D' and the effect of uneven light on N', out (4, modes, parts, w).
 
-    What light as a whole does, known: 1 / its prior variance, and the mean amount over ``wide`` columns about each are
-    taken out of N'. Light that is by a share s more in one segment alone leaves s (C_s - D0_s C / D0): the squares of
-    that, without s, are added up.
+    Each part is ``length`` segments of columns (4, modes, segments, w), one part every ``step`` of them. The
+    effect of light as a whole, known: 1 / its prior variance, and the mean amount over ``wide`` columns about
+    each are subtracted from N'. Light greater by a share s in one segment alone leaves s (C_s - D0_s C / D0):
+    the squares of that, without s, are summed.
     """
     modes, parts, width = out.shape[1], out.shape[2], out.shape[3]
     sums, common = np.empty((4, width), np.float32), np.empty((2, width), np.float32)
@@ -62,8 +63,8 @@ def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-
                 for k in range(begin, end):
                     light, shared = columns[1, 0, k], columns[2, mode, k]
                     for x in range(width):
-                        apart = shared[x] - share[x] * light[x]
-                        uneven[x] += apart * apart
+                        difference = shared[x] - share[x] * light[x]
+                        uneven[x] += difference * difference
             for x in range(width):
                 edges[x] *= min(rest[x] / max(sums[1, x], np.float32(1e-9)), np.float32(1))
             running(own, wide // 2, wide - wide // 2 - 1, True, prefix, push)
@@ -74,7 +75,7 @@ def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-
 
 @kernel("maps (N, W), count, out (N, W)")
 def widened(maps, count, out):  # type: ignore[no-untyped-def]
-    """Sums over ``count`` columns about each of maps (n, w), out (n, w); there is nothing beyond the ends."""
+    """Compute sums over ``count`` columns about each of maps (n, w), out (n, w); 0 beyond the ends."""
     prefix, sums = np.empty(maps.shape[1] + 1), np.empty(maps.shape[1])
     for n in range(maps.shape[0]):
         running(maps[n], count // 2, count - count // 2 - 1, False, prefix, sums)

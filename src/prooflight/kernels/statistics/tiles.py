@@ -1,6 +1,6 @@
-"""Compiled loops: what residuals say of every mode, summed over tiles and down columns.
+"""Compiled loops for sums of residuals over tiles and down columns, for every mode.
 
-Row by row, one array written at a time: so the loops run in vectors.
+Row by row, one array written at a time, so that the loops run in vectors.
 """
 
 from __future__ import annotations
@@ -17,37 +17,39 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 VOID, BLUR, WHOLE = 1 + 2 * INKS, 2 + 2 * INKS, 3 + 2 * INKS
-"""Modes are numbered: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""
+"""Numbers of modes: light, each ink added (4), each ink's gain (4), void, blur and all inks' gain."""
 _MOST_SQUARE = np.float32(25)
 _FLOOR = np.float32(1e-12)
 
 
 class ResidualImages(NamedTuple):
-    """What is left of one sensor's scan and what it may be of; images (..., lines, pixels).
+    """Residuals of one sensor's scan with the images for its modes; images (..., lines, pixels).
 
-    With one axis more in front: of all sensors.
+    With one more axis in front, those of all sensors.
     """
 
     residual: NDArray[np.float32]
-    """[DN]"""
+    """Residual. [DN]"""
     weight: NDArray[np.float32]
     """Inverse variance. [1/DN^2]"""
     light: NDArray[np.float32]
-    """Expected. [DN]"""
+    """Expected light. [DN]"""
     white: NDArray[np.float32]
-    """(..., pixels) bare paper's light. [DN]"""
+    """Light of bare paper, (..., pixels). [DN]"""
     add: NDArray[np.float32]
-    """(..., 4, lines, pixels) ``Modes.add``. [DN]"""
+    """``Modes.add``, (..., 4, lines, pixels). [DN]"""
     gain: NDArray[np.float32]
-    """(..., 4, lines, pixels) ``Modes.gain``. [DN]"""
+    """``Modes.gain``, (..., 4, lines, pixels). [DN]"""
     of_edges: NDArray[np.float32]
-    """Share of the variance that is edges'. [-]"""
+    """Share of the variance due to edges. [-]"""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type: ignore[no-untyped-def]
-    """A row (pixels,) ready to be summed up, out (4, pixels): r / V with r kept below ``most`` sigma, 1 / V, light / V
-    and the edges' part of 1 / V. Pixels more of whose variance than ``most_edge`` is edges' count nothing.
+def weighted_row(residual, weight, light, of_edges, most, most_edge, out):  # type: ignore[no-untyped-def]
+    """Prepare a row (pixels,) for summing, out (4, pixels).
+
+    Written: r / V with r limited to ``most`` sigma, 1 / V, light / V and the edges' part of 1 / V. Pixels
+    whose variance is due to edges by more than ``most_edge`` are left out.
     """
     push, power, shared, edges = out[0], out[1], out[2], out[3]
     for x in range(residual.size):
@@ -63,7 +65,7 @@ def weigh_row(residual, weight, light, of_edges, most, most_edge, out):  # type:
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # type: ignore[no-untyped-def]
-    """Add what a row says of one mode (pixels,) to its four sums; push .. edge: as ``weigh_row`` makes them."""
+    """Add a row's sums for one mode (pixels,) to its four sums; push .. edge: as from ``weighted_row``."""
     for x in range(mode.size):
         pushes[x] += mode[x] * push[x]
     for x in range(mode.size):
@@ -76,14 +78,14 @@ def add_mode(mode, push, power, light, edge, pushes, powers, shared, edges):  # 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def void_row(light, white, out):  # type: ignore[no-untyped-def]
-    """What is missing to bare paper."""
+    """Compute the difference to bare paper."""
     for x in range(out.size):
         out[x] = white[x] - light[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def blur_row(light, line, out):  # type: ignore[no-untyped-def]
-    """Half the sum of four neighbours less twice the middle; 0 at both ends."""
+    """Compute half the sum of four neighbours less twice the middle; 0 at both ends."""
     above, here, below = light[line - 1], light[line], light[line + 1]
     out[0], out[out.size - 1] = np.float32(0), np.float32(0)
     for x in range(1, out.size - 1):
@@ -100,12 +102,12 @@ def blur_row(light, line, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def line_sums(images, most_edges, shift, segment_lines, which, first, last, out):  # type: ignore[no-untyped-def]
-    """Sums down the columns of a page, in segments of its height: added to out (n, 4, modes, segments, pixels), those
-    of segments first .. last - 1.
+    """Add sums down the columns of a page, in segments of its height, to out (n, 4, modes, segments, pixels).
 
-    which (modes,): numbers of modes, none beyond ``VOID``. Of each: sum P r / V; P^2 / V; P light / V; the edges' part
-    of P^2 / V. r is kept below 4 sigma. most_edges (n,): pixels more of whose variance is edges' are left out. shift
-    (lines,): whole pixels by which a line is moved left, so that columns of a page that is turned lie on each other.
+    Segments first .. last - 1 are processed. which (modes,): numbers of modes, none beyond ``VOID``. Of each:
+    sum P r / V; P^2 / V; P light / V; the edges' part of P^2 / V. r is limited to 4 sigma. most_edges (n,):
+    greatest share of variance due to edges of pixels that count. shift (lines,): whole pixels by which a line
+    is moved left, so that columns of a turned page coincide.
     """
     residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape
@@ -119,7 +121,7 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
         if left >= right:
             continue
         for n in range(most_edges.size):
-            weigh_row(
+            weighted_row(
                 residual[line],
                 weight[line],
                 light[line],
@@ -144,7 +146,7 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
                 mode = void[left:right]
             for n in range(most_edges.size):
                 row = rows[n]
-                # Every row by itself is contiguous, as loops in vectors need it; cut out together they are not.
+                # Every row by itself is contiguous, as loops in vectors need it; a slice of all rows is not.
                 add_mode(
                     mode,
                     row[0, left:right],
@@ -159,25 +161,26 @@ def line_sums(images, most_edges, shift, segment_lines, which, first, last, out)
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def add_tile_row(images, first, last, side, which, rows, made, sums, out):  # type: ignore[no-untyped-def]
-    """Sums over one row of tiles, lines first .. last - 1 of one sensor, added to out (4, modes + 1, tile columns).
+def add_tile_row(images, first, last, side, which, rows, scratch, sums, out):  # type: ignore[no-untyped-def]
+    """Add sums over one row of tiles, lines first .. last - 1 of one sensor, to out (4, modes + 1, tile columns).
 
-    rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in ``tile_sums``.
+    rows (side, 4, pixels), made (3, side, pixels), sums (4, pixels) are working space; the rest as in
+    ``tile_sums``.
     """
     residual, weight, light, white, add, gain, of_edges = images
     for line in range(first, last):
         k = line - first
-        weigh_row(
+        weighted_row(
             residual[line], weight[line], light[line], of_edges[line], np.float32(10), np.float32(1), rows[k]
         )
         for place in range(which.size):
             m = which[place]
             if m == VOID:
-                void_row(light[line], white, made[0, k])
+                void_row(light[line], white, scratch[0, k])
             elif m == BLUR:
-                blur_row(light, line, made[1, k])
+                blur_row(light, line, scratch[1, k])
             elif m == WHOLE:
-                whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], made[2, k])
+                whole_row(gain[0, line], gain[1, line], gain[2, line], gain[3, line], scratch[2, k])
     for place in range(which.size):
         m = which[place]
         sums[:] = np.float32(0)
@@ -191,7 +194,7 @@ def add_tile_row(images, first, last, side, which, rows, made, sums, out):  # ty
                 if not shows(mode):
                     continue
             else:
-                mode = made[m - VOID, k]
+                mode = scratch[m - VOID, k]
             row = rows[k]
             add_mode(mode, row[0], row[1], row[2], row[3], sums[0], sums[1], sums[2], sums[3])
         for part in range(4):
@@ -210,16 +213,16 @@ def add_tile_row(images, first, last, side, which, rows, made, sums, out):  # ty
     where="0 <= first, last <= L // side",
 )
 def tile_sums(images, side, which, first, last, out):  # type: ignore[no-untyped-def]
-    """Sums over tiles of all sensors, written to out (4, modes + 1, tile rows, tile columns), rows first .. last - 1.
+    """Compute sums over tiles of all sensors: out (4, modes + 1, tile rows, tile columns), rows first .. last - 1.
 
-    images: ``ResidualImages`` of all sensors; which (modes,): numbers of modes. As ``line_sums``, r kept below 10
-    sigma; the last mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors take turns at each row of
-    tiles, whose sums stay at hand: all tiles together are as large as all images.
+    images: ``ResidualImages`` of all sensors; which (modes,): numbers of modes. As ``line_sums``, r limited
+    to 10 sigma; the last mode is the energy: sum of r^2 / V, each at most 25, and pixels. Sensors alternate
+    at each row of tiles, whose sums stay in the cache: all tiles together are as large as all images.
     """
     residual, weight, light, white, add, gain, of_edges = images
     lines, pixels = residual.shape[1:]
     rows = np.empty((side, 4, pixels), np.float32)
-    made = np.empty((3, side, pixels), np.float32)
+    scratch = np.empty((3, side, pixels), np.float32)
     sums = np.empty((4, pixels), np.float32)
     here = np.empty((4, which.size + 1, out.shape[3]), np.float32)
     for tile in range(first, last):
@@ -227,20 +230,20 @@ def tile_sums(images, side, which, first, last, out):  # type: ignore[no-untyped
         begin, end = max(tile * side, 2), min((tile + 1) * side, lines - 2)
         for s in range(residual.shape[0]):
             own = ResidualImages(residual[s], weight[s], light[s], white[s], add[s], gain[s], of_edges[s])
-            add_tile_row(own, begin, end, side, which, rows, made, sums, here)
+            add_tile_row(own, begin, end, side, which, rows, scratch, sums, here)
         out[:, :, tile] = here
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def whole_row(cyan, magenta, yellow, black, out):  # type: ignore[no-untyped-def]
-    """All inks' gain together."""
+    """Compute the sum of all inks' gain."""
     for x in range(out.size):
         out[x] = cyan[x] + magenta[x] + yellow[x] + black[x]
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
-    """Add a row's squared residuals over their variance, and where there are any."""
+    """Add a row's squared residuals over their variance, and the number of pixels that have any."""
     for x in range(residual.size):
         energy[x] += min(residual[x] * residual[x] * weight[x], _MOST_SQUARE)
     for x in range(residual.size):
@@ -249,7 +252,7 @@ def add_energy(residual, weight, energy, count):  # type: ignore[no-untyped-def]
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def gather(sums, side, out):  # type: ignore[no-untyped-def]
-    """Sums (pixels,) added up in tiles of ``side``, added to out (tile columns,)."""
+    """Add sums (pixels,) in tiles of ``side`` to out (tile columns,)."""
     if side == 2:
         for column in range(out.size):
             out[column] += sums[2 * column] + sums[2 * column + 1]

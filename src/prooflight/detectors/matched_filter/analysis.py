@@ -19,6 +19,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     lengthened,
     thinned,
 )
+from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     Modes,
@@ -194,6 +195,8 @@ class ScanAnalysis:
     """Function that returns the sums of given modes of ``MODES``."""
     glyphs: WeighedPage = NOTHING
     """Result of the glyph tests."""
+    blind_columns: tuple[int, ...] = ()
+    """Camera columns on the page that are faulty in every sensor, so that nothing saw what passed under them."""
 
     def of_every_mode(self) -> ScanAnalysis:
         """Return the analysis with the sums of all ``MODES``."""
@@ -226,11 +229,16 @@ def analyse(
     floor_share : as in ``measure_marks``.
     threads : number of threads that share the work.
     """
+    landmarks = prepared.landmarks
+    height_mm = prepared.page.height_mm
+    columns = faulty_columns(scan, landmarks.sensors, landmarks.geometry, page_height_mm=height_mm)
+    scan = bridged(scan, columns, landmarks.sensors)
     return analyse_found(
         prepared,
         scan,
-        register(prepared.landmarks, scan, lost=lost, threads=threads),
+        register(landmarks, scan, lost=lost, threads=threads),
         lost=lost,
+        columns=columns,
         residual_variance=residual_variance or ResidualVariance(),
         looked_at=looked_at,
         floor_share=floor_share,
@@ -244,12 +252,16 @@ def analyse_found(
     registration: Registration,
     *,
     lost: NDArray[np.bool_] | None = None,
+    columns: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance,
     looked_at: tuple[str, ...] = MODES,
     floor_share: float = 0.0,
     threads: int = 1,
 ) -> ScanAnalysis:
-    """Analyse a scan whose page is registered already; see ``analyse``."""
+    """Analyse a scan whose page is registered already; see ``analyse``.
+
+    columns: which are faulty (sensors, pixels), and bridged in the scan; None: none.
+    """
     page, prior, at = prepared.page, prepared.prior, prepared.binned_geometry
     geometry = prepared.landmarks.geometry
     bins = bins_of(geometry)
@@ -288,6 +300,10 @@ def analyse_found(
     left, weight, of_edges, noise = residual_images(
         placed, taken, light, residual_variance=residual_variance, threads=threads
     )
+    columns = np.zeros((len(left), geometry.pixels), bool) if columns is None else columns
+    faulty = np.asarray(columns.reshape(len(left), -1, bins).any(axis=2))
+    for index in np.flatnonzero(faulty.any(axis=1)):  # what such a column sees says nothing
+        left[index][:, faulty[index]] = weight[index][:, faulty[index]] = 0.0
     if not residual_variance.exact:
         _take_moves(prepared, printed, placement, seen, left, weight, light, threads=threads)
 
@@ -332,6 +348,7 @@ def analyse_found(
         careful=careful,
         summed=sums_of,
         glyphs=glyphs,
+        blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )
 
 

@@ -65,6 +65,9 @@ STRONGEST: Final = 4
 """Number of families from which kind and place are taken."""
 ROWS_AT_ONCE: Final = 64
 UNPLACED: Final = "lines were lost, and the rest does not tell where the page lies"
+BLIND: Final = (
+    "camera column {} answers otherwise than it was calibrated, on the backing too: calibrate the columns"
+)
 PARTS: Final = "parts of the page do not look as designed"
 
 
@@ -208,6 +211,9 @@ class MatchedFilterPage:
         )
         if decision.misprint and scan.lost is not None and not (another or analysis.found.found):
             verdict = Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
+        if analysis.blind_columns and not decision.misprint:
+            numbers = ", ".join(map(str, analysis.blind_columns))
+            verdict = Verdict.skipped(page.name, BLIND.format(numbers), detector=calibrated.name)
         placement = analysis.found.placement if analysis.found.found else IN_PLACE
         area = inside(page, station.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(

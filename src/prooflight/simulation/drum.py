@@ -222,7 +222,7 @@ def taped(
 ) -> NDArray[np.uint16]:
     """Return a scan of a sheet with a splice's tape across it, which hides the print.
 
-    Backing_dn (sensors, 1, pixels).
+    backing_dn: (sensors, 1, pixels).
     """
     half = round(fault.amount / press.geometry.line_pitch_mm / 2)
     middle = round(fault.at * scan.shape[1])

@@ -126,7 +126,7 @@ def _raw_lines(path: Path) -> ChartScan | None:
 def _top_code(greatest: int) -> int:
     """Return the greatest code of the least usual number of bits that holds ``greatest``.
 
-    Assumed: files do not state it.
+    assumed: files do not state it.
     """
     return next(2**bits - 1 for bits in _USUAL_BITS if greatest < 2**bits)
 

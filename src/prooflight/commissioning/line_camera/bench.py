@@ -54,7 +54,7 @@ class Bench:
     columns: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=list)
     """Columns of each sensor: offset without light [DN], and signal over the mean of all columns [-].
 
-    Both (pixels,).
+    Both arrays are (pixels,).
     """
     passes: list[float] = field(default_factory=list)
     """Line pitch of each ruler page so far. [mm]"""

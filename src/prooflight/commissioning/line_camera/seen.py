@@ -75,7 +75,7 @@ class Focus:
 def sensor_views(lines: NDArray[np.uint16], *, top_code_dn: int, where: str) -> tuple[SensorView, ...]:
     """Return one view a sensor of lines (sensors, lines, pixels) [DN].
 
-    Where: the camera, in errors that are not shown.
+    where: the camera, in errors that are not shown.
     """
     focus = focus_of(lines, where=where)
     return tuple(

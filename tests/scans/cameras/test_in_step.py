@@ -44,9 +44,7 @@ def grab(place: int, *, sensor: int = 0, **changed: Any) -> Grab:
 
 
 def two(*wholes: float, most_lag: int = 1000) -> InStep:
-    return InStep(
-        [[SensorOffset(lines=whole)] for whole in wholes], names=("A", "B", "C"), most_lag=most_lag
-    )
+    return InStep([[SensorOffset(lines=whole)] for whole in wholes], names=("A", "B", "C"), most_lag=most_lag)
 
 
 def lost_of(blocks: list[LineBlock], sensor: int) -> set[int]:

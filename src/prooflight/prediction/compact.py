@@ -117,10 +117,10 @@ def compact(
     *,
     first_line: int = 0,
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Encode some lines of one sensor's prediction, (lines, pixels), as integers: mean and inverse, (lines,
-    pixels) each.
+    """Encode some lines of one sensor's prediction as integers; return mean and inverse, (lines, pixels) each.
 
-    expected_dn: between 0 and the top code [DN]; first_line: of the page, 0 at its top.
+    expected_dn, variance_dn2: (lines, pixels), the former between 0 and the top code [DN, DN^2]; first_line:
+    of the page, 0 at its top.
 
     Both codes are rounded up or down by an even pattern over the page, so that rounding is unbiased
     everywhere: mean = floor(2^mean_bits expected + u), inverse = floor(2^inverse_bits / sigma + v), at most

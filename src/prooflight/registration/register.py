@@ -71,7 +71,7 @@ PRINTED: Final = 0.5
 FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH = 0.55, 0.08, 0.3
 """Least foreign shares of the print, of the page and of its width for a scan to show another page."""
 TURNED_PRINT: Final = 0.6
-"""Factor of foreign print below which the scan shows this page turned by 180 degrees."""
+"""Ratio of foreign print, turned by 180 degrees to upright, below which the scan shows this page turned."""
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """Shift and skew at which a page is a misprint (worlds.toml)."""

@@ -91,8 +91,7 @@ def tile_information(  # type: ignore[no-untyped-def]
 
 @inner_kernel()
 def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # type: ignore[no-untyped-def]
-    """Read raster pixels at strides from a corner on: grid (5, size, size) of four planes' logs and the root
-    of the light.
+    """Read raster pixels at strides from a corner: grid (5, size, size) of planes' logs and the light's root.
 
     packed (rows, columns) uint32 of the raster; logs, roots (4, 256) by ink byte; off the page the root is
     -1. Returns whether any pixel is.

@@ -220,8 +220,7 @@ def weighted_sums(error, value, by_x, by_y, base, estimate, robust, mean, sums):
     error_model="numpy",
 )
 def measure_tiles(scan, lost, light, windows, taps, tiles, moves, size, workspace, sums):  # type: ignore[no-untyped-def]
-    """Compute the sums of ``weighted_sums`` for chosen tiles of one sensor, with the page displaced by
-    ``moves`` (tiles, 2).
+    """Run ``weighted_sums`` on chosen tiles of one sensor, with the page displaced by ``moves`` (tiles, 2).
 
     scan (lines, pixels) uint16; lost (lines,) bool: missing lines of it; moves: pixels x, y; light:
     ``SensorLight``; windows: ``TileWindows``; taps: ``SensorTaps``; tiles (n,): indices of the tiles to

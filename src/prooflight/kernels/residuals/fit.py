@@ -26,14 +26,14 @@ _HALF = np.float32(0.5)
 
 
 class InkImages(NamedTuple):
-    """Derivatives of one sensor's image by inks; images (..., lines, pixels) as in ``Modes``."""
+    """Effects of inks on one sensor's image; images (..., lines, pixels) as in ``Modes``."""
 
     gain: NDArray[np.float32]
-    """Derivative by gain, (4, ...). [DN]"""
+    """Effect of each ink's gain, (4, ...). [DN]"""
     dot: NDArray[np.float32]
-    """Derivative by dot gain, (4, ...). [DN]"""
+    """Effect of each ink's dot gain, (4, ...). [DN]"""
     texture: NDArray[np.float32]
-    """Variance of the texture. [DN^2]"""
+    """Variance of halftones at unit contrast. [DN^2]"""
     cover: NDArray[np.float32]
     """Ink area, (4, ...). [-]"""
 

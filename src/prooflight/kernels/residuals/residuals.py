@@ -153,8 +153,7 @@ def residuals(  # type: ignore[no-untyped-def]
 # With fastmath last bits differed by where arrays lay in memory, and statistics by up to 1 %.
 @inner_kernel(error_model="numpy")
 def log_row(values, parts):  # type: ignore[no-untyped-def]
-    """Compute natural logarithms of a row (n,) of numbers of at least 1, in place, to one or two units in the
-    last place.
+    """Compute natural logarithms of a row (n,) of numbers of at least 1, in place, to one or two ulp.
 
     The library's function takes one number at a time. A number is 2^k (1 + f), f between -0.3 and 0.42, the
     logarithm of 1 + f a polynomial (Cephes, logf). parts (2, n) is working space.
@@ -193,8 +192,7 @@ def square_row(above, light, below, out):  # type: ignore[no-untyped-def]
 
 @inner_kernel(error_model="numpy")
 def variance_row(light, variance, texture, slope, depth, shares, rest, level):  # type: ignore[no-untyped-def]
-    """Compute a row's variance without the part proportional to light, into rest, and the root of that part,
-    into level.
+    """Compute a row's variance without the part proportional to light, into rest; that part's root into level.
 
     All (pixels,).
     """

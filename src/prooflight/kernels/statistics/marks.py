@@ -220,11 +220,10 @@ def pair_rows(row, out):  # type: ignore[no-untyped-def]
     error_model="numpy",
 )
 def beyond_share(residual, weight, white, flat, share, least_z, first, last, out):  # type: ignore[no-untyped-def]
-    """Mark flat pixels of any sensor that differ by more than a share of white, lighter and darker; return
-    their number.
+    """Mark flat pixels of any sensor that differ by more than a share of white; return their number.
 
-    out (2, lines, pixels) bytes, lines first .. last - 1 of which are written; flat (lines, pixels) bytes. A
-    pixel counts only where it deviates by ``least_z`` standard deviations too.
+    out (2, lines, pixels) bytes, lighter and darker, lines first .. last - 1 of which are written; flat
+    (lines, pixels) bytes. A pixel counts only where it deviates by ``least_z`` standard deviations too.
     """
     sensors, _, pixels = residual.shape
     count = 0

@@ -22,10 +22,10 @@ def root(parents, at):  # type: ignore[no-untyped-def]
 
 @kernel("packed (R, C), colours (K), runs (M, RUN), parents (M)")
 def joined_runs(packed, colours, runs, parents):  # type: ignore[no-untyped-def]
-    """Find runs of ``colours`` along rows, and join those that touch in adjacent rows, corners too; return
-    their number.
+    """Find runs of ``colours`` along rows, and join those that touch in adjacent rows; return their number.
 
-    packed: one number a pixel. -1: there are more than ``runs`` holds.
+    Runs that touch at corners are joined too. packed: one number a pixel. -1: there are more than ``runs``
+    holds.
     """
     rows, columns = packed.shape
     count, before = 0, 0

@@ -9,11 +9,10 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 
 @inner_kernel()
 def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignore[no-untyped-def]
-    """Compute sums of a row (w,) from ``reach_before`` before to ``reach_after`` after each place, into out
-    (w,) float64.
+    """Compute sums of a row (w,) from ``reach_before`` before to ``reach_after`` after each place.
 
-    beyond: 1: the first and the last value are repeated beyond the row, 0: zero beyond. prefix (w + 1,)
-    float64 is working space.
+    out (w,) float64 is written. beyond: 1: the first and the last value are repeated beyond the row, 0: zero
+    beyond. prefix (w + 1,) float64 is working space.
     """
     size = row.size
     prefix[0] = 0.0

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.plant.runs import FACTS
 
+from prooflight.cli.watch.command import _recorder
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.journal.records import PageRecord
-from prooflight.plant.gate.log import GateLog, KeptDecisions, PlantError
+from prooflight.plant.gate.log import GateLog, KeptDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, of_run, read_trays, reconciled
 
 SETTINGS = {"tolerance_mm": 40.0, "policy": "reject", "plc": {"counts_per_mm": 10.0}}
@@ -32,6 +34,8 @@ def kept(*results: int, codes: tuple[int, ...] = (), places: bool = True, **bega
             "set": at,
             "position": 3000 * at if places else None,
         }
+        if places:
+            found.places[at + 1] = [3000 * at]
     return found
 
 
@@ -40,8 +44,9 @@ def page(sheet: int, verdict: str = "good") -> PageRecord:
     return PageRecord(sheet=sheet, job_page=sheet, verdict=found, late=False, first_line=0, time_s=0.0)
 
 
-def tray(tag: int, where: str, *, at: int = 0, session: int = SESSION, why: str = "") -> Tray:
-    return Tray(session=session, tag=tag, tray=where, count=at, why=why)
+def tray(tag: int, where: str, *, at: int | None = None, session: int = SESSION, why: str = "") -> Tray:
+    """at: the encoder's count; None: where the sheet was expected."""
+    return Tray(session=session, tag=tag, tray=where, count=3000 * (tag - 1) if at is None else at, why=why)
 
 
 def accounts(*given: Any) -> list[str]:
@@ -87,7 +92,8 @@ def test_sheets_between_two_that_are_known_are_counted_where_all_went_one_way() 
 
 def test_how_far_off_their_places_sheets_reached_the_gate() -> None:
     log = kept(1, 1)
-    log.written = {1: {"tag": 1, "position": 3000}, 2: {"tag": 2, "position": 4_294_967_290}}
+    for tag, position in ((1, 3000), (2, 4_294_967_290)):
+        log._add({"kind": "written", "tag": tag, "position": position})
     where = [tray(1, "good", at=3025), tray(2, "good", at=4), tray(0, "reject", at=90_000)]
     assert reconciled([page(0), page(1)], log, where).off_mm == (2.5, 1.0)
 
@@ -124,6 +130,33 @@ def test_rows_of_other_runs_are_left_out() -> None:
     assert of_run(rows, [4]) == rows[:2]
     assert of_run(rows, [9]) == []
     assert of_run(rows[1:], [SESSION]) == rows[1:4]  # the first run of a log has what came before it
+
+
+def test_rows_of_another_run_with_the_same_session_number_say_nothing_of_this_one() -> None:
+    """A session is a number of 16 bits: in the log of a year, each comes many times."""
+    log = kept(1, 1, 1)
+    of_another = [tray(1, "good", at=2**31), tray(2, "good", at=2**31 + 3000), tray(7, "reject", session=9)]
+    rows = [tray(1, "reject"), tray(3, "good")]
+    pages = [page(0), page(1), page(2)]
+    assert accounts(pages, log, [*of_another, *rows]) == ["lost", "not-at-gate", "accepted"]
+    assert accounts(pages, log, [*rows, *of_another]) == ["lost", "not-at-gate", "accepted"]
+
+
+def test_rows_of_another_session_are_never_taken_for_sheets_of_the_run() -> None:
+    log = kept(1, 1, 1, places=False)
+    rows = [tray(1, "good"), tray(2, "good", session=9), tray(3, "good")]
+    assert accounts([page(0), page(1), page(2)], log, rows) == ["accepted", "not-at-gate", "accepted"]
+
+
+def test_a_sheet_that_came_after_the_controller_lost_its_power_is_where_its_new_count_says() -> None:
+    log = kept(1)
+    log._add({"kind": "written", "tag": 1, "position": 500, "session": SESSION})
+    assert accounts([page(0)], log, [tray(1, "good", at=510)]) == ["accepted"]
+
+
+def test_a_sheet_of_which_the_log_names_two_trays_is_contested() -> None:
+    found = reconciled([page(0), page(1)], kept(1, 1), [tray(1, "good"), tray(1, "reject"), tray(2, "good")])
+    assert [one.contested for one in found.sheets if one.sheet is not None] == [True, False]
 
 
 def test_logs_are_json_lines_or_csv(tmp_path: Path) -> None:
@@ -185,3 +218,17 @@ def test_the_gate_s_log_is_read_as_it_was_written_and_a_torn_end_is_left_out(tmp
         KeptDecisions.read(path)
     with pytest.raises(PlantError, match="cannot be read"):
         KeptDecisions.read(tmp_path / "none")
+
+
+def test_a_log_of_a_journal_that_lay_here_before_is_put_aside_when_a_run_begins(tmp_path: Path) -> None:
+    """Its sheets were accepted; those of the new run are others."""
+    journal = tmp_path / "runs.sqlite"
+    for _ in range(2):
+        journal.unlink(missing_ok=True)
+        with GateLog(log_path(journal, 1)) as log:
+            log.add("run", run=1)
+        with _recorder(str(journal), FACTS) as recorder:
+            assert recorder is not None
+            assert recorder.run_id == 1
+            assert not log_path(journal, 1).exists()
+    assert len(list(log_path(journal, 1).parent.iterdir())) == 2

@@ -17,7 +17,7 @@ from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
 from prooflight.plant.gate.log import KeptDecisions
 from prooflight.plant.gate.reconciling import Accounted, Reconciliation
-from prooflight.plant.reprinting import NEVER, NOT_PRINTED, UNCONFIRMED, reprint_list
+from prooflight.plant.reprinting import NEVER, NOT_PRINTED, NOT_SEEN_WHOLE, UNCONFIRMED, reprint_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -106,6 +106,18 @@ def test_no_label_makes_a_sheet_good_that_nobody_looked_at(word: str) -> None:
     on_incidents = said((word, None, 1), (word, None, 2))
     assert 0 in numbers(listed(pages, labels=on_incidents, incident_of=lambda sheet: sheet + 1))
     assert 0 in numbers(listed(pages, labels=said((word, 0, None), (word, 1, None))))
+
+
+@pytest.mark.parametrize("fault", ["lost-lines", "extra-lines", "splice"])
+def test_a_sheet_of_which_nobody_saw_all_is_delivered_only_where_a_person_vouches_for_it(fault: str) -> None:
+    pages = [record(0), replace(record(1), faults=(fault,)), record(2)]
+    assert [pages[1].disposition, *numbers(listed(pages))] == ["hold", 1]
+    assert next(listed(pages).all()).why == NOT_SEEN_WHOLE
+    assert numbers(listed(pages, labels=said(("good", 1, None)))) == [1]
+    found = listed(pages, labels=said(("vouched", 1, None)))
+    assert (numbers(found), found.vouched) == ([], (1,))
+    misprint = [replace(record(0, verdict=MISPRINT), faults=(fault,))]
+    assert numbers(listed(misprint, labels=said(("good", 0, None)))) == [0]
 
 
 def test_a_false_alarm_is_a_good_sheet_up_to_the_last_that_the_person_saw() -> None:
@@ -265,3 +277,19 @@ def test_in_a_run_with_a_gate_no_label_moves_paper_and_a_person_who_vouches_does
     assert numbers(by_trays(sheets, labels=said(("false-alarm", 1, None)), **own)) == [1]
     found = by_trays(sheets, labels=said(("vouched", 1, None)), **own)
     assert (numbers(found), found.vouched) == ([], (1,))
+
+
+def test_nobody_vouches_with_one_side_for_a_sheet_whose_other_side_was_never_seen() -> None:
+    """The inspection was killed between the two sides of the second sheet."""
+    plan = SheetPlan(layout=Layout(sides=2), sides=4, sheets=2)
+    rows = [record(at) for at in range(3)]
+    rows[2] = record(2, BLIND)
+    decided = KeptDecisions(began={"layout": plan.facts})
+    sheets = (
+        Accounted(account="accepted", sheet=0, job_page=0, decision="accept", tray="good"),
+        Accounted(account="diverted", sheet=2, job_page=1, decision="divert", tray="reject"),
+    )
+    gate = decided, Reconciliation(sheets=sheets, tolerated=False)
+    labels = said(("vouched", 2, None))
+    assert numbers(listed(rows, gate=gate, labels=labels)) == [1]
+    assert numbers(listed([*rows, record(3)], gate=gate, labels=labels)) == []

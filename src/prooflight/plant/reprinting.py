@@ -2,7 +2,8 @@
 
 This is the one place that counts them, from journal, words, gate's log and the controller's log of its trays. Without a
 gate, a sheet is delivered where it was judged good. The unit is the sheet, which is a page where the job's layout says
-nothing else; a set is printed again as a whole. A page that was printed well later is not among them.
+nothing else; a set is printed again as a whole. A page that was printed well later is not among them. A sheet of which
+lines were lost is not delivered by its verdict, for nobody saw all of it.
 
 A label says what a misprint was: without a gate, a false alarm is a good sheet; with one, it lies in the reject tray
 all the same. What was not inspected is good for no label. A person who has a sheet in hand may vouch for it, with or
@@ -16,6 +17,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from prooflight.detectors.disposition import NOT_WHOLE
 from prooflight.inspection.sheets import WORST_FIRST, came, why_of
 from prooflight.journal.words import OF_GOOD, VOUCHED
 from prooflight.pages.layout.layout import Layout
@@ -33,7 +35,8 @@ if TYPE_CHECKING:
 NEVER: Final = "no sheet of it was seen"
 NOT_PRINTED: Final = "the run ended before it was printed"
 UNCONFIRMED: Final = "accepted, but the controller never said that it lies in the good tray"
-CONTESTED: Final = "the controller named one tray over the wire and another in its log"
+CONTESTED: Final = "the controller named two trays"
+NOT_SEEN_WHOLE: Final = "not all of it was seen"
 TAKE_OUT: Final = "it lies in the good tray"
 OF_ITS_SET: Final = "its set is printed again"
 NO_END: Final = 2**62
@@ -151,7 +154,13 @@ def reprint_list(
     else:
         silent = _accepted_by_output(*gate)
         tally = _by_trays(
-            plan, gate[1].sheets, rows, ended=ended, cleared=cleared, taken_for_delivered=silent
+            plan,
+            gate[1].sheets,
+            rows,
+            passed=passed,
+            ended=ended,
+            cleared=cleared,
+            taken_for_delivered=silent,
         )
     needed = _needed(run, plan) if ended else None
     unprinted = range(tally.upto, tally.upto if needed is None else max(needed, tally.upto))
@@ -180,14 +189,16 @@ class _Cleared:
         self._labels, self._incident_of = labels, incident_of
 
     def good(self, row: PageRecord) -> bool:
-        """Whether its verdict is good, a person has vouched for it, or it is a misprint that people called good."""
-        verdict = row.verdict.verdict
-        if verdict == "good":
+        """Whether a person has vouched for it; or all of it was seen, and it was judged good, or is a misprint that
+        people called good.
+        """
+        if self.vouched(row):
+            return True
+        if _judged_good(row):
             return True
         label = self._labels.of(row.sheet, self._incident_of(row.sheet))
-        return label is not None and (
-            label.word == VOUCHED or (verdict == "misprint" and label.word in OF_GOOD)
-        )
+        misprint = row.verdict.verdict == "misprint" and not NOT_WHOLE & set(row.faults)
+        return misprint and label is not None and label.word in OF_GOOD
 
     def vouched(self, row: PageRecord) -> bool:
         """Whether a person has vouched for it."""
@@ -223,9 +234,7 @@ def _by_verdicts(
         good = [one for one in prints if all(map(cleared.good, one))]
         if not good:
             tally.lacking[sheet] = _Lacking(why=_why(plan, sides, lacks, cleared))
-        elif all(any(row.verdict.verdict != "good" for row in one) for one in good) and any(
-            map(cleared.by_hand, good)
-        ):
+        elif not any(all(map(_judged_good, one)) for one in good) and any(map(cleared.by_hand, good)):
             tally.vouched.append(sheet)
     if ended:
         for sheet in range(_seen(plan, passed, ended=False), tally.upto):  # of which a side did not come
@@ -255,7 +264,7 @@ def _why(plan: SheetPlan, sides: Sequence[list[PageRecord]], lacks: Sequence[boo
         shown = [row for row in side if came(row)]
         bad = [row for row in shown if not cleared.good(row)]
         if bad:
-            reasons.append(name + why_of(min(bad, key=_worst_first).verdict))
+            reasons.append(name + (why_of(min(bad, key=_worst_first).verdict) or NOT_SEEN_WHOLE))
         elif lack and not shown:
             reasons.append(name + NEVER)
     return "; ".join(reasons)
@@ -266,6 +275,7 @@ def _by_trays(
     sheets: Sequence[Accounted],
     rows: Mapping[int, list[PageRecord]],
     *,
+    passed: int,
     ended: bool,
     cleared: _Cleared,
     taken_for_delivered: Set[int],
@@ -300,7 +310,8 @@ def _by_trays(
             if one.tray == "good" and not one.contested:
                 tally.taken_out.add(one.job_page)
     for sheet, own in rows.items():
-        if sheet < tally.upto and sheet not in tally.delivered and cleared.by_hand(own):
+        whole = all(position < passed for position in plan.positions(sheet))
+        if whole and sheet < tally.upto and sheet not in tally.delivered and cleared.by_hand(own):
             tally.vouched.append(sheet)
             tally.delivered[sheet] = ""
     for sheet in range(tally.upto):
@@ -433,6 +444,11 @@ def _rows_by_sheet(plan: SheetPlan, pages: Iterable[PageRecord]) -> dict[int, li
         if row.job_page is not None and 0 <= row.job_page < plan.passings:
             by_sheet.setdefault(plan.sheet_at(row.job_page)[0], []).append(row)
     return by_sheet
+
+
+def _judged_good(row: PageRecord) -> bool:
+    """Whether its verdict is good and all of it was seen."""
+    return row.verdict.verdict == "good" and not NOT_WHOLE & set(row.faults)
 
 
 def _worst_first(row: PageRecord) -> int:

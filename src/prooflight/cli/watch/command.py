@@ -447,9 +447,14 @@ def _recorder(journal: str | None, facts: RunFacts) -> Iterator[Recorder | None]
     from prooflight.journal.journal import Journal
     from prooflight.journal.opening import default_journal
     from prooflight.line.recording import Recorder
+    from prooflight.plant.gate.log import set_aside
 
     with (
         Journal.open(journal or str(default_journal())) as opened,
         Recorder(opened, opened.begin_run(facts)) as recorder,
     ):
+        if (aside := set_aside(opened.path, recorder.run_id)) is not None:
+            faults.told(
+                f"{aside} is the gate's log of a run that this journal does not know; it was put aside"
+            )
         yield recorder

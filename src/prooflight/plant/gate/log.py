@@ -10,6 +10,7 @@ import json
 import logging
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
@@ -36,6 +37,20 @@ LOGS: Final = GivenFiles(error=PlantError, remedy=REMEDY, largest_mb=4000)
 def log_path(journal: Path, run_id: int) -> Path:
     """Where the gate's log of a run lies."""
     return journal.with_name(f"{journal.name}.gate") / f"run{run_id:06}.jsonl"
+
+
+def set_aside(journal: Path, run_id: int) -> Path | None:
+    """Give the log that lies there another name before that run begins; returns it, None if there is no log.
+
+    It is of a journal that lay here before, and its sheets would be taken for those of the run.
+    """
+    path = log_path(journal, run_id)
+    if not path.exists():
+        return None
+    aside = next(
+        found for at in count(1) if not (found := path.with_name(f"{path.name}.before{at}")).exists()
+    )
+    return path.rename(aside)
 
 
 class GateLog:
@@ -119,6 +134,9 @@ class KeptDecisions:
     """By tag; of pages that did not come as well."""
     written: dict[int, dict[str, Any]] = field(default_factory=dict)
     """By tag: what the controller has acknowledged last."""
+    places: dict[int, list[int]] = field(default_factory=dict)
+    """By tag: encoder's counts at which the sheet was expected at the gate; a controller that loses its power counts
+    anew."""
     unsent: dict[int, dict[str, Any]] = field(default_factory=dict)
     trays: dict[int, dict[str, Any]] = field(default_factory=dict)
     """By tag: what the controller has said itself."""
@@ -138,6 +156,8 @@ class KeptDecisions:
         lacking = [name for name in NEEDED.get(row["kind"], ()) if name not in row]
         if lacking:
             raise KeyError(lacking[0])
+        if row["kind"] in ("decision", "written") and row.get("position") is not None:
+            self.places.setdefault(row["tag"], []).append(row["position"])
         match row["kind"]:
             case "run":
                 self.began = row

@@ -71,7 +71,7 @@ class Accounted:
     """good, reject; empty: nobody saw it at the gate."""
     why: str = ""
     contested: bool = False
-    """Whether the controller named another tray over the wire than its log does."""
+    """Whether the controller named two trays: one over the wire and another in its log, or both in its log."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ def read_trays(path: Path) -> list[Tray]:
             tray = str(row["tray"])
             session, tag, count = (int(row[name]) for name in ("session", "tag", "count"))
             why = str(row.get("why") or "")
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RequestError(path, f"row {number}: {error}", remedy=TRAY_FILES.remedy) from error
         if tray not in ("good", "reject"):
             raise RequestError(path, f"row {number}: tray is {tray!r}", remedy="good or reject are known")
@@ -137,7 +137,7 @@ def read_trays(path: Path) -> list[Tray]:
 
 
 def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
-    """Rows of a run: from behind the last of another session to before the next of one.
+    """Rows of a run: from behind the last of another session to before the next of one, and none of another session.
 
     Rows without a session before it are the run's before, if there is one.
     """
@@ -149,7 +149,7 @@ def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
     others = [number for number, tray in enumerate(trays) if tray.session and tray.session not in own]
     since = first if any(number < first for number in others) else 0
     until = min((number for number in others if number > last), default=len(trays))
-    return list(trays[since:until])
+    return [tray for tray in trays[since:until] if not tray.session or tray.session in own]
 
 
 def reconciled(
@@ -164,10 +164,11 @@ def reconciled(
     tolerance = settings.get("tolerance_mm", 0.0) * settings.get("plc", {}).get("counts_per_mm", 0.0)
     tolerated = settings.get("policy") == "accept"
     plan = SheetPlan.of(kept.began.get("layout"))
-    rows = of_run(trays or (), kept.sessions)
+    rows = of_run([row for row in trays or () if _fits(row, kept, tolerance)], kept.sessions)
     at_gate, strangers = _laid(kept, rows, tolerance)
     disagreements = _disagreements(kept, at_gate) if rows else ()
     contested = {one.sheet + 1 for one in disagreements if one.file}
+    contested |= {tag for tag, found in at_gate.items() if len({row.tray for row in found}) > 1}
     for tag, one in _wire_trays(kept).items():
         at_gate.setdefault(tag, [one])
     rows_of = {tag: [row + 1 for row in decided.get("rows", ())] for tag, decided in kept.decisions.items()}
@@ -243,6 +244,15 @@ def _off_mm(kept: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
         for tray in trays
         if tray.session in own and tray.tag in kept.written
     )
+
+
+def _fits(row: Tray, kept: KeptDecisions, tolerance: float) -> bool:
+    """Whether a row can be the run's: where it names a sheet, it came to the gate where that sheet was expected.
+
+    Sessions are numbers of 16 bits, so that a long log has those of other runs among them.
+    """
+    places = kept.places.get(row.tag, ()) if row.session in kept.sessions else ()
+    return not tolerance or not places or any(abs(apart(place, row.count)) <= tolerance for place in places)
 
 
 def _laid(

@@ -167,7 +167,8 @@ def _sheet_part(
 def _of_sheet(held: Console, who: Who, run: RunRow, sheet: int) -> dict[str, Any]:
     """What its page says of a sheet itself."""
     record, said = held.reading.sheet(run.id, sheet), held.incidents.said_of(run, sheet)
-    doubtful = record.verdict.verdict != "good" or log_path(held.reading.path, run.id).is_file()
+    doubtful = not (record.verdict.verdict == "good" and record.disposition == "accept")
+    doubtful |= log_path(held.reading.path, run.id).is_file()
     return {
         "record": record,
         "said": said,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import ProoflightError
 from prooflight.journal.following import Asked
+from prooflight.journal.reading import refuse
 from prooflight.journal.words import Labels, run_key
 from prooflight.pages.memory import file_stamp
 from prooflight.plant.gate.log import log_path
@@ -75,7 +76,7 @@ class Reprints:
         self._lately = _Lately()
 
     def of(self, run: RunRow) -> ReprintList:
-        """ProoflightError: the gate's log or the controller's cannot be read."""
+        """ProoflightError: the gate's log or the controller's cannot be read, or a sheet of the journal cannot."""
         key = self._key(run)
         with self._guard:
             if (stored := self._stored.get(key)) is None:
@@ -121,7 +122,7 @@ class Reprints:
 
     def _listed(self, run: RunRow) -> ReprintList:
         labels = Labels(self._words.of_run(run_key(run)))
-        rows = list(looked_at(self._reading, run))
+        rows = list(looked_at(self._reading, run, damaged=refuse))
         gated = self.gated(run)
         return reprint_list(
             run,
@@ -139,7 +140,7 @@ class Reprints:
         query = Asked(run_id=run.id, sheets=tuple(labels.sheets), job_pages=tuple(again))
         after = -1
         while (labels.sheets or again) and (
-            more := self._reading.sheets(query, after=after, limit=1000, damaged=lambda _: None)
+            more := self._reading.sheets(query, after=after, limit=1000, damaged=refuse)
         ):
             found |= {row.page.sheet: row.page for row in more}
             after = more[-1].page.sheet

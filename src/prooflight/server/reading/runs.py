@@ -152,9 +152,11 @@ class Reading:
         return follower.written_after(row, run_id=run_id, limit=limit, damaged=damaged)
 
 
-def looked_at(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
-    """A run's sheets that somebody should look at."""
+def looked_at(
+    reading: Reading, run: RunRow, *, damaged: Callable[[JournalError], None] = lambda _: None
+) -> Iterator[PageRecord]:
+    """A run's sheets that somebody should look at; damaged: gets each that cannot be read."""
     after, asked = -1, Asked(run_id=run.id, to_look_at=True)
-    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None):
+    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=damaged):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet

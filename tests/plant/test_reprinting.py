@@ -293,3 +293,10 @@ def test_nobody_vouches_with_one_side_for_a_sheet_whose_other_side_was_never_see
     labels = said(("vouched", 2, None))
     assert numbers(listed(rows, gate=gate, labels=labels)) == [1]
     assert numbers(listed([*rows, record(3)], gate=gate, labels=labels)) == []
+
+
+def test_a_good_sheet_that_was_rejected_is_listed_with_its_number_so_that_a_person_may_vouch_for_it() -> None:
+    lost = accounted(1, "lost", "accept", "too late", tray="reject", in_journal=True)
+    killed = accounted(2, "lost", "accept", "too late", tray="reject")  # before the journal had it
+    found = by_trays([accounted(0, "accepted"), lost, killed])
+    assert [(one.run_sheet, one.sheet, one.verdict) for one in found.sheets] == [(1, 1, "good"), (2, None, "good")]

@@ -66,7 +66,8 @@ class Reprint:
     take_out: bool = False
     """Whether a sheet of it lies in the good tray and must be taken out."""
     sheet: int | None = None
-    """Number, in the run, of the side that people look at first; None: all its sides are good, or none came."""
+    """Number, in the run, of the side that people look at first; None: none came, or the sheet is good and leaves the
+    good tray with its set."""
     job_page: int | None = None
     """Its position."""
     verdict: Word = "good"
@@ -113,6 +114,8 @@ class _Lacking:
     """Empty: as the plan has it."""
     verdict: Word = "not-inspected"
     """As far as no row of the journal says it."""
+    sheet: int | None = None
+    """Its number in the run, where the journal has it."""
 
 
 @dataclass(slots=True)
@@ -305,7 +308,13 @@ def _by_trays(
             assumed = "good" if one.decision == "accept" else "not-inspected"
             verdict: Word = one.verdict or assumed  # type: ignore[assignment]
             tally.lacking.setdefault(
-                one.job_page, _Lacking(why=_why_not(one), name=one.page, verdict=verdict)
+                one.job_page,
+                _Lacking(
+                    why=_why_not(one),
+                    name=one.page,
+                    verdict=verdict,
+                    sheet=one.sheet if one.in_journal else None,
+                ),
             )
             if one.tray == "good" and not one.contested:
                 tally.taken_out.add(one.job_page)
@@ -387,7 +396,7 @@ def _reprint(
         why=lacks.why,
         behind=behind,
         take_out=take_out,
-        sheet=None if row is None else row.sheet,
+        sheet=lacks.sheet if row is None else row.sheet,
         job_page=None if row is None else row.job_page,
         verdict=lacks.verdict if row is None else row.verdict.verdict,
         kind=None if row is None else row.verdict.kind,

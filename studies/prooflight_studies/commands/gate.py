@@ -16,7 +16,9 @@ def gate(
     out: Results = Path("docs/results"),
     part: Annotated[
         list[str] | None,
-        typer.Option(help="latency, watch, plant; default all. The others stay as measured."),
+        typer.Option(
+            help="latency, watch, plant, counts (needs Chromium); default all. The others stay as measured."
+        ),
     ] = None,
     sheets: Annotated[int | None, typer.Option(help="Of the long run; default 10,000.", min=100)] = None,
     faster: Annotated[
@@ -28,7 +30,7 @@ def gate(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Misprints, failures of camera, link, controller and watch, and where every sheet went; writes gate.md."""
+    """Misprints, failures of camera, link, controller and watch, where every sheet went and who counts it; gate.md."""
     from prooflight_studies.gate.study import PARTS, run_gate_study
 
     for one in part or ():

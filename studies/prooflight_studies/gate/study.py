@@ -1,7 +1,7 @@
 """The gate measured: a long run in which everything fails, the real ``watch`` beside it, and how far the gate must be.
 
-Three parts, kept apart in ``gate.json``: ``latency`` and ``watch`` run the real detector; ``plant`` draws its verdicts'
-times from those.
+Four parts, kept apart in ``gate.json``: ``latency`` and ``watch`` run the real detector; ``plant`` draws its verdicts'
+times from those; ``counts`` counts what is to be printed again, by another controller and in a browser.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight import __version__
 from prooflight.files.atomic import whole_file
 from prooflight.journal.journal import Journal
 from prooflight.plant.gate.gate import exchange_s
 from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path, rows_of
 from prooflight.plant.gate.reconciling import read_trays, reconciled
+from prooflight_studies.gate import browser
+from prooflight_studies.gate.journeys import PACE, journeys
 from prooflight_studies.gate.picture import draw_handshake, draw_trays
 from prooflight_studies.gate.plan import DISTANCE_MM, LASTS_S, PITCH_MM, SHARES, SHEET_MM, Plan
 from prooflight_studies.gate.plant import run_plant
@@ -37,8 +40,10 @@ if TYPE_CHECKING:
     from prooflight.plant.simulator.plc import TrayRow
     from prooflight_studies.gate.plant import Happened
 
-PARTS: Final = ("latency", "watch", "plant")
+PARTS: Final = ("latency", "watch", "plant", "counts")
 SHEETS, QUICK_SHEETS = 10_000, 300
+JOURNEYS, QUICK_JOURNEYS = (8, 40), (1, 40)
+"""Presses of the counts, and sheets of each."""
 RATE: Final = 5.0
 FASTER: Final = 2.0
 ROUNDS, QUICK_ROUNDS = 3, 1
@@ -71,6 +76,8 @@ def run_gate_study(
 ) -> dict[str, Any]:
     """Measure parts; what other parts had measured stays. Writes gate.md, gate.json and pictures."""
     out.mkdir(parents=True, exist_ok=True)
+    if "counts" in parts:
+        browser.needed()
     new: dict[str, Any] = {}
     if "latency" in parts:
         new["latency"] = _latency(cache, seed=seed, quick=quick, progress=progress)
@@ -88,6 +95,8 @@ def run_gate_study(
         draw_trays(out / "gate-trays.png", happened.rows)
         with whole_file(out / "gate-simulated.svg") as unfinished:
             unfinished.write_text(happened.view, encoding="utf-8")
+    if "counts" in parts:
+        new["counts"] = _counts(seed=seed, quick=quick, progress=progress)
     # Parts may have been measured meanwhile by others.
     kept = _kept(out / "gate.json")
     said = {part: {"seed": seed, "quick": quick} for part in parts}
@@ -96,6 +105,16 @@ def run_gate_study(
     draw_handshake(out / "gate-handshake.png")
     write_page(out / "gate.md", "gate", found)
     return found
+
+
+def _counts(*, seed: int, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Count sheets to print again everywhere, in runs with faults."""
+    presses, sheets = QUICK_JOURNEYS if quick else JOURNEYS
+    with tempfile.TemporaryDirectory() as name:
+        rows = list(journeys(Path(name), seeds=range(seed, seed + presses), sheets=sheets, progress=progress))
+    differs = [line for row in rows for line in row["differs"]]
+    facts = {"presses": presses, "sheets": sheets, "pace": PACE, "build": __version__}
+    return facts | {"rows": rows, "differs": differs}
 
 
 def _kept(path: Path) -> dict[str, Any]:

@@ -299,4 +299,7 @@ def test_a_good_sheet_that_was_rejected_is_listed_with_its_number_so_that_a_pers
     lost = accounted(1, "lost", "accept", "too late", tray="reject", in_journal=True)
     killed = accounted(2, "lost", "accept", "too late", tray="reject")  # before the journal had it
     found = by_trays([accounted(0, "accepted"), lost, killed])
-    assert [(one.run_sheet, one.sheet, one.verdict) for one in found.sheets] == [(1, 1, "good"), (2, None, "good")]
+    assert [(one.run_sheet, one.sheet, one.verdict) for one in found.sheets] == [
+        (1, 1, "good"),
+        (2, None, "good"),
+    ]

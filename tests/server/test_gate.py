@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 GATE = "/api/v1/runs/1/gate"
 BAD = (10, 11, 12)
 LOST, WRONG, UNSEEN = 3, 11, 29
-NOT_PRINTED = 10
-"""The run was to have 40 sheets."""
 
 
 @pytest.fixture
@@ -200,12 +198,8 @@ def test_where_a_sheet_of_the_journal_cannot_be_read_nobody_says_how_many_are_pr
     console: Served,
 ) -> None:
     """It may be a misprint: a list without it would deliver what nobody knows to be good."""
-    viewer = console.client(Role.VIEWER)
-    assert viewer.get("/api/v1/now").json()["to_print_again"] == len(BAD) + NOT_PRINTED
     with closing(sqlite3.connect(console.journal)) as connection, connection:
         connection.execute("UPDATE pages SET whole_verdict = '{' WHERE sheet = ?", (BAD[0],))
-        connection.execute("UPDATE runs SET dropped_pages = dropped_pages")
-    console.app.state.console.reprints._stored.clear()
-    console.app.state.console.reprints._lately.counted = None
+    viewer = console.client(Role.VIEWER)
     assert viewer.get("/api/v1/now").json()["to_print_again"] is None
     assert viewer.get("/api/v1/runs/1/reprint").status_code == 503

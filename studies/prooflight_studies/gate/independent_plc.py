@@ -7,7 +7,7 @@ imports no module of Prooflight, so that a mistake in what these share cannot be
 BELT.json says what happens to it, in times of this machine's monotonic clock: ``began_s``, ``speed_mm_s``,
 ``distance_mm`` from the camera to the eye, ``watchdog_s``, ``first_count`` of the encoder, ``sheets`` in the order of
 their arrival (``serial``, ``front_mm`` travelled when its edge passes the camera, ``slip_mm``, ``under``: number of
-sheets that stick below it), and ``faults`` (``kind``, ``at_s``, ``lasts_s``): it hangs, answers slowly, or has no power.
+sheets that stick below it), and ``faults`` (``kind``, ``at_s``, ``lasts_s``): it hangs, answers slowly, has no power.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ class Controller:
 async def serve(controller: Controller) -> None:
     """Answer requests and go through the ladder until the program is ended."""
 
-    async def asked(
+    async def answer(
         function: int, _start: int, address: int, _count: int, registers: list[int], values: Any
     ) -> ExcCodes | None:
         while controller.fault("hung") or controller.fault("power"):
@@ -187,7 +187,7 @@ async def serve(controller: Controller) -> None:
 
     words = [SimData(0, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
     bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-    device = SimDevice(id=1, simdata=(bits, bits, words, words), action=asked)
+    device = SimDevice(id=1, simdata=(bits, bits, words, words), action=answer)
     server = ModbusTcpServer(device, address=("127.0.0.1", 0))
     await server.serve_forever(background=True)
     listening: Any = server.transport

@@ -47,7 +47,7 @@ AWAY_S: Final = 4.0
 FAULTS: Final = {"hung": 2.5, "slow": 5.0, "power": 3.0, "stall": 1.5}
 """How long the controller hangs, answers slowly, has no power, and the inspection is stopped. [s]"""
 LOST_SHARE, REMOVED_SHARE = 0.02, 0.02
-"""Of the sheets: never printed; taken out by hand between camera and gate."""
+"""Shares of the sheets that are never printed, and that a person takes out between camera and gate."""
 MAY_BE_ACCEPTED: Final = frozenset({"good", "slip", "small-slip"})
 """Kinds of sheets of a plan that the played inspection judges good, seen whole and in their place."""
 
@@ -71,7 +71,7 @@ class Counts:
     reconcile: int
     reprint_list: int
     differs: list[str] = field(default_factory=list)
-    """Where two of them are not equal, sheet by sheet."""
+    """A line for each count that is not that of the trays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class Started:
     plan: Plan
     killed: bool
     rows: list[dict[str, Any]]
-    """Of the controller's own log, while this inspection was there."""
+    """Rows of the controller's own log, while this inspection was there."""
 
 
 def journeys(

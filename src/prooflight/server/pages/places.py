@@ -20,5 +20,7 @@ def place(t: Language, incident: Incident) -> str:
     if incident.scope == "column":
         return t("where.column", x=across)
     digits = 1 if min(width_mm, height_mm) < 10 else 0
-    size = f"{t.number(width_mm, digits)} × {t.number(height_mm, digits)} mm".replace(" ", "\N{NO-BREAK SPACE}")
+    size = f"{t.number(width_mm, digits)} × {t.number(height_mm, digits)} mm".replace(
+        " ", "\N{NO-BREAK SPACE}"
+    )
     return t("where.place", x=across, y=down, size=size)

@@ -4,16 +4,31 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, PagesDir, Quick, Results, show_table
+
+CasesDir = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="A folder of PDFs that were once printed wrong.")
+]
 
 
-def rip(out: Results = Path("docs/results"), quick: Quick = False, json: Json = False) -> None:
+def rip(
+    out: Results = Path("docs/results"),
+    cases: CasesDir = None,
+    pages: PagesDir = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
     """Small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
     from prooflight_studies.rip.study import run_rip_study
 
-    found = run_rip_study(out, most=4 if quick else None, progress=show.steps(quiet=json))
+    found = run_rip_study(
+        out, cases=cases, pages=pages, most=4 if quick else None, progress=show.steps(quiet=json)
+    )
     if json:
         show.print_json(asdict(found))
         return

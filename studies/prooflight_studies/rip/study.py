@@ -16,6 +16,8 @@ from prooflight.errors import InputError, RequestError
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.rip.cases import CASES, case_pdf
+from prooflight_studies.rip.handed import HandedRow, handed_rows
+from prooflight_studies.rip.pages import BEYOND, EVEN, PAGES_DPI, PageRow, page_row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +27,8 @@ TOLERANCE: Final = 2
 DPI: Final = 72
 MIDDLE: Final = 50
 SECONDS_MAX: Final = 60.0
+PROFILE: Final = "share/color/icc/ghostscript/default_cmyk.icc"
+"""Beside the program: by this, colours that are no ink become ink in handed cases and public pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,12 +53,28 @@ class RipStudy:
     rows: tuple[Row, ...]
     ours_right: int
     ghostscript_right: int
+    handed: tuple[HandedRow, ...]
+    """Of a folder of PDFs that were once printed wrong; empty: none was given."""
+    pages: tuple[PageRow, ...]
+    """Of a folder of public pages; empty: none was given."""
+    pages_dpi: float
+    beyond: int
+    even: int
 
 
 def run_rip_study(
-    out: Path, *, most: int | None = None, progress: Callable[[str], None] = lambda _: None
+    out: Path,
+    *,
+    cases: Path | None = None,
+    pages: Path | None = None,
+    most: int | None = None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> RipStudy:
-    """Draw every case by both, or the first ``most``, and write ``rip.md``. RequestError: there is no Ghostscript."""
+    """Draw every case by both, or the first ``most``, and write ``rip.md``.
+
+    cases: a folder of handed cases. pages: a folder of PDFs whose first pages both draw. RequestError: there is no
+    Ghostscript, or nothing in such a folder.
+    """
     program = shutil.which("gs")
     if program is None:
         raise RequestError(
@@ -81,12 +101,27 @@ def run_rip_study(
                     ghostscript_right=is_right(theirs, case.inks),
                 )
             )
+    profile = Path(program).resolve().parents[1] / PROFILE
+    known = profile if profile.is_file() else None
+    handed = () if cases is None else handed_rows(cases, known, progress)
+    public = [] if pages is None else sorted(pages.glob("*.pdf"))[:most]
+    if pages is not None and not public:
+        raise RequestError(pages, "there is no PDF", remedy="give a folder of PDFs")
+    drawn = []
+    for path in public:
+        progress(path.stem)
+        drawn.append(page_row(path, known))
     found = RipStudy(
         ghostscript_version=version,
         tolerance=TOLERANCE,
         rows=tuple(rows),
         ours_right=sum(row.ours_right for row in rows),
         ghostscript_right=sum(row.ghostscript_right for row in rows),
+        handed=handed,
+        pages=tuple(drawn),
+        pages_dpi=PAGES_DPI,
+        beyond=BEYOND,
+        even=EVEN,
     )
     write_page(out / "rip.md", "rip", found)
     return found

@@ -40,6 +40,8 @@ BLEND_MODES: Final = frozenset(
         "Luminosity",
     ]
 )
+LAB_RANGE: Final = (-100, 100, -100, 100)
+"""Of a* and b* where a space states none (8.6.5.4)."""
 _PRINTED: Final = 4
 """Flag of annotations (ISO 32000-2, 12.5.3)."""
 
@@ -61,6 +63,7 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
     """Correct a page (its dictionary, ``mupdf.PdfObj``), which must not have been loaded, and list what it uses."""
     for annotation in items(get(page, "Annots")):
         _let_links_print(annotation)
+        layers.correct(get(annotation, "OC"))
     found = PageContents()
     for resource in page_resources(page):
         thing = resource.thing
@@ -75,6 +78,8 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
                 found.transfers.append(shown_name(resource.name))
         elif resource.category == "Properties":
             layers.correct(thing)
+        elif resource.category == "Shading":
+            _drop_background(resource)
         elif resource.category == "Font":
             found.fonts.append(resource)
         elif resource.category == "XObject" and name_of(get(thing, "Subtype")) == "Image":
@@ -84,6 +89,7 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
             if "JPXDecode" in [name_of(one) for one in items(filters) or [filters]]:
                 _let_damage_show(image)
                 _drop_unasked_alpha(image)
+            _state_lab_decode(image)
             found.images.append(resource)
     return found
 
@@ -112,6 +118,14 @@ def _has_transfer(state: Any) -> bool:
     )
 
 
+def _drop_background(gradient: Resource) -> None:
+    """Drop the background of a gradient that is painted by itself: it counts in a pattern alone (8.7.4.3)."""
+    if get(gradient.thing, "Background") is not None and not mupdf.pdf_is_stream(gradient.thing):
+        own = mupdf.pdf_copy_dict(gradient.thing)  # a pattern may use the same gradient
+        mupdf.pdf_dict_dels(own, "Background")
+        gradient.replace(own)
+
+
 def _choose_alternate(image: Resource) -> None:
     """Let the alternate that is made for printing stand for an image (8.9.5.4)."""
     for alternate in items(get(image.thing, "Alternates")):
@@ -119,6 +133,18 @@ def _choose_alternate(image: Resource) -> None:
         if chosen is not None and default is not None and mupdf.pdf_to_bool(default):
             image.replace(chosen)
             return
+
+
+def _state_lab_decode(image: Any) -> None:
+    """Samples of a Lab image span the range of its space (8.9.5.2, table 88); MuPDF takes -128 to 127."""
+    space = get(image, "ColorSpace")
+    if space is None or name_of(mupdf.pdf_array_get(space, 0)) != "Lab" or get(image, "Decode") is not None:
+        return
+    stated = items(get(mupdf.pdf_array_get(space, 1), "Range")) or [mupdf.pdf_new_int(v) for v in LAB_RANGE]
+    decode = mupdf.pdf_new_array(mupdf.pdf_get_bound_document(image), 6)
+    for end in (mupdf.pdf_new_int(0), mupdf.pdf_new_int(100), *stated):
+        mupdf.pdf_array_push(decode, end)
+    mupdf.pdf_dict_puts(image, "Decode", decode)
 
 
 def _let_damage_show(image: Any) -> None:

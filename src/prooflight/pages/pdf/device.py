@@ -14,7 +14,7 @@ from pymupdf import _mupdf, mupdf
 from prooflight.pages.pdf.colour_management import Inks, address
 from prooflight.pages.pdf.fonts import DrawnFonts
 from prooflight.pages.pdf.images import ConvertedImages, Decoding, ImageFault, Raster, placed
-from prooflight.pages.pdf.shadings import function_in_ink, mesh_in_ink
+from prooflight.pages.pdf.shadings import MESH_COLORANTS_MAX, function_in_ink, mesh_in_ink
 from prooflight.pages.pdf.tints import COLOURS_MAX, TintSpaces, TintUse
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _FORWARDED = {
     name: name
     for name in (
-        *("clip_path", "clip_stroke_path", "clip_text", "clip_stroke_text", "pop_clip"),
+        *("clip_path", "clip_stroke_path", "pop_clip"),
         *("ignore_text", "render_flags", "end_tile"),
     )
 } | {"begin_tile": "begin_tile_tid"}
@@ -33,6 +33,7 @@ _FORWARDED = {
 _PAINTING = {"fill_path": 3, "stroke_path": 3, "fill_text": 2, "stroke_text": 3}
 """Drawing calls with a colour, and where among their arguments the colour space stands; the colour and its opacity
 follow."""
+_CLIPPING = ("clip_text", "clip_stroke_text")
 _OVERRIDDEN = (
     *("fill_shade", "fill_image", "fill_image_mask", "clip_image_mask"),
     *("begin_mask", "end_mask", "begin_group", "end_group", "set_default_colorspaces"),
@@ -61,12 +62,16 @@ class Observed:
     """Plates that were painted on, those of one colour space together."""
     transparent: list[bool] = field(default_factory=list)
     """Not empty: something is not opaque, or blends."""
+    separated: list[bool] = field(default_factory=list)
+    """Not empty: ink was painted in a group that blends in other colours, and is separated again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Group:
     foreign: bool
     """Are its colours other than the press's?"""
+    mask: bool = False
+    """Is it a soft mask, or within one? Then its colours print nothing."""
     knockout: bool = False
     drawn: bool = True
 
@@ -87,13 +92,15 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         images: ConvertedImages,
         observed: Observed,
         page_group: bool,
+        page_knockout: bool,
         group_is_ours: bool,
         text_knockout: bool,
     ) -> None:
         """``inks`` stand for DeviceCMYK and ``rgb`` for DeviceRGB, whatever the document's output intent is.
 
-        plates: those that are drawn on. page_group: the first group is the page's. group_is_ours: it names no colours
-        to blend in, so these are the press's inks (ISO 32000-2, 11.4.7). text_knockout: glyphs knock each other out.
+        plates: those that are drawn on. page_group: the first group is the page's, and page_knockout is its K.
+        group_is_ours: it names no colours to blend in, so these are the press's inks (ISO 32000-2, 11.4.7).
+        text_knockout: glyphs knock each other out.
         """
         super().__init__()
         self._drawing, self._inks, self._rgb, self._raster = drawing.m_internal, inks, rgb, raster
@@ -107,8 +114,8 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self._uses: dict[int, TintUse] = {}
         self._kept: list[Any] = []  # so that addresses stay their own
         self._text_knockout = text_knockout
-        self._page_group, self._group_is_ours = page_group, group_is_ours
-        for name in (*_FORWARDED, *_PAINTING, *_OVERRIDDEN):
+        self._page_group, self._page_knockout, self._group_is_ours = page_group, page_knockout, group_is_ours
+        for name in (*_FORWARDED, *_PAINTING, *_CLIPPING, *_OVERRIDDEN):
             getattr(self, f"use_virtual_{name}")()
 
     def close(self) -> None:
@@ -147,15 +154,19 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         """
         if not isolated or (self._page_group and self._group_is_ours):
             space = None
+        knockout = int(
+            knockout or (self._page_group and self._page_knockout)
+        )  # MuPDF does not read the page's
         self._page_group = False
         outer = self._groups[-1]
         if blend or alpha < 1:
             self.observed.transparent.append(True)
         if not (isolated or knockout or blend or outer.knockout) and alpha == 1:
-            self._groups.append(_Group(foreign=outer.foreign, drawn=False))
+            self._groups.append(_Group(foreign=outer.foreign, mask=outer.mask, drawn=False))
             return
         other = bool(space) and address(self._resolved(space)) != address(self._inks.space.m_internal)
-        self._groups.append(_Group(foreign=other or outer.foreign, knockout=bool(knockout)))
+        foreign = other or outer.foreign
+        self._groups.append(_Group(foreign=foreign, mask=outer.mask, knockout=bool(knockout)))
         opacity = nearest_byte(alpha)
         self.pass_on(_mupdf.ll_fz_begin_group, area, space, isolated, knockout, blend, opacity)
 
@@ -167,7 +178,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
     def begin_mask(self, _context: Any, *arguments: Any) -> None:
         """A soft mask is grey."""
         self.observed.transparent.append(True)
-        self._groups.append(_Group(foreign=True))
+        self._groups.append(_Group(foreign=True, mask=True))
         self.pass_on(_mupdf.ll_fz_begin_mask, *arguments)
 
     def end_mask(self, _context: Any, function: Any) -> None:
@@ -189,6 +200,9 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
                 self.pass_on(_mupdf.ll_fz_fill_shade, shade, ctm, alpha, parameters)
         elif to_ink is None:
             self.pass_on(_mupdf.ll_fz_fill_shade, shade, ctm, alpha, parameters)
+        elif mupdf.ll_fz_colorspace_is_device_n(space) and space.n > MESH_COLORANTS_MAX:
+            trouble = f"a gradient mesh of {space.n} colorants is left out: convert it to process inks"
+            self.observed.troubles[trouble] = None
         else:
             mesh = mesh_in_ink(shade, ctm, self._raster, self._inks.space, to_ink)
             if mesh is not None:
@@ -263,6 +277,11 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self.paint(draw, place, (*arguments[: place + 2], 1.0, *arguments[place + 3 :]))
         self.pass_on(_mupdf.ll_fz_end_group)
 
+    def clip_to_text(self, draw: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        """Clip to a text."""
+        self.observed.fonts.take_in(arguments[0])
+        self.pass_on(draw, *arguments)
+
     def exact(self, space: Any, colour: Any, parameters: Any) -> tuple[Any, Any]:
         """Colour space and colour (float*) to paint with: ink amounts are rounded, other colours converted to ink."""
         if not space:
@@ -294,8 +313,16 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
             return False
         if use.plates:
             self.observed.plates[use.plates] = None
+        group = self._groups[-1]
+        if group.foreign and not group.mask and not self.observed.separated and self._is_ink(space):
+            self.observed.separated.append(True)
         # On plates that are drawn another time, nothing is left where this overprints, else what it knocks out.
         return not (parameters.op and use.plates and self._plates.isdisjoint(use.plates))
+
+    def _is_ink(self, space: Any) -> bool:
+        return bool(space) and bool(
+            mupdf.ll_fz_colorspace_is_device_n(space) or self._inks.is_native(self._resolved(space))
+        )
 
     def _use(self, space: Any) -> TintUse:
         if not space or not mupdf.ll_fz_colorspace_is_device_n(space):
@@ -352,6 +379,11 @@ def _painting(name: str, place: int) -> Callable[..., Any]:
     return lambda self, _context, *arguments: self.paint(draw, place, arguments)
 
 
+def _clipping(name: str) -> Callable[..., Any]:
+    draw = getattr(_mupdf, f"ll_fz_{name}")
+    return lambda self, _context, *arguments: self.clip_to_text(draw, arguments)
+
+
 def _text(name: str, place: int) -> Callable[..., Any]:
     draw = getattr(_mupdf, f"ll_fz_{name}")
     return lambda self, _context, *arguments: self.paint_text(draw, place, arguments)
@@ -359,5 +391,7 @@ def _text(name: str, place: int) -> Callable[..., Any]:
 
 for _name, _function in _FORWARDED.items():
     setattr(PressDevice, _name, _forwarding(_function))
+for _name in _CLIPPING:
+    setattr(PressDevice, _name, _clipping(_name))
 for _name, _place in _PAINTING.items():
     setattr(PressDevice, _name, (_text if _name.endswith("text") else _painting)(_name, _place))

@@ -22,8 +22,8 @@ from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
 from prooflight.pages.pdf.colour_management import address
 from prooflight.pages.pdf.corrections import PageContents, correct_page
 from prooflight.pages.pdf.drawing import PageDrawing, PlateError, icc_space, output_intent
-from prooflight.pages.pdf.fonts import substituted
-from prooflight.pages.pdf.images import SHORT
+from prooflight.pages.pdf.fonts import draw_colours_directly, substituted
+from prooflight.pages.pdf.images import SHORT, lost
 from prooflight.pages.pdf.layers import PrintedLayers
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.pdf.opening import AGAIN, open_document
@@ -51,6 +51,8 @@ ICC_HEADER_BYTES: Final = 128  # ICC.1:2022, 7.2
 ICC_BYTES_MAX: Final = 64 * 2**20
 _OF_COLOURS: Final = re.compile(r"(?i)\bicc\b|colou?r ?space|color conversion")
 """What MuPDF says when colours are not converted as the file asks."""
+_NO_NEWS: Final = re.compile(r"^encountered syntax errors; page may not|^\.\.\. repeated|^dropping unclosed")
+"""What it says beside another message."""
 _NO_MEMORY: Final = re.compile(
     r"alloc \(.*\) failed|(?i:out of|insufficient|not enough) memory|memory allocation"
 )
@@ -166,6 +168,7 @@ class PdfFile:
                     fine = drawn_on[:high]
                     fine.fill(0)
                 by = step * scale
+                draw_colours_directly(self._pdf(), contents.fonts)
                 ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - above)
                 drawing.draw(ctm, fine)
                 self._refuse_faults(number, drawing.observed.faults, contents, (box.x0, box.y0))
@@ -246,18 +249,29 @@ class PdfFile:
     def _refuse_faults(
         self, number: int, faults: list[ImageFault], contents: PageContents, corner: tuple[float, float]
     ) -> None:
-        """JobError: an image of the page cannot be decoded. corner: of what is printed. [points]"""
+        """JobError: an image of the page, or what else it is drawn with, cannot be decoded.
+
+        corner: of what is printed. [points]
+        """
+        said = lost()
+        if said and not faults:
+            mupdf.fz_empty_store()
+            what = f"page {number}: its content, a form, a glyph or an image cannot be decoded ({said})"
+            raise JobError(self._shown, what, remedy="export the page again")
         if not faults:
             return
         places = [self._image_place(fault, contents, corner) for fault in faults]
         mupdf.fz_empty_store()  # MuPDF keeps what it drew, and would say nothing the next time
         undecodable = [
-            (fault, place) for fault, place in zip(faults, places, strict=True) if not fault.only_short
+            (fault, place)
+            for fault, place in zip(faults, places, strict=True)
+            if said or not fault.only_short
         ]
         if undecodable:
             fault, place = undecodable[0]
             more = f", and {len(undecodable) - 1} more" if len(undecodable) > 1 else ""
-            what = f"page {number}: {place}{more}, cannot be decoded ({fault.reason})"
+            reason = said if fault.only_short else fault.reason
+            what = f"page {number}: {place}{more}, cannot be decoded ({reason})"
             raise JobError(self._shown, what, remedy="put a sound image there, and export the page again")
         for place in places:
             message = f"{place}, lacks its last samples, which print as 0: export it again"
@@ -294,7 +308,7 @@ class PdfFile:
         for name in contents.transfers:
             message = f"the transfer function of graphics state {name} is ignored: apply it to the colours"
             self._warn(number - 1, "transfer-function", [message], name)
-        if drawing.blends_elsewhere:
+        if observed.separated:
             message = (
                 "its transparency blends in other colours than the press's inks: CMYK is separated again"
             )
@@ -359,9 +373,16 @@ class PdfFile:
         if any(_NO_MEMORY.search(text) for text in (messages, raised, *earlier)):
             raise MemoryError
         for message in messages.splitlines():
-            if message == SHORT:  # said better by the image's own warning
+            if message == SHORT or _NO_NEWS.search(message):  # said better by the image's own warning
                 continue
-            self._warn(page, "colour-space" if _OF_COLOURS.search(message) else "renderer", [message])
+            of_colours = bool(_OF_COLOURS.search(message))
+            what = (
+                "a colour space cannot be used, and another stands in"
+                if of_colours
+                else "parts may be missing"
+            )
+            kind = "colour-space" if of_colours else "renderer"
+            self._warn(page, kind, [f"{what}, for MuPDF says '{message}': correct it, and export it again"])
 
     def _warn(self, page: int, kind: str, messages: Iterable[str], name: str = "") -> None:
         for message in messages:

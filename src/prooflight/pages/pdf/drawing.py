@@ -90,7 +90,9 @@ class PageDrawing:
         self._page, self._tints, self._text_knockout = page, tints, text_knockout
         self._rgb = icc_space(intent) if intent[16:20] == b"RGB " else mupdf.fz_device_rgb()
         self._images, self._curves = ConvertedImages(self.inks), dict[str, NDArray[np.uint8]]()
-        self._group_is_ours = get(get(page.obj(), "Group"), "CS") is None
+        group = get(page.obj(), "Group")
+        self._group_is_ours, knockout = get(group, "CS") is None, get(group, "K")
+        self._page_knockout = knockout is not None and bool(mupdf.pdf_to_bool(knockout))
         # Without a plate, MuPDF prints images in a process colorant by their tint transform.
         self._passes = [sorted(listed.plates) or ["none"]] if listed else [[]]
         if len(listed.plates) > PLATES_MAX or not self._group_is_ours:
@@ -100,9 +102,9 @@ class PageDrawing:
         """See which plates are painted on, and whether anything is transparent, by drawing a single pixel."""
         self._run(mupdf.FzMatrix(), np.zeros((1, 1, 4), np.uint8), [])
         if not self.observed.transparent:
-            self._page.m_internal.transparency = (
-                0  # what is opaque prints as it stands, whatever the page blends in
-            )
+            # What is opaque prints as it stands, whatever the page blends in.
+            self._page.m_internal.transparency = 0
+            self.observed.separated.clear()
         if len(listed.plates) <= PLATES_MAX:
             return
         painted = [plate for plates in self.observed.plates for plate in plates]
@@ -111,11 +113,6 @@ class PageDrawing:
             raise PlateError(f"{what}: at most {PLATES_MAX} of these can be ripped")
         painted = list(dict.fromkeys(painted)) or ["none"]
         self._passes = [painted[i : i + PLATES_MAX] for i in range(0, len(painted), PLATES_MAX)]
-
-    @property
-    def blends_elsewhere(self) -> bool:
-        """Whether its transparency blends in other colours than those of the press's inks."""
-        return bool(self._page.m_internal.transparency) and not self._group_is_ours
 
     def draw(self, ctm: Any, cmyk: NDArray[np.uint8]) -> None:
         """Draw without anti-aliasing into ``cmyk``, (rows, columns, 4) without ink yet. ctm: page space to pixels."""
@@ -158,6 +155,7 @@ class PageDrawing:
                 images=self._images,
                 observed=self.observed,
                 page_group=bool(self._page.m_internal.transparency),
+                page_knockout=self._page_knockout,
                 group_is_ours=self._group_is_ours,
                 text_knockout=self._text_knockout,
             )

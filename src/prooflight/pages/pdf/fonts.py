@@ -5,6 +5,7 @@ Imported late, by ``device`` and ``document``: it needs PyMuPDF at import.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,12 +18,16 @@ from prooflight.pages.pdf.resources import get, items, name_of, shown_name
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from numpy.typing import NDArray
+
     from prooflight.pages.pdf.resources import Resource
 
 _ITEM: Final = np.dtype(
     [("x", "f4"), ("y", "f4"), ("advance", "f4"), ("glyph", "i4"), ("letter", "i4"), ("code", "i4")]
 )
 """MuPDF's ``fz_text_item``."""
+_GLYPHS: Final = 256
+"""Of a Type 3 font, each with flags of 16 bits."""
 _BLANKS: Final = (9, 10, 13, 32, 0xA0, 0xAD)
 """Letters without a mark, of which it does not matter that a font lacks them."""
 
@@ -51,6 +56,23 @@ class DrawnFonts:
     def has(self, font: Any) -> bool:
         """Whether a text was drawn with a font (low level)."""
         return address(font) in self._fonts
+
+
+def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
+    """Have coloured glyphs of Type 3 fonts drawn as what they hold, like forms (ISO 32000-2, 9.6.4).
+
+    MuPDF keeps them as pictures otherwise, in which what leaves no mark or overprints knocks out what lies below. It
+    forgets this with the font: ask anew before a page is drawn.
+    """
+    for resource in fonts:
+        if name_of(get(resource.thing, "Subtype")) != "Type3" or get(resource.thing, "Resources") is None:
+            continue  # without resources, those that it would be loaded with are the page's
+        with contextlib.suppress(mupdf.FzErrorBase):  # a broken one, which will be said when it is used
+            font = mupdf.ll_pdf_load_font(document.m_internal, None, resource.thing.m_internal)
+            kept = (ctypes.c_uint16 * _GLYPHS).from_address(int(font.font.t3flags))
+            flags: NDArray[np.uint16] = np.ndarray(_GLYPHS, np.uint16, kept)
+            flags[flags & mupdf.FZ_DEVFLAG_COLOR != 0] |= mupdf.FZ_DEVFLAG_UNCACHEABLE
+            mupdf.ll_pdf_drop_font(font)
 
 
 def substituted(document: Any, fonts: Iterable[Resource], drawn: DrawnFonts) -> Iterator[str]:

@@ -26,6 +26,10 @@ _UNDECODABLE: Final = re.compile(
     r"(?i:cannot|failed to) (?i:decode|read|complete)|decode failed|no jbig2 image|missing data|No data for"
 )
 """What MuPDF says when it goes on with an image that it cannot decode."""
+_LOST: Final = re.compile(
+    r"read error; treating as end of file|unknown filter name|in(?:valid code in)? [12]d faxd"
+)
+"""What it says of any other stream that a page is drawn with, of inline images and glyphs among them."""
 SHORT: Final = "padding truncated image"
 """What it says of an image that has been decoded and has fewer samples than it should."""
 
@@ -46,6 +50,11 @@ class ImageFault:
     """In MuPDF's words."""
     only_short: bool
     """It has been decoded, and lacks its last samples."""
+
+
+def lost() -> str:
+    """What MuPDF has said of a stream that it could not decode since its messages were last read; empty: nothing."""
+    return next(filter(_LOST.search, pymupdf.JM_mupdf_warnings_store), "")
 
 
 class Decoding:
@@ -96,12 +105,18 @@ class ConvertedImages:
         pixmap = mupdf.FzPixmap(mupdf.ll_fz_get_pixmap_from_image(image.m_internal, None, None)[0])
         if mupdf.fz_colorspace_is_indexed(pixmap.colorspace()):
             pixmap = mupdf.fz_convert_indexed_pixmap_to_base(pixmap)
-        if pixmap.alpha() or pixmap.n() != space.n:
-            return image  # colour-keyed: MuPDF multiplies its colours with the key
+        alpha = pixmap.alpha()
+        if pixmap.n() - alpha != space.n:
+            return image
         samples = pixmap_samples(pixmap)
+        colours, opaque = samples[..., : space.n], samples[..., space.n :]
+        if alpha and not ((opaque == 0) | (opaque == 255)).all():
+            return image  # a JPEG 2000 image with opacity, by which MuPDF has multiplied its colours
         link = None if mupdf.ll_fz_colorspace_is_device_n(space) else self._inks.link(space, parameters)
-        inks = converted_samples(samples, to_ink) if link is None else apply_link(link, samples)
-        return _image(inks, self._inks.space, interpolate=image.m_internal.interpolate)
+        inks = converted_samples(colours, to_ink) if link is None else apply_link(link, colours)
+        if alpha:  # colour-keyed: each sample is there or not
+            inks = np.concatenate([inks * (opaque > 0), opaque], axis=2)
+        return _image(inks, self._inks.space, alpha=alpha, interpolate=image.m_internal.interpolate)
 
 
 def converted_samples(samples: NDArray[np.uint8], to_ink: ToInk) -> NDArray[np.uint8]:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.colour_management import ToInk
     from prooflight.pages.pdf.images import Raster
 
+MESH_COLORANTS_MAX: Final = 4
+"""MuPDF copies so many of a vertex."""
 STEPS: Final = 256
 """Of MuPDF's gradients."""
 _HALF_BYTE: Final = 0.5 / 255
@@ -54,6 +56,7 @@ def mesh_in_ink(shade: Any, ctm: Any, raster: Raster, space: Any, to_ink: ToInk)
     """A mesh without a function as an image in ink ``space``, and its matrix; None: nothing of it lies on the raster.
 
     Colours between its corners are those of its own space (8.7.4.5.5): they are blended there and converted then.
+    It has at most ``MESH_COLORANTS_MAX`` colorants where its space is DeviceN.
     """
     scale = mupdf.FzMatrix(raster.scale, 0, 0, raster.scale, *raster.shift)
     placed = mupdf.fz_concat(mupdf.FzMatrix(ctm.a, ctm.b, ctm.c, ctm.d, ctm.e, ctm.f), scale)
@@ -63,18 +66,27 @@ def mesh_in_ink(shade: Any, ctm: Any, raster: Raster, space: Any, to_ink: ToInk)
     if mupdf.fz_is_empty_irect(area):
         return None
     own = mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(shade.colorspace))
+    if mupdf.fz_colorspace_is_device_n(
+        own
+    ):  # MuPDF paints into no such pixmap, and copies colours of one space
+        colours = mupdf.fz_device_cmyk().m_internal.type
+        own = mupdf.fz_new_colorspace(colours, 0, own.m_internal.n, "colorants of a mesh")
     pixmap = mupdf.fz_new_pixmap_with_bbox(own, area, mupdf.FzSeparations(), 1)
     mupdf.fz_clear_pixmap(pixmap)
     parameters = mupdf.FzColorParams()  # kept as long as what is internal to it
-    mupdf.ll_fz_paint_shade(
-        shade,
-        None,
-        placed.internal(),
-        pixmap.m_internal,
-        parameters.internal(),
-        area.internal(),
-        None,
-    )
+    given, shade.colorspace = shade.colorspace, own.m_internal
+    try:
+        mupdf.ll_fz_paint_shade(
+            shade,
+            None,
+            placed.internal(),
+            pixmap.m_internal,
+            parameters.internal(),
+            area.internal(),
+            None,
+        )
+    finally:  # the gradient belongs to the document: leave it as it was
+        shade.colorspace = given
     samples = pixmap_samples(pixmap)
     inside = samples[..., -1:]
     inks = converted_samples(samples[..., :-1], to_ink) * (inside > 0)

@@ -33,7 +33,7 @@ class Handed:
     """Of ISO 32000-2."""
     before: str
     right: Ink | None = None
-    """None: ink says nothing here."""
+    """None: the case is not about an ink."""
     at: tuple[int, int] = (50, 50)
     """Column and row of a pixel that shows it."""
     warning: str = ""

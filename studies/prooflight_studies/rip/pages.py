@@ -22,7 +22,7 @@ PAGES_DPI: Final = 100.0
 BEYOND: Final = 8
 """Steps of 255 beyond which a pixel differs: 3 % of ink, what profiles and two decoders leave."""
 EVEN: Final = 3
-"""Of 255; where no ink of either drawing varies by more over 5 x 5 pixels, no edge is near."""
+"""Where no ink of either drawing varies by more over 5 x 5 pixels, no edge is near. [of 255]"""
 REMARKS: Final = {
     "d000": "DeviceRGB stands for the RGB profile of the page's own output intent, which Ghostscript does not read",
     "d009": "its image has fewer rows than it states: ours prints them as 0, which is black, and says so",
@@ -38,15 +38,15 @@ class PageRow:
 
     page: str
     differ_percent: tuple[float, ...]
-    """Of C, M, Y, K: pixels that differ by more than ``BEYOND``."""
+    """Share of pixels that differ by more than ``BEYOND``, in C, M, Y and K."""
     even_differ_percent: float
     """The same in any ink, of the pixels with no edge near."""
     largest_even: tuple[int, ...]
-    """Of C, M, Y, K: the largest difference with no edge near. [of 255]"""
+    """The largest difference with no edge near, in C, M, Y and K. [of 255]"""
     refused: str
-    """By which engine, and why."""
+    """The engines that refuse it, and why; empty: none does."""
     warnings: int
-    """Of ours."""
+    """How many our engine gives."""
     remark: str
 
 
@@ -81,7 +81,7 @@ def page_row(path: Path, profile: Path | None) -> PageRow:
 def difference(
     ours: NDArray[np.uint8], theirs: NDArray[np.uint8]
 ) -> tuple[tuple[float, ...], float, tuple[int, ...]]:
-    """Of two drawings (rows, columns, 4): ``differ_percent``, ``even_differ_percent`` and ``largest_even``."""
+    """Compare two drawings (rows, columns, 4): ``differ_percent``, ``even_differ_percent`` and ``largest_even``."""
     apart = np.maximum(ours, theirs) - np.minimum(ours, theirs)
     even = np.maximum(_variation(ours), _variation(theirs)) <= EVEN
     inside = apart[even]

@@ -18,8 +18,6 @@ from prooflight.pages.pdf.resources import get, items, name_of, shown_name
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from numpy.typing import NDArray
-
     from prooflight.pages.pdf.resources import Resource
 
 _ITEM: Final = np.dtype(
@@ -70,7 +68,7 @@ def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
         with contextlib.suppress(mupdf.FzErrorBase):  # a broken one, which will be said when it is used
             font = mupdf.ll_pdf_load_font(document.m_internal, None, resource.thing.m_internal)
             kept = (ctypes.c_uint16 * _GLYPHS).from_address(int(font.font.t3flags))
-            flags: NDArray[np.uint16] = np.ndarray(_GLYPHS, np.uint16, kept)
+            flags = np.ctypeslib.as_array(kept)
             flags[flags & mupdf.FZ_DEVFLAG_COLOR != 0] |= mupdf.FZ_DEVFLAG_UNCACHEABLE
             mupdf.ll_pdf_drop_font(font)
 

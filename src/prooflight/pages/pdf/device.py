@@ -6,7 +6,7 @@ Imported late, by ``drawing`` only: it needs PyMuPDF at import.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from pymupdf import _mupdf, mupdf
@@ -39,6 +39,8 @@ _OVERRIDDEN = (
     *("begin_mask", "end_mask", "begin_group", "end_group", "set_default_colorspaces"),
 )
 _NO_TINT = TintUse()
+COLOURS_KEPT: Final = 4096
+"""Colours of a page of which it is kept how they are painted. Assumed: type and tints have fewer, a picture more."""
 
 
 def nearest_byte(value: float) -> float:
@@ -112,7 +114,8 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self._groups = [_Group(foreign=False)]
         self._tints, self._plates, self._images, self.observed = tints, frozenset(plates), images, observed
         self._uses: dict[int, TintUse] = {}
-        self._kept: list[Any] = []  # so that addresses stay their own
+        self._colours: dict[tuple[Any, ...], tuple[Any, list[float] | None, int, int]] = {}
+        self._spaces: dict[int, Any] = {}  # so that addresses stay their own
         self._text_knockout = text_knockout
         self._page_group, self._page_knockout, self._group_is_ours = page_group, page_knockout, group_is_ours
         for name in (*_FORWARDED, *_PAINTING, *_CLIPPING, *_OVERRIDDEN):
@@ -143,6 +146,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self.pass_on(_mupdf.ll_fz_set_default_colorspaces, mine)
         mupdf.ll_fz_drop_default_colorspaces(self._defaults)
         self._defaults = mine
+        self._colours.clear()
 
     def begin_group(
         self, _context: Any, area: Any, space: Any, isolated: int, knockout: int, blend: int, alpha: float
@@ -286,23 +290,38 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         """Colour space and colour (float*) to paint with: ink amounts are rounded, other colours converted to ink."""
         if not space:
             return space, colour
-        amounts = [mupdf.floats_getitem(colour, i) for i in range(space.n)]
+        amounts = tuple(mupdf.floats_getitem(colour, i) for i in range(space.n))
+        stated = parameters.op, parameters.opm, parameters.ri, parameters.bp
+        key = address(space), amounts, stated, self._groups[-1].foreign
+        if key not in self._colours:  # a page sets thousands of texts in few colours
+            if len(self._colours) == COLOURS_KEPT:
+                self._colours.clear()
+            self._spaces.setdefault(key[0], mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space)))
+            painted = self._painted(space, amounts, parameters)
+            self._colours[key] = *painted, parameters.op, parameters.opm
+        target, rounded, parameters.op, parameters.opm = self._colours[key]
+        if rounded is None:
+            return space, colour
+        for i, amount in enumerate(rounded):
+            mupdf.floats_setitem(self._amounts, i, amount)
+        return target, self._amounts
+
+    def _painted(
+        self, space: Any, amounts: tuple[float, ...], parameters: Any
+    ) -> tuple[Any, list[float] | None]:
+        """Return the space and the amounts that stand for a colour; None: MuPDF paints it right as it is stated."""
         to_ink, press = self._to_ink(space, parameters), self._inks.space.m_internal
         if to_ink is not None:
-            return self._painted(press, to_ink(np.asarray([amounts]))[0].tolist())
+            return press, list(map(nearest_byte, to_ink(np.asarray([amounts]))[0].tolist()))
         if self._groups[-1].foreign:
-            return space, colour
+            return space, None
         if mupdf.ll_fz_colorspace_is_device_n(space):
-            return self._painted(space, amounts)
+            return space, list(map(nearest_byte, amounts))
         actual = self._resolved(space)
         if address(actual) != address(press):
             parameters.opm = 0
-        return self._painted(press, self._inks.amounts(actual, [amounts], parameters)[0].tolist())
-
-    def _painted(self, space: Any, amounts: Iterable[float]) -> tuple[Any, Any]:
-        for i, amount in enumerate(amounts):
-            mupdf.floats_setitem(self._amounts, i, nearest_byte(amount))
-        return space, self._amounts
+        inks = self._inks.amounts(actual, [amounts], parameters)[0].tolist()
+        return press, list(map(nearest_byte, inks))
 
     def _leaves_mark(self, space: Any, alpha: float, parameters: Any) -> bool:
         """Whether anything of a colour space is painted; what it is painted with is noted."""
@@ -329,7 +348,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
             return _NO_TINT
         key = address(space)
         if key not in self._uses:
-            self._kept.append(mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space)))
+            self._spaces.setdefault(key, mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space)))
             self._uses[key] = self._tints.use(space)
         return self._uses[key]
 

@@ -43,10 +43,13 @@ class DrawnFonts:
         span = text.head
         while span:
             font = span.font
-            self._fonts.setdefault(address(font), mupdf.FzFont(mupdf.ll_fz_keep_font(font)))
-            kept = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
-            listed = np.frombuffer(kept, _ITEM)
-            for letter in listed["letter"][listed["glyph"] == 0].tolist():
+            key = address(font)
+            if key not in self._fonts:  # a page has thousands of texts and few fonts
+                self._fonts[key] = mupdf.FzFont(mupdf.ll_fz_keep_font(font))
+            memory = (ctypes.c_char * (span.len * _ITEM.itemsize)).from_address(address(span.items))
+            glyphs = np.frombuffer(memory, _ITEM)
+            lacking = () if glyphs["glyph"].all() else glyphs["letter"][glyphs["glyph"] == 0].tolist()
+            for letter in lacking:
                 if letter not in _BLANKS and not mupdf.ll_fz_font_t3_procs(font):
                     self.missing[mupdf.ll_fz_font_name(font), _shown(letter)] = None
             span = span.next

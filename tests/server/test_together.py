@@ -112,5 +112,5 @@ def test_with_a_gate_the_list_is_that_of_the_trays(console: Any) -> None:
     assert told["by"] == "trays"
     assert [(one["page"], one["copy"], one["why"]) for one in told["sheets"]] == [
         ("s0002", 2, "a misprint"),
-        ("s0002", 3, "the controller did not say"),
+        ("s0002", 3, "the controller reported no tray"),
     ]

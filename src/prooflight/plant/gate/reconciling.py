@@ -360,7 +360,7 @@ def _of_sheet(
         why = "the page did not come"
     elif account == "lost" and tray:
         unsent = kept.unsent.get(tag)
-        why = SAID[Code(unsent["code"])] if unsent else tray.why or "the controller did not say"
+        why = SAID[Code(unsent["code"])] if unsent else tray.why or "the controller reported no tray"
     return Accounted(
         account=account,
         sheet=tag - 1,

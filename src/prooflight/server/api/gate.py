@@ -29,7 +29,7 @@ class GatedSheet(Answer):
     verdict: str = Field(description="Of all its sides; empty: nobody judged it.")
     in_journal: bool
     decision: str = Field(description="accept, divert, stop; empty: none.")
-    tray: str = Field(description="good, reject; empty: the controller did not say.")
+    tray: str = Field(description="good, reject; empty: the controller reported no tray.")
     why: str
     contested: bool = Field(description="Whether log and wire name different trays.")
     tag: int | None = Field(description="By which the controller knows it; null: it was not told of it.")

@@ -73,6 +73,8 @@ def test_a_promise_says_what_it_rests_on() -> None:
         "at most one good page in 100 alarms; by count, from 120 simulated good designs of this press and 1,480 of "
         "those that taught the ranking"
     )
+    few = str(Promise(rate=0.01, simulated=0, real=38, reference=1480, asked=0.01))
+    assert few.endswith("those that taught the ranking; these 38 pages alone support one in 39")
     further = str(Promise(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
     assert (
         "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500"

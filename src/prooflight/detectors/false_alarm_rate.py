@@ -81,6 +81,9 @@ class Promise:
         if self.reference:
             basis += f" of this press and {self.reference:,} of those that taught the ranking"
         if self.conformal:
+            if 0 < self.real < 1 / self.rate - 1:
+                # Real pages need not be exchangeable with those of the presses that trained the ranking.
+                basis += f"; these {self.real} pages alone support one in {self.real + 1}"
             return f"{odds}; by count, from {basis}"
         least = 1 / least_false_alarm_rate(self.simulated + self.real + self.reference)
         return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"

@@ -195,7 +195,7 @@ class Words:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
 
     def _opened(self, *, create: bool) -> sqlite3.Connection:
-        """Open the file; made: whether it is created if there is none."""
+        """Open the file; create: whether it is created if there is none."""
         try:
             if create and not os.path.lexists(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)

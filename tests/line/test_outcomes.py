@@ -11,7 +11,7 @@ from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.monitor.run import Announcement, PageEvidence, RunMonitor
-from prooflight.line.outcomes import SPOILT, RunWatch, missing_page, outcome, skipped, unknown_sheet
+from prooflight.line.outcomes import CORRUPTED, RunWatch, missing_page, outcome, skipped, unknown_sheet
 from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
 NOTHING = np.zeros((1, 1, 1), np.uint16)
@@ -36,10 +36,10 @@ def test_a_sheets_record_says_where_and_when_it_came() -> None:
     assert not outcome(7, seen(3), GOOD).record.late
 
 
-@pytest.mark.parametrize("kind", [*sorted(SPOILT), "repeated", "out-of-order", ""])
+@pytest.mark.parametrize("kind", [*sorted(CORRUPTED), "repeated", "out-of-order", ""])
 def test_a_spoilt_scan_tells_the_run_nothing(kind: str) -> None:
     done = outcome(7, seen(3, *([fault(kind)] if kind else [])), GOOD, evidence=SAID)
-    assert done.evidence.values == done.record.nuisance == ({} if kind in SPOILT else {"light-mono": 0.02})
+    assert done.evidence.values == done.record.nuisance == ({} if kind in CORRUPTED else {"light-mono": 0.02})
 
 
 def test_sheets_are_named_by_the_page_that_they_show() -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
-from prooflight.line.book import KnownThumbnails
+from prooflight.line.book import ThumbnailCache
 from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, followed
 from prooflight.line.monitor.evidence import COLUMN_MM, columns, columns_mm, run_evidence
 from prooflight.line.monitor.run import PageEvidence
@@ -219,7 +219,7 @@ def test_a_design_that_someone_waits_for_is_made_though_its_sheet_has_passed() -
     assert begun.wait(20)
     waiter = threading.Thread(target=lambda: got.append(int(prefetcher.get(1)[0])))
     waiter.start()
-    while 1 not in prefetcher._kept or 1 in prefetcher._queued:
+    while 1 not in prefetcher._cached or 1 in prefetcher._queued:
         waiter.join(0.001)
     prefetcher.expect(10)
     held.set()
@@ -241,7 +241,7 @@ def test_size_counts_each_array_once() -> None:
 
 def test_thumbnails_stay_the_same_object() -> None:
     book = Book(sheets=4)
-    known = KnownThumbnails(book)
+    known = ThumbnailCache(book)
     one, other = (
         Thumbnail(
             light=np.zeros((1, 1), np.uint8), width_mm=1, height_mm=1, signature=np.zeros(1, np.float32)
@@ -249,8 +249,8 @@ def test_thumbnails_stay_the_same_object() -> None:
         for _ in "ab"
     )
     assert known[2] is None
-    known.know(2, one)
-    known.know(2, other)
+    known.add(2, one)
+    known.add(2, other)
     assert known[2] is one
     assert [known[sheet] for sheet in range(1, 4)] == [None, one, None]
     with pytest.raises(IndexError):

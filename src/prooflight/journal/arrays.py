@@ -1,7 +1,7 @@
-"""Arrays of one page in a NumPy archive: what may be kept, and reading it again without believing what the file says.
+"""Arrays of one page in a NumPy archive: their limits, and reading that trusts nothing the file states.
 
-Sizes stand in front of what they are sizes of, and a few damaged bytes can ask for all memory: every size is held
-against what evidence of a page may be before anything is unpacked. Nothing in a file is evaluated.
+Sizes precede the data they describe, and a few damaged bytes can claim all memory: every size is checked against
+the limits of a page's evidence before anything is unpacked. Nothing in a file is evaluated.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_PAGE_BYTES: Final = 64_000_000
-"""Of one page's arrays together; of an A4 page it is a quarter of a megabyte."""
+"""Limit of the size of one page's arrays; those of an A4 page take a quarter of a megabyte."""
 MOST_MEMBERS: Final = 20_000
 MOST_LIST_BYTES: Final = 4_000_000
-"""Of an archive's list of its members."""
+"""Limit of the size of an archive's list of members."""
 KINDS: Final = "biuf"
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _HEADER: Final = re.compile(
     r"\{'descr': '([<>|](?:b1|[iu][1248]|f[248]))', 'fortran_order': (True|False), "
     r"'shape': \((|[0-9]+,|[0-9]+(?:, [0-9]+)+)\), \} *\n"
 )
-"""As NumPy writes it."""
+"""Header of an array as NumPy writes it."""
 _MAGIC: Final = b"\x93NUMPY\x01\x00"
 _END: Final = struct.Struct("<4s4H2LH")
 _DAMAGED: Final = (
@@ -43,7 +43,7 @@ _DAMAGED: Final = (
 
 
 def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """ValueError: these cannot be kept as the evidence of one page."""
+    """Raise ValueError if these arrays cannot be stored as the evidence of one page."""
     for name, array in arrays.items():
         if not _NAME.fullmatch(name):
             raise ValueError(f"{name!r} is no name of an array")
@@ -57,35 +57,35 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def write_arrays(archive: zipfile.ZipFile, sheet: int, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """One page's arrays, named SHEET/NAME."""
+    """Write one page's arrays, named SHEET/NAME."""
     for name, array in arrays.items():
         with archive.open(f"{sheet}/{name}.npy", "w") as member:
             np.lib.format.write_array(member, np.asarray(array), version=(1, 0), allow_pickle=False)
 
 
 def read_arrays(file: IO[bytes], sheet: int) -> dict[str, NDArray[Any]]:
-    """One page's arrays; ValueError: they are damaged, or larger than a page's may be."""
+    """Read one page's arrays; ValueError: they are damaged, or larger than a page's may be."""
     begin = f"{sheet}/"
     try:
         _check_end(file)
         with zipfile.ZipFile(file) as archive:
             members = [each for each in archive.infolist() if each.filename.startswith(begin)]
-            left, found = MOST_PAGE_BYTES, {}
+            left, arrays = MOST_PAGE_BYTES, {}
             for member in members:
                 name = member.filename.removeprefix(begin).removesuffix(".npy")
-                if not _NAME.fullmatch(name) or name in found:
+                if not _NAME.fullmatch(name) or name in arrays:
                     raise ValueError(
                         f"{member.filename[:80]!r} is no name of an array, or stands there twice"
                     )
-                found[name] = _read_array(archive, member, most_bytes=left)
-                left -= found[name].nbytes
+                arrays[name] = _read_array(archive, member, most_bytes=left)
+                left -= arrays[name].nbytes
     except _DAMAGED as error:
         raise ValueError(str(error) or type(error).__name__) from error
-    return found
+    return arrays
 
 
 def _check_end(file: IO[bytes]) -> None:
-    """That the archive's list is no longer than one of pages can be, as its last bytes tell."""
+    """Raise ValueError unless the archive's last bytes are an end record with a list of valid size."""
     size = file.seek(0, os.SEEK_END)
     file.seek(max(size - _END.size, 0))
     magic, _, _, _, members, list_bytes, begin, _ = _END.unpack(file.read(_END.size))

@@ -1,4 +1,7 @@
-"""What no row can hold: told, counted, and pages kept as lines of JSON beside the journal, for their verdicts count."""
+"""Data that no row can store: reported, counted, and pages kept as lines of JSON next to the journal.
+
+The pages are kept because their verdicts count.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ _FLAGS: Final = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW
 
 
 def aside_file(database: Path) -> Path:
-    """Where such pages go."""
+    """Return the file for such pages."""
     return database.with_name(database.name + ".aside.jsonl")
 
 
 @dataclass(slots=True)
 class Refusals:
-    """Takes out of a batch what can never be written, and lets its run say so. Announced is the first of each sort."""
+    """Removal from a batch of what can never be written; the first of each sort is announced by the run."""
 
     database: Path
     announce: Callable[[str], None]
@@ -38,39 +41,39 @@ class Refusals:
     evidence: int = 0
 
     def page(self, batch: Batch, run_id: int, page: PageRecord, error: Exception) -> None:
-        """A page goes into the file beside the journal."""
+        """Move a page into the file next to the journal."""
         batch.pages.remove((run_id, page))
         batch.dropped_pages[run_id] += 1
         self.pages += 1
         reason, file = complaint(error), aside_file(self.database)
-        kept = f"such pages are kept in {file.name}"
+        outcome = f"such pages are kept in {file.name}"
         try:
             _append(file, run_id, page, reason)
         except OSError as trouble:
-            kept = f"{file.name} cannot hold it either ({why(trouble)})"
-            _log.warning("run %d, sheet %s: %s; %s", run_id, page.sheet, reason, kept)
+            outcome = f"{file.name} cannot hold it either ({why(trouble)})"
+            _log.warning("run %d, sheet %s: %s; %s", run_id, page.sheet, reason, outcome)
         if self.pages == 1:
-            said = f"no row can hold sheet {page.sheet} of run {run_id} ({reason})"
-            self.announce(f"{self.database}: {said}; {kept}")
+            what = f"no row can hold sheet {page.sheet} of run {run_id} ({reason})"
+            self.announce(f"{self.database}: {what}; {outcome}")
 
     def without_evidence(self, batch: Batch, run_id: int, page: PageRecord, error: Exception) -> PageRecord:
-        """A page goes on without its evidence; returned."""
+        """Replace a page of the batch by one without its evidence, and return that one."""
         without = replace(page, evidence=None)
         batch.pages[batch.pages.index((run_id, page))] = (run_id, without)
         batch.dropped_evidence[run_id] += 1
         self.evidence += 1
         if self.evidence == 1:
-            said = f"no file can hold the evidence of sheet {page.sheet} of run {run_id} ({complaint(error)})"
-            self.announce(f"{self.database}: {said}; its verdict is recorded")
+            what = f"no file can hold the evidence of sheet {page.sheet} of run {run_id} ({complaint(error)})"
+            self.announce(f"{self.database}: {what}; its verdict is recorded")
         return without
 
     def run(self, run_ids: list[int], error: Exception) -> None:
-        """How runs began or ended, or how much they lost."""
+        """Announce runs whose begin, end or losses cannot be recorded."""
         self.announce(f"{self.database}: runs {run_ids} cannot be recorded as they are ({complaint(error)})")
 
 
 def _append(file: Path, run_id: int, page: PageRecord, reason: str) -> None:
-    """One page, without its evidence, on the disk when this returns; OSError."""
+    """Append one page, without its evidence, durable when this returns; OSError."""
     sheet = page.sheet if isinstance(page.sheet, int) else str(page.sheet)
     line = json_text({"run": run_id, "sheet": sheet, "reason": reason, "page": _facts(page)}) + "\n"
     handle = os.open(file, _FLAGS, 0o666)
@@ -83,5 +86,5 @@ def _append(file: Path, run_id: int, page: PageRecord, reason: str) -> None:
 def _facts(page: PageRecord) -> object:
     try:
         return page_facts(page)
-    except Exception:  # nobody knows what such a page is made of
+    except Exception:  # such a page may contain anything
         return repr(page)

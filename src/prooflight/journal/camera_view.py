@@ -1,7 +1,7 @@
-"""What a watched camera sees now, from the process that holds it to whoever looks: two small files beside the journal.
+"""Exchange of a watched camera's present view between processes, by two small files next to the journal.
 
-Whoever looks touches one of them, and whoever watches writes the other while that is fresh. Nobody looks: nothing is
-computed or written.
+A process that shows the view touches one of them, and the process that watches writes the other while the first
+is fresh. If nobody requests the view, nothing is computed or written.
 """
 
 from __future__ import annotations
@@ -20,52 +20,52 @@ if TYPE_CHECKING:
 
 SHOWN, ASKED = ".camera.json", ".camera.asked"
 FRESH_S: Final = 5.0
-"""After which nobody looks any more, and what was written is no longer now."""
+"""Age of a file after which a request has lapsed, or a view is no longer current."""
 MOST_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraExchange:
-    """Of one journal. clock: Unix time, which both processes share. [s]"""
+    """The exchange of one journal. clock: Unix time, which both processes share. [s]"""
 
     journal: Path
     clock: Callable[[], float] = time.time
 
     def ask(self) -> None:
-        """Somebody looks. OSError."""
-        self._beside(ASKED).touch()
+        """Request the view. OSError."""
+        self._side_file(ASKED).touch()
 
     def asked(self) -> bool:
-        """Whether somebody does."""
+        """Return whether the view is requested."""
         return self._fresh(ASKED)
 
-    def write(self, told: dict[str, Any]) -> None:
-        """What is seen; what JSON can hold. OSError."""
-        with whole_file(self._beside(SHOWN)) as unfinished:
-            unfinished.write_text(json.dumps(told, allow_nan=False), encoding="utf-8")
+    def write(self, view: dict[str, Any]) -> None:
+        """Write the view, which JSON must be able to represent. OSError."""
+        with whole_file(self._side_file(SHOWN)) as unfinished:
+            unfinished.write_text(json.dumps(view, allow_nan=False), encoding="utf-8")
 
     def read(self) -> dict[str, Any] | None:
-        """What is seen now; None: nobody watches, or what lies there is nothing of ours."""
+        """Return the present view; None: nobody watches, or the file is not a view."""
         if not self._fresh(SHOWN):
             return None
         try:
-            with self._beside(SHOWN).open("rb") as file:
-                told = json.loads(file.read(MOST_BYTES))
+            with self._side_file(SHOWN).open("rb") as file:
+                view = json.loads(file.read(MOST_BYTES))
         except (OSError, ValueError):
             return None
-        return told if isinstance(told, dict) else None
+        return view if isinstance(view, dict) else None
 
     def clear(self) -> None:
-        """Nobody watches any more."""
+        """Remove the files, as nobody watches any more."""
         for name in (SHOWN, ASKED):
             with contextlib.suppress(OSError):
-                self._beside(name).unlink(missing_ok=True)
+                self._side_file(name).unlink(missing_ok=True)
 
-    def _beside(self, suffix: str) -> Path:
+    def _side_file(self, suffix: str) -> Path:
         return self.journal.with_name(self.journal.name + suffix)
 
     def _fresh(self, suffix: str) -> bool:
         try:
-            return abs(self.clock() - self._beside(suffix).stat().st_mtime) <= FRESH_S
+            return abs(self.clock() - self._side_file(suffix).stat().st_mtime) <= FRESH_S
         except OSError:
             return False

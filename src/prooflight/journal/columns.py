@@ -1,6 +1,6 @@
-"""What each column of a row may hold: one schema, for rows that are to be written and for those that are read.
+"""Schema of the columns of a row, both for rows to be written and for rows that were read.
 
-Statistics may be NaN or infinite, as they were found; places, times and counts may not.
+Statistics may be NaN or infinite, as they were computed; positions, times and counts may not.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.journal.records import Ending
 from prooflight.journal.schema import MOST_TEXT
 
-ASKED_ALONE: Final = ("page", "verdict", "kind", "probability", "score", "threshold", "p_value")
-"""Of a verdict, as columns, so that a query can ask for them."""
+QUERY_COLUMNS: Final = ("page", "verdict", "kind", "probability", "score", "threshold", "p_value")
+"""Fields of a verdict that have columns of their own, for queries."""
 ACTION: Final = '"action": '
 YEAR_9999_S: Final = 253_370_764_800
 MOST_PACK_BYTES: Final = 2**30
@@ -40,17 +40,17 @@ DISPOSITIONS: Final[dict[DecidedBy | None, tuple[str, ...]]] = {
     "gate": get_args(Disposition),
     None: ("accept", "reprint", "stop"),
 }
-"""What may stand in the column, by who decided it."""
+"""Valid dispositions, by what decided them."""
 
 
 class Columns(BaseModel):
-    """A row as it lies on the disk; ValidationError, a ValueError, where it cannot be one."""
+    """A row as stored; raises ValidationError, a ValueError, if it is not valid."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
 
 
 class EndColumns(Columns):
-    """Of ``runs``, those that are filled when a run ends."""
+    """Columns of ``runs`` that are filled when a run ends."""
 
     ended_s: Moment
     ending: Ending
@@ -59,7 +59,7 @@ class EndColumns(Columns):
 
 
 class RunColumns(Columns):
-    """Of ``runs``."""
+    """Columns of ``runs``."""
 
     id: Number
     job: Text
@@ -86,7 +86,7 @@ class RunColumns(Columns):
 
 
 class PackColumns(Columns):
-    """Of ``packs``."""
+    """Columns of ``packs``."""
 
     id: Number
     run_id: Number
@@ -102,7 +102,7 @@ class PackColumns(Columns):
 
 
 class PageColumns(Columns):
-    """Of ``pages``."""
+    """Columns of ``pages``."""
 
     run_id: Number
     sheet: Count
@@ -111,7 +111,8 @@ class PageColumns(Columns):
     verdict: Any
     disposition: Any
     decided_by: DecidedBy | None = None
-    """None: the row was written by schema 2, which had an action in place of a disposition."""
+    """Rule that decided the disposition; None: the row is of schema 2, which had an action in place of a
+    disposition."""
     kind: Any
     probability: Any
     score: Any
@@ -132,17 +133,17 @@ class PageColumns(Columns):
     @field_validator("whole_verdict", mode="before")
     @classmethod
     def _of_schema_2(cls, text: Any) -> Any:
-        """Schema 2 wrote an action: a misprint was accepted where stopping cost more."""
+        """Convert a verdict of schema 2, which wrote an action: a misprint was accepted if stopping cost more."""
         if isinstance(text, str) and ACTION in text:
-            found = json.loads(text)
-            if isinstance(found, dict) and "action" in found:
-                costly = (found.get("verdict"), found.pop("action")) == ("misprint", "accept")
-                return json.dumps(found | {"stopping_costs_more": costly})
+            fields = json.loads(text)
+            if isinstance(fields, dict) and "action" in fields:
+                costly = (fields.get("verdict"), fields.pop("action")) == ("misprint", "accept")
+                return json.dumps(fields | {"stopping_costs_more": costly})
         return text
 
     @model_validator(mode="after")
-    def _says_one_thing(self) -> PageColumns:
-        for name in ASKED_ALONE:
+    def _is_consistent(self) -> PageColumns:
+        for name in QUERY_COLUMNS:
             if not _same(getattr(self, name), getattr(self.whole_verdict, name)):
                 raise ValueError(f"{name}: is not what whole_verdict says")
         if self.disposition not in DISPOSITIONS[self.decided_by]:
@@ -159,7 +160,7 @@ class PageColumns(Columns):
 
 
 def complaint(error: Exception) -> str:
-    """What is wrong with a row, in one line: its column and why.
+    """Return what is wrong with a row, in one line: its column and why.
 
     >>> try:
     ...     PackColumns(id=0, run_id=1, file="run000001/00000001-01234567.npz", bytes=1)
@@ -168,24 +169,24 @@ def complaint(error: Exception) -> str:
     'id: input should be greater than or equal to 1'
     """
     if not isinstance(error, ValidationError):
-        said = str(getattr(error, "orig", None) or error)  # SQLAlchemy adds the whole statement
-        return f"{type(error).__name__}: {said.partition(chr(10))[0]}"
+        message = str(getattr(error, "orig", None) or error)  # SQLAlchemy adds the whole statement
+        return f"{type(error).__name__}: {message.partition(chr(10))[0]}"
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    said = re.sub(
+    message = re.sub(
         "^[A-Z](?![A-Z])", lambda letter: letter[0].lower(), first["msg"].removeprefix("Value error, ")
     )
-    return f"{where}: {said}" if where else said
+    return f"{where}: {message}" if where else message
 
 
-def _same(column: Any, told: Any) -> bool:
-    """Whether a column holds what its verdict says; SQLite keeps NaN as nothing."""
-    column, told = (None if value != value else value for value in (column, told))
-    return type(column) is not bool and bool(column == told)
+def _same(column: Any, stated: Any) -> bool:
+    """Return whether a column agrees with its verdict; SQLite stores NaN as NULL."""
+    column, stated = (None if value != value else value for value in (column, stated))
+    return type(column) is not bool and bool(column == stated)
 
 
 def _odd(verdict: Verdict) -> str:
-    """What cannot be of a verdict, beyond its types; empty: nothing."""
+    """Return what is invalid about a verdict beyond its types; empty: nothing."""
     for index, region in enumerate(verdict.regions):
         place = (region.x_mm, region.y_mm, region.width_mm, region.height_mm)
         if not all(map(math.isfinite, place)) or min(place[2:]) < 0:

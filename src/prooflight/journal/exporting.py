@@ -1,4 +1,4 @@
-"""Runs and pages as plain values: what programs and spreadsheets read."""
+"""Runs and pages as plain values, for programs and spreadsheets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.journal.columns import ASKED_ALONE
+from prooflight.journal.columns import QUERY_COLUMNS
 from prooflight.journal.records import COUNTED
 from prooflight.journal.schema import json_text
 from prooflight.pages.check import in_line
@@ -20,17 +20,18 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
 
 CSV_COLUMNS: Final = (
-    *("sheet", "job_page", *ASKED_ALONE, "disposition", "decided_by"),
+    *("sheet", "job_page", *QUERY_COLUMNS, "disposition", "decided_by"),
     *("detector", "family", "reason", "regions", "x_mm", "y_mm", "width_mm", "height_mm"),
     *("shift_x_mm", "shift_y_mm", "late", "milliseconds"),
     *("first_line", "time_s", "faults", "notes", "nuisance", "widened", "promise_suspended"),
     "asked",
 )
-"""x_mm to height_mm: of the strongest of ``regions``; faults and notes one a line; nuisance as JSON."""
+"""Columns of the CSV; x_mm to height_mm are of the strongest of ``regions``, faults and notes are one a line,
+nuisance is JSON."""
 
 
 def run_facts(run: RunRow) -> dict[str, Any]:
-    """One run as an object of JSON; times in UTC."""
+    """Return one run as an object of JSON; times in UTC."""
     facts = asdict(run.facts)
     settings = facts.pop("settings")
     started = _time(facts.pop("started_s"))
@@ -54,18 +55,18 @@ def run_facts(run: RunRow) -> dict[str, Any]:
 
 
 def job_warnings(run: RunRow) -> tuple[str, ...]:
-    """Warnings of a run's job that were told before its first sheet, a line each."""
-    kept = run.facts.settings.get("warnings")
-    found = [one for one in (kept if isinstance(kept, list) else []) if isinstance(one, dict)]
+    """Return the warnings of a run's job that were reported before its first sheet, a line each."""
+    stored = run.facts.settings.get("warnings")
+    warnings = [one for one in (stored if isinstance(stored, list) else []) if isinstance(one, dict)]
     return tuple(
         in_line({"page": page if isinstance(page, int) else None, "message": message})
-        for page, message in ((one.get("page"), one.get("message")) for one in found)
+        for page, message in ((one.get("page"), one.get("message")) for one in warnings)
         if isinstance(message, str)
     )
 
 
 def page_facts(page: PageRecord) -> dict[str, Any]:
-    """One page as an object of JSON: its verdict as `prooflight inspect` prints it, and what the run adds."""
+    """Return one page as an object of JSON: its verdict as `prooflight inspect` prints it, and the run's data."""
     return _finite(
         {
             **asdict(page.verdict),
@@ -85,7 +86,7 @@ def page_facts(page: PageRecord) -> dict[str, Any]:
 
 
 def write_csv(pages: Iterable[PageRecord], file: TextIO) -> None:
-    """One row a page, with a header; empty where a page has no such value."""
+    """Write one row a page, with a header; empty where a page has no such value."""
     writer = csv.DictWriter(file, CSV_COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for page in pages:
@@ -109,7 +110,7 @@ def _time(unix_s: float) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no NaN and no infinity."""
+    """Return the value with None for NaN and infinity, which JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -1,8 +1,9 @@
-"""The journal of a press: one row a page, durable when ``commit`` says so, evidence in files beside it.
+"""The journal of a press: one row a page, durable when ``commit`` returns True, with evidence in files next to it.
 
-Order of a commit: evidence into a pack (``journaling.packs``), flushed to the disk; then one transaction with the rows
-that name it. Whoever dies between the two leaves a pack that no row names, and the next writer puts it aside
-(``journaling.unclaimed``). Opening a journal removes nothing. One process writes at a time; any number read meanwhile.
+Order of a commit: evidence into a pack (``journaling.packs``), flushed to the disk; then one transaction with the
+rows that name it. A process that dies between the two leaves a pack that no row names, which the next writer
+moves away (``journaling.unclaimed``). Opening a journal removes nothing. One process writes at a time; any number
+may read.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from prooflight.journal import rows
 from prooflight.journal.aside import Refusals, aside_file
 from prooflight.journal.columns import complaint
 from prooflight.journal.lock import WriterLock
-from prooflight.journal.opening import ANOTHER, journal_path, look, open_database, why, writing
+from prooflight.journal.opening import ANOTHER, examine, journal_path, open_database, why, writing
 from prooflight.journal.queue import JournalQueue
 from prooflight.journal.reading import JournalReader
 from prooflight.journal.records import JournalHealth, PageRecord, Retention, RunEnd, RunFacts, Tidied
@@ -40,7 +41,7 @@ _SAME_RUN = ("job_digest", "press_digest", "detector")
 
 
 class Journal(JournalReader):
-    """An open journal; ``open`` makes one. Its methods may be called from several threads."""
+    """An open journal, created by ``open``. Its methods may be called from several threads."""
 
     def __init__(
         self, path: Path, engine: Engine, lock: WriterLock | None, announce: Callable[[str], None]
@@ -54,19 +55,20 @@ class Journal(JournalReader):
         self._trouble: str | None = None
         self._last_run = 0
         self.unclaimed = Unclaimed.nothing(path)
-        """What opening it for writing put aside."""
+        """Files moved away when it was opened for writing."""
 
     @classmethod
     def open(
         cls, url: str, *, read_only: bool = False, announce: Callable[[str], None] = _log.warning
     ) -> Self:
-        """Open a journal by URL (sqlite:///FILE) or file, and make it if there is none.
+        """Open a journal by URL (sqlite:///FILE) or file, and create it if there is none.
 
-        announce: told once when the journal can no longer write, and once when it can again; what was put aside; and
-        what could not be recorded. JournalError: it is no journal, of another schema, or another process writes it.
+        announce: called once when the journal can no longer write, and once when it can again; with what was
+        moved away; and with what could not be recorded. JournalError: it is no journal, of another schema, or
+        another process writes it.
         """
         path = journal_path(url)
-        look(path, read_only=read_only)
+        examine(path, read_only=read_only)
         lock = None if read_only else WriterLock.take(path)
         try:
             engine = open_database(path, read_only=read_only, version=__version__)
@@ -86,7 +88,7 @@ class Journal(JournalReader):
         self.close()
 
     def close(self) -> None:
-        """Commit what waits, say what is not recorded, and let another process write."""
+        """Commit what waits, report what is not recorded, and let another process write."""
         if self._lock is None:
             self._engine.dispose()
             return
@@ -104,7 +106,7 @@ class Journal(JournalReader):
     # --- writing ---
 
     def begin_run(self, facts: RunFacts) -> int:
-        """A new run; returns its number, even while the journal cannot write. JournalError: no row can hold it."""
+        """Begin a run; return its number, even while the journal cannot write. JournalError: no row can store it."""
         with self._writing:
             run_id = self._last_run + 1
             try:
@@ -118,7 +120,7 @@ class Journal(JournalReader):
         return run_id
 
     def unfinished_run(self, facts: RunFacts) -> int | None:
-        """The latest run, if it has no end and is of the same job, press and detector: one to go on with."""
+        """Return the latest run to continue, if it has no end and is of the same job, press and detector."""
         last_id = self._last_run_id()
         if last_id is None:
             return None
@@ -127,18 +129,18 @@ class Journal(JournalReader):
         return last.id if last.end is None and same else None
 
     def record(self, run_id: int, page: PageRecord) -> None:
-        """Queue one page; never waits for the disk. A sheet recorded again replaces what was there."""
+        """Queue one page; never waits for the disk. A sheet recorded again replaces the earlier record."""
         self._queue.add(run_id, page)
 
     def end_run(self, run_id: int, end: RunEnd) -> None:
-        """The run is over."""
+        """End a run."""
         self._queue.end(run_id, end)
         self.commit()
 
     def commit(self) -> bool:
-        """Make all that is queued durable; False: it cannot be now, stays queued, and was announced once.
+        """Make all that is queued durable; False: it cannot be written now, stays queued, and was announced once.
 
-        What no row can ever hold is set aside and does not keep the rest.
+        What no row can ever store is moved aside and does not block the rest.
         """
         with self._writing:
             while not (batch := self._queue.take()).empty:
@@ -156,7 +158,7 @@ class Journal(JournalReader):
 
     @property
     def health(self) -> JournalHealth:
-        """Whether it keeps up."""
+        """State of the journal's writing."""
         return JournalHealth(
             trouble=self._trouble,
             waiting=self._queue.waiting,
@@ -168,7 +170,7 @@ class Journal(JournalReader):
     def tidy(self, retention: Retention, *, now_s: float) -> Tidied:
         """Remove runs that ended too long ago, then the oldest evidence, then the oldest runs; commits go on between.
 
-        Returns what it did, also where it had to stop; ``health`` says whether it had to. now_s: Unix time.
+        Returns what it removed, also if it had to stop; ``health`` tells whether it had to. now_s: Unix time.
         """
         tidied, done = Tidied(), object()
         steps = tidy(self._writer, self._folder, retention, tidied, now_s=now_s)
@@ -184,14 +186,17 @@ class Journal(JournalReader):
     # --- inside ---
 
     def _take_over(self) -> None:
-        """Go on after the last run; put aside what a writer left that died, or replaced. Nothing is removed."""
+        """Continue after the last run; move away files that a dead writer left or that were replaced.
+
+        Nothing is removed.
+        """
         in_use = exists().where(pages_table.c.pack_id == packs_table.c.id)
-        with self._asked("runs and evidence"), self._writer.begin() as connection:
+        with self._reading("runs and evidence"), self._writer.begin() as connection:
             self._last_run = connection.execute(select(func.max(runs_table.c.id))).scalar() or 0
             connection.execute(delete(packs_table).where(~in_use))
             named = set(connection.execute(select(stored_packs.c.file)).scalars())
         self.unclaimed = put_aside(self.path, named)
-        for line in self.unclaimed.told:
+        for line in self.unclaimed.messages:
             self._announce(line)
 
     def _cannot_write(self, error: Exception) -> None:
@@ -199,8 +204,8 @@ class Journal(JournalReader):
         if not isinstance(error, DBAPIError | OSError):
             _log.error("the journal", exc_info=error)
         if before is None:
-            said = f"the journal cannot write ({self._trouble})"
-            self._announce(f"{self.path}: {said}; inspection goes on, pages wait")
+            problem = f"the journal cannot write ({self._trouble})"
+            self._announce(f"{self.path}: {problem}; inspection goes on, pages wait")
 
     def _can_write(self) -> None:
         if self._trouble is not None:
@@ -210,12 +215,12 @@ class Journal(JournalReader):
         self._trouble = None
 
     def _aside(self) -> str:
-        kept = self.health.set_aside
-        return f"; {kept} of them are in {aside_file(self.path).name}" if kept else ""
+        pages = self.health.set_aside
+        return f"; {pages} of them are in {aside_file(self.path).name}" if pages else ""
 
 
 def content_digest(path: Path) -> str:
-    """SHA-256 of a file, or of all files in a folder with their names."""
+    """Return the SHA-256 of a file, or of all files in a folder with their names."""
     sha = hashlib.sha256()
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
     for file in files:

@@ -1,4 +1,4 @@
-"""One process writes a journal at a time; the lock goes with the process, however it ends."""
+"""Lock by which one process writes a journal at a time; it ends with the process, however that ends."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PATIENCE_S: Final = 1.0
-"""A reader that looks whether a writer lives holds the lock for an instant."""
+"""Time for which a writer tries: a reader that tests for a writer holds the lock for an instant."""
 PLAIN: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-"""A link is not followed, and a pipe not waited for."""
+"""Flags by which a link is not followed, and a pipe not waited for."""
 
 
 @dataclass(frozen=True, slots=True)
 class WriterLock:
-    """Held by whoever writes."""
+    """Lock held by the process that writes."""
 
     handle: int
 
     @classmethod
     def take(cls, journal: Path) -> Self:
-        """JournalError: another process holds it, or nothing can be written there."""
+        """Take the lock; JournalError: another process holds it, or nothing can be written there."""
         path = _lock_file(journal)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,12 +49,12 @@ class WriterLock:
         return cls(handle)
 
     def release(self) -> None:
-        """Let others write."""
+        """Release the lock."""
         os.close(self.handle)
 
 
 def writer_lives(journal: Path) -> bool:
-    """Whether some process writes this journal now."""
+    """Return whether some process writes this journal now."""
     try:
         handle = os.open(_lock_file(journal), os.O_RDONLY | PLAIN)
     except OSError:

@@ -1,7 +1,8 @@
-"""The journal's file: looked at before it is opened, and never changed unless it is a journal.
+"""Opening of the journal's file: examined before it is opened, and never changed unless it is a journal.
 
-SQLite changes files by opening them (a write-ahead log is made, played back, removed). So a file is looked at first as
-if nothing could be written; of one that is no journal not a byte changes, and nothing appears beside it.
+SQLite changes files by opening them (a write-ahead log is made, played back, removed). A file is therefore
+examined first in a mode that cannot write; not a byte of a file that is no journal changes, and nothing appears
+next to it.
 """
 
 from __future__ import annotations
@@ -30,18 +31,19 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
 BUSY_S: Final = 10.0
-"""How long to wait for another connection's transaction."""
+"""Time to wait for another connection's transaction."""
 MOST_ROW_BYTES: Final = 16_000_000
-"""Of any value and any row; what a damaged file says of itself may be a thousand times as much."""
+"""Limit of the size of any value and any row; a damaged file may state a thousand times as much."""
 _NEW_BYTES, _LOG_BYTES = 1_000_000, 64_000_000
-"""What is copied to be looked at: a journal that was just made, whose tables its log may hold."""
+"""Limits of the sizes of a file and its log that are copied to be examined: a new journal may have its tables
+in the log."""
 ANOTHER: Final = "give another --journal"
 UNREADABLE: Final = (SQLAlchemyError, sqlite3.Error, OverflowError, UnicodeError, RecursionError, MemoryError)
-"""What a damaged database makes of a question."""
+"""Errors that a query of a damaged database may raise."""
 
 
 def default_journal() -> Path:
-    """Where a journal lies unless somebody says otherwise: the user's data folder."""
+    """Return the default path of a journal, in the user's data folder."""
     if sys.platform == "win32":
         data = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
     else:
@@ -50,11 +52,11 @@ def default_journal() -> Path:
 
 
 def journal_path(url: str) -> Path:
-    """The file of a journal from a SQLAlchemy URL, sqlite:///runs.sqlite, or a plain path; JournalError."""
+    """Return the file of a journal from a SQLAlchemy URL, sqlite:///runs.sqlite, or a plain path; JournalError."""
     if "://" not in url:
         return Path(url)
     remedy = "give sqlite:///FILE or the file itself"
-    shown = re.sub("//[^/]*@", "//***@", url)  # passwords are nobody's business
+    shown = re.sub("//[^/]*@", "//***@", url)  # a password must not be shown
     try:
         parsed = make_url(url)
     except (ArgumentError, ValueError) as error:
@@ -68,35 +70,35 @@ def journal_path(url: str) -> Path:
 
 
 def why(error: BaseException) -> str:
-    """What a system or SQLite says of an error, in a few words."""
-    said = getattr(error, "orig", None) or getattr(error, "strerror", None) or error
-    return (str(said) or type(said).__name__).splitlines()[0].lower()
+    """Return the message of a system or SQLite error, in a few words."""
+    message = getattr(error, "orig", None) or getattr(error, "strerror", None) or error
+    return (str(message) or type(message).__name__).splitlines()[0].lower()
 
 
-def look(path: Path, *, read_only: bool) -> bool:
-    """Refuse what is no journal and leave it as it is; whether there is one. JournalError."""
-    found = _status(path)
-    log = _beside(path, "-wal")
-    if (found is None or not found.st_size) and _size(log):  # SQLite would remove the log
+def examine(path: Path, *, read_only: bool) -> bool:
+    """Refuse a file that is no journal, without changing it; return whether there is a journal. JournalError."""
+    status = _status(path)
+    log = _side_file(path, "-wal")
+    if (status is None or not status.st_size) and _size(log):  # SQLite would remove the log
         what = f"is gone, but its log {log.name} is there with what was written last"
         raise JournalError(path, what, remedy="put the journal back, or move its log away")
-    if found is None and not read_only:
+    if status is None and not read_only:
         return False
     missing = f"`prooflight watch` writes one, or {ANOTHER}"
-    if found is None:
+    if status is None:
         raise JournalError(path, "there is no journal", remedy=missing)
-    sides = [side for suffix in ("-wal", "-journal") if _size(side := _beside(path, suffix))]
+    sides = [side for suffix in ("-wal", "-journal") if _size(side := _side_file(path, suffix))]
     try:
         empty = _is_empty(path, path)
         trouble = None
     except (JournalError, *UNREADABLE) as error:
         empty, trouble = True, error
-    small = found.st_size <= _NEW_BYTES and all(_size(side) <= _LOG_BYTES for side in sides)
+    small = status.st_size <= _NEW_BYTES and all(_size(side) <= _LOG_BYTES for side in sides)
     if empty and sides and small and not isinstance(trouble, JournalError):
-        with _copied(path, sides) as copy, _told(path):
+        with _copied(path, sides) as copy, _as_journal_error(path):
             empty, trouble = _is_empty(copy, path), None
     if trouble is not None:
-        with _told(path):
+        with _as_journal_error(path):
             raise trouble
     if empty and read_only:
         raise JournalError(path, "holds no journal", remedy=missing)
@@ -104,9 +106,9 @@ def look(path: Path, *, read_only: bool) -> bool:
 
 
 def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
-    """An engine on the file of a journal; made if there is none. JournalError."""
-    with _told(path):
-        if not look(path, read_only=read_only):
+    """Return an engine on the file of a journal, which is created if there is none. JournalError."""
+    with _as_journal_error(path):
+        if not examine(path, read_only=read_only):
             _create(path, version)
         mode = _reading_mode(path) if read_only else "mode=rw"
         engine = _engine(path, mode)
@@ -127,11 +129,11 @@ def open_database(path: Path, *, read_only: bool, version: str) -> Engine:
 
 
 def check(connection: Any, path: Path) -> bool:
-    """Whether a database of the driver's is empty; JournalError if it is anything but that or a journal."""
-    held = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
-    if not held:
+    """Return whether a database of the driver's is empty; JournalError if it is anything but that or a journal."""
+    objects = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+    if not objects:
         return True
-    of_type = {name: (kind, str(sql).upper()) for kind, name, sql in held if kind != "index"}
+    of_type = {name: (kind, str(sql).upper()) for kind, name, sql in objects if kind != "index"}
     if journal_table.name not in of_type:
         raise JournalError(path, "is a database, but no journal", remedy=ANOTHER)
     versions = connection.execute("SELECT schema FROM journal LIMIT 2").fetchall()
@@ -156,7 +158,7 @@ def check(connection: Any, path: Path) -> bool:
 
 
 def writing(engine: Engine) -> Engine:
-    """The same engine for transactions that write."""
+    """Return the same engine for transactions that write."""
     return engine.execution_options(writes=True)
 
 
@@ -164,8 +166,8 @@ def writing(engine: Engine) -> Engine:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Any way in which a database cannot be opened -> JournalError."""
+def _as_journal_error(path: Path) -> Iterator[None]:
+    """Convert every error of opening a database to JournalError."""
     try:
         yield
     except (OSError, *UNREADABLE) as error:
@@ -173,22 +175,22 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Of a plain file; None: there is nothing. JournalError: it is something else."""
+    """Return the status of a plain file; None: there is nothing. JournalError: it is something else."""
     try:
-        found = path.lstat()
+        status = path.lstat()
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
         raise JournalError(path, f"cannot be looked at ({why(error)})", remedy=ANOTHER) from error
-    if stat.S_ISLNK(found.st_mode):  # two names would be two locks, and evidence at two places
+    if stat.S_ISLNK(status.st_mode):  # two names would be two locks, and evidence at two places
         raise JournalError(path, "is a link", remedy="give the file that it points to")
-    if not stat.S_ISREG(found.st_mode):
-        what = "is a folder" if stat.S_ISDIR(found.st_mode) else "is no file"
+    if not stat.S_ISREG(status.st_mode):
+        what = "is a folder" if stat.S_ISDIR(status.st_mode) else "is no file"
         raise JournalError(path, what, remedy="give a file, as in sqlite:///FILE")
-    return found
+    return status
 
 
-def _beside(path: Path, suffix: str) -> Path:
+def _side_file(path: Path, suffix: str) -> Path:
     return path.with_name(path.name + suffix)
 
 
@@ -199,9 +201,9 @@ def _size(path: Path) -> int:
         return 0
 
 
-def _is_empty(looked_at: Path, path: Path) -> bool:
-    mode = "immutable=1" if looked_at == path else "mode=rw"
-    with closing(_connect(looked_at, mode)) as connection:
+def _is_empty(examined: Path, path: Path) -> bool:
+    mode = "immutable=1" if examined == path else "mode=rw"
+    with closing(_connect(examined, mode)) as connection:
         return check(connection, path)
 
 
@@ -214,15 +216,15 @@ def _copied(path: Path, sides: list[Path]) -> Iterator[Path]:
 
 
 def _reading_mode(path: Path) -> str:
-    """How to open what is only read: where nothing can be written, without the files that SQLite puts beside it."""
+    """Return the mode to open a file for reading; without SQLite's side files if nothing can be written there."""
     if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK):
         return "mode=rw"
-    log, shared = _beside(path, "-wal"), _beside(path, "-shm")
+    log, shared = _side_file(path, "-wal"), _side_file(path, "-shm")
     return "mode=ro" if _size(log) or shared.exists() else "immutable=1"
 
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    # As a URI, so that no character of a name means anything.
+    # As a URI, so that no character of a name is special.
     uri = f"{path.absolute().as_uri()}?{mode}"
     connection = sqlite3.connect(uri, uri=True, timeout=BUSY_S, check_same_thread=False)
     connection.isolation_level = None  # the driver would begin transactions late and end them early
@@ -233,7 +235,7 @@ def _connect(path: Path, mode: str) -> sqlite3.Connection:
 
 
 def _text(stored: bytes) -> str:
-    """What is no UTF-8 must fail where it is checked, with its row named, not in the driver."""
+    """Decode a text; invalid UTF-8 must fail where rows are checked and named, not in the driver."""
     return stored.decode("utf-8", "surrogateescape")
 
 
@@ -243,7 +245,7 @@ def _engine(path: Path, mode: str) -> Engine:
 
 
 def _create(path: Path, version: str) -> None:
-    """Tables first and the log later: a journal that has a log has its tables in its own file."""
+    """Create the tables before the log: a journal that has a log has its tables in its own file."""
     engine = _engine(path, "mode=rwc")
     event.listen(engine, "connect", lambda raw, _: raw.execute("PRAGMA auto_vacuum = INCREMENTAL"))
     event.listen(engine, "begin", _begin)
@@ -260,7 +262,7 @@ def _prepare_writer(connection: Any, _record: object) -> None:
 
 
 def _bring_up_to_date(connection: Connection) -> None:
-    """Give a journal of schema ``PREVIOUS`` the columns of ``SCHEMA``; its rows stay as they were written."""
+    """Add the columns of ``SCHEMA`` to a journal of schema ``PREVIOUS``; its rows stay as they were written."""
     if connection.exec_driver_sql("SELECT schema FROM journal").scalar() == PREVIOUS:
         connection.exec_driver_sql("ALTER TABLE pages RENAME COLUMN action TO disposition")
         connection.exec_driver_sql("ALTER TABLE pages ADD COLUMN decided_by VARCHAR")
@@ -279,7 +281,7 @@ def _prepare_reader(connection: Any, record: Any) -> None:
 
 
 def _show_as_written(connection: Connection) -> None:
-    """A writer may have brought the journal up to date since this connection was made."""
+    """Drop the compatibility view if a writer has updated the journal since this connection was made."""
     schema = connection.exec_driver_sql("SELECT schema FROM main.journal").scalar()
     if schema == SCHEMA:
         connection.exec_driver_sql("PRAGMA query_only = OFF")
@@ -289,7 +291,7 @@ def _show_as_written(connection: Connection) -> None:
 
 
 def _begin(connection: Connection) -> None:
-    """Who writes waits for other writers at once, not halfway; who reads waits for nobody."""
+    """Begin a transaction: a writer waits for other writers at once, not halfway; a reader waits for nobody."""
     writes = connection.get_execution_options().get("writes", False)
     if connection.info.get("shown"):
         _show_as_written(connection)

@@ -1,7 +1,7 @@
-"""Evidence of pages as compressed files beside the database: one for all pages that were committed together.
+"""Evidence of pages as compressed files next to the database: one for all pages that were committed together.
 
-A pack is a NumPy archive (``numpy.load`` opens it) whose arrays are named SHEET/NAME. What a row says of a file's name
-is believed only where it is a name that a journal gives, and nothing on the way to it is a link.
+A pack is a NumPy archive (``numpy.load`` opens it) whose arrays are named SHEET/NAME. A file's name in a row is
+accepted only if it is a name that a journal gives, and nothing on its path is a link.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 SUFFIX: Final = ".npz"
 LEVEL: Final = 1
-"""Of deflate: noise gains nothing from a higher one."""
+"""Level of deflate: noise gains nothing from a higher one."""
 
 
 def evidence_folder(database: Path) -> Path:
-    """Where packs of a journal lie."""
+    """Return the folder of a journal's packs."""
     return database.with_name(database.name + ".evidence")
 
 
 def pack_name(run_id: int, first_sheet: int) -> str:
-    """A name below the folder that no pack had before, so that no row's evidence is ever overwritten."""
+    """Return a new, unique name below the folder, so that no row's evidence is ever overwritten."""
     return f"run{run_id:06}/{first_sheet:08}-{secrets.token_hex(4)}{SUFFIX}"
 
 
 def inside(folder: Path, file: object) -> Path:
-    """The pack of that name in a journal's folder; JournalError: it is no name of a pack, or a link is on the way."""
+    """Return the path of a pack in a journal's folder; JournalError: invalid name, or a link on the path."""
     if not isinstance(file, str) or not PACK_NAME.fullmatch(file):
         what = f"{str(file)!r} is no name of a file of evidence"
         raise JournalError(folder, what, remedy="nothing of that name is read or removed")
@@ -50,7 +50,7 @@ def inside(folder: Path, file: object) -> Path:
 
 
 def refuse_other(path: Path, wanted: Any) -> None:
-    """JournalError: there is something, and it is not what ``wanted``, of ``stat``, says; a link is never."""
+    """Raise JournalError if a path exists and is not ``wanted``, a test of ``stat``; a link never is."""
     try:
         mode = path.lstat().st_mode
     except FileNotFoundError:
@@ -65,10 +65,10 @@ def refuse_other(path: Path, wanted: Any) -> None:
 
 
 def write_pack(path: Path, pages: Mapping[int, Mapping[str, NDArray[Any]]]) -> int:
-    """Write evidence by sheet into a new file, on the disk when this returns; returns its bytes.
+    """Write evidence by sheet into a new file, durable when this returns; return its bytes.
 
-    OSError, FileExistsError among them: nothing is overwritten, and nothing stays. A process that dies here leaves
-    what no row names.
+    OSError, FileExistsError among them: nothing is overwritten, and no part of the file stays. A process that
+    dies here leaves a file that no row names.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("xb") as file:
@@ -88,7 +88,7 @@ def write_pack(path: Path, pages: Mapping[int, Mapping[str, NDArray[Any]]]) -> i
 
 
 def read_pack(path: Path, sheet: int) -> dict[str, NDArray[Any]]:
-    """One sheet's arrays; FileNotFoundError, or ValueError where the pack is damaged."""
+    """Read one sheet's arrays; FileNotFoundError, or ValueError if the pack is damaged."""
     handle = os.open(path, os.O_RDONLY | PLAIN)
     with os.fdopen(handle, "rb") as file:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -97,7 +97,7 @@ def read_pack(path: Path, sheet: int) -> dict[str, NDArray[Any]]:
 
 
 def remove_pack(folder: Path, file: object) -> int:
-    """Remove a pack that a row named; returns its bytes, 0 where it is gone. JournalError as ``inside``."""
+    """Remove a pack that a row named; return its bytes, 0 if it is missing. JournalError as ``inside``."""
     path = inside(folder, file)
     try:
         size = path.lstat().st_size
@@ -108,7 +108,7 @@ def remove_pack(folder: Path, file: object) -> int:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a new name durable; systems that cannot open a folder need no such thing."""
+    """Make a new name durable; systems that cannot open a folder do not need this."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

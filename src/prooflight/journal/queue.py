@@ -1,4 +1,4 @@
-"""What waits to be written: bounded, so that a journal that cannot write takes no memory from the inspection."""
+"""Bounded queue of data to be written, so that a journal that cannot write takes no memory from the inspection."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunEnd, RunFacts
 
 MOST_PAGES: Final = 20_000
-"""Over an hour at 5 pages a second; about 3 kB each."""
+"""Greatest number of pages: over an hour at 5 pages a second; about 3 kB each."""
 MOST_EVIDENCE_BYTES: Final = 256_000_000
 BATCH_PAGES: Final = 256
 BATCH_EVIDENCE_BYTES: Final = 16_000_000
-"""So much is written at once: a try that fails on a full disk costs little however much waits."""
+"""Evidence written at once: an attempt that fails on a full disk costs little, however much waits."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Batch:
-    """What one commit writes."""
+    """The data of one commit."""
 
     begun: dict[int, RunFacts] = field(default_factory=dict)
     pages: deque[tuple[int, PageRecord]] = field(default_factory=deque)
     ended: dict[int, RunEnd] = field(default_factory=dict)
     dropped_pages: Counter[int] = field(default_factory=Counter)
-    """Of each run, not yet told to the journal."""
+    """Dropped pages of each run, not yet recorded in the journal."""
     dropped_evidence: Counter[int] = field(default_factory=Counter)
 
     @property
     def empty(self) -> bool:
-        """Nothing to write."""
+        """Whether there is nothing to write."""
         return not (self.begun or self.pages or self.ended or self.dropped_pages or self.dropped_evidence)
 
 
 class JournalQueue:
-    """Runs and pages in order. Where it would grow too large the oldest evidence goes, then the oldest pages."""
+    """Queue of runs and pages; at its limits it drops the oldest evidence first, then the oldest pages."""
 
     def __init__(
         self, *, most_pages: int = MOST_PAGES, most_evidence_bytes: int = MOST_EVIDENCE_BYTES
@@ -44,35 +44,35 @@ class JournalQueue:
         self._most_pages, self._most_bytes = most_pages, most_evidence_bytes
         self._batch = Batch()
         self._bytes = 0
-        self._in_hand = 0  # pages taken, of which nobody said yet that they are written
-        self._stripped = 0  # so many pages at the head hold no evidence
+        self._in_hand = 0  # pages taken and not yet confirmed as written
+        self._stripped = 0  # number of pages at the head without evidence
         self._guard = threading.Lock()
         self.dropped_pages = self.dropped_evidence = 0
 
     @property
     def waiting(self) -> int:
-        """Pages in it, or taken and not yet written."""
+        """Number of pages queued, or taken and not yet written."""
         return len(self._batch.pages) + self._in_hand
 
     def begin(self, run_id: int, facts: RunFacts) -> None:
-        """A run begins."""
+        """Add the start of a run."""
         with self._guard:
             self._batch.begun[run_id] = facts
 
     def end(self, run_id: int, end: RunEnd) -> None:
-        """A run ends."""
+        """Add the end of a run."""
         with self._guard:
             self._batch.ended[run_id] = end
 
     def add(self, run_id: int, page: PageRecord) -> None:
-        """One page."""
+        """Add a page."""
         with self._guard:
             self._batch.pages.append((run_id, page))
             self._bytes += _bytes(page)
             self._bound()
 
     def take(self) -> Batch:
-        """The next to be written, of a limited size; ``written`` or ``put_back`` must follow.
+        """Remove and return the next batch, of a limited size; ``written`` or ``put_back`` must follow.
 
         Runs end with the last of the pages.
         """
@@ -95,12 +95,12 @@ class JournalQueue:
             return taken
 
     def written(self) -> None:
-        """What was taken is durable."""
+        """Confirm that the batch taken is durable."""
         with self._guard:
             self._in_hand = 0
 
     def put_back(self, batch: Batch) -> None:
-        """What was taken and could not be written, before what came since."""
+        """Put back a batch that could not be written, before what was added since."""
         with self._guard:
             rest = self._batch
             rest.pages.extendleft(reversed(batch.pages))

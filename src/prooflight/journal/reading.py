@@ -1,7 +1,7 @@
-"""What a journal holds, for whoever asks; while another process writes it as well.
+"""Reading of a journal, also while another process writes it.
 
-A row that cannot be believed is one JournalError, which names run, sheet and column; whoever gives ``damaged`` is told
-of it and gets the others.
+A damaged row is one JournalError, which names run, sheet and column; a caller that gives ``damaged`` is called
+with it and gets the other rows.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _WHOLE: Final = "the page's row is whole: `prooflight run show`"
 
 
 def refuse(error: JournalError) -> None:
-    """What is done with a damaged row where nobody says otherwise: raised."""
+    """Raise the error of a damaged row: the default of ``damaged``."""
     raise error
 
 
 class JournalReader:
-    """Runs and pages of an open journal. JournalError where what is asked for cannot be read."""
+    """Reader of an open journal. JournalError if what is requested cannot be read."""
 
     def __init__(self, path: Path, engine: Engine) -> None:
         self.path = path
@@ -48,69 +48,69 @@ class JournalReader:
         self._lock: WriterLock | None = None
 
     def runs(self, *, damaged: Damaged = refuse) -> list[RunRow]:
-        """All runs, oldest first. damaged: told of each that cannot be read."""
+        """Return all runs, oldest first. damaged: called with the error of each that cannot be read."""
         return self._runs(None, damaged)
 
     def run(self, run_id: int) -> RunRow:
-        """One run; JournalError if there is none of that number."""
-        found = self._runs(run_id, refuse) if 0 < run_id <= MOST_ID else []
-        if not found:
+        """Return one run; JournalError if there is none of that number."""
+        runs = self._runs(run_id, refuse) if 0 < run_id <= MOST_ID else []
+        if not runs:
             last = self._last_run_id()
             remedy = "it holds no runs yet" if last is None else f"the last is run {last}"
             raise JournalError(self.path, f"there is no run {run_id}", remedy=remedy)
-        return found[0]
+        return runs[0]
 
     def last_run(self) -> RunRow:
-        """The latest run; JournalError if there is none."""
+        """Return the latest run; JournalError if there is none."""
         return self.run(self._last_run_id() or 1)
 
     def pages(self, run_id: int, *, passed: bool = True, damaged: Damaged = refuse) -> Iterator[PageRecord]:
-        """A run's pages by sheet, read as they are asked for; without their evidence, which ``page`` reads.
+        """Yield a run's pages by sheet, read one by one; without their evidence, which ``page`` reads.
 
-        passed: False leaves out what nobody has to look at, good pages in time, without fault and note.
-        damaged: told of each that cannot be read, and of the rest of them where the file itself is damaged.
+        passed: False leaves out pages that need no review: good, in time, without fault and note. damaged: called
+        with the error of each page that cannot be read, and of all remaining ones if the file itself is damaged.
         """
         page = stored_pages.c
         query = select(stored_pages).where(page.run_id == run_id).order_by(page.sheet)
         if not passed:
-            query = query.where(~rows.surely_good())
+            query = query.where(~rows.clearly_good())
         try:
-            with self._asked(f"pages of run {run_id}"), self._engine.connect() as connection:
-                # One by one: of those before a damaged place none is lost.
+            with self._reading(f"pages of run {run_id}"), self._engine.connect() as connection:
+                # One by one, so that no row before a damaged place is lost.
                 for row in connection.execution_options(yield_per=1).execute(query):
                     try:
                         record = rows.page_record(row)
                     except ValueError as error:
                         damaged(self._bad_row(f"run {run_id}, sheet {row.sheet}", error))
                         continue
-                    if passed or not rows.nobody_need_see(record):
+                    if passed or not rows.needs_no_review(record):
                         yield record
         except JournalError as error:
             damaged(error)
 
     def asked_pages(self, run_id: int, *, damaged: Damaged = refuse) -> list[PageRecord]:
-        """Pages of a run about which people are asked, by sheet, without their evidence; damaged: as for ``pages``."""
+        """Return a run's pages up for review, by sheet, without their evidence; damaged: as for ``pages``."""
         page = stored_pages.c
         query = (
             select(stored_pages).where(page.run_id == run_id, page.asked.is_not(None)).order_by(page.sheet)
         )
-        with self._asked(f"pages of run {run_id}"), self._engine.begin() as connection:
+        with self._reading(f"pages of run {run_id}"), self._engine.begin() as connection:
             raw = connection.execute(query).all()
-        found = []
+        records = []
         for row in raw:
             try:
-                found.append(rows.page_record(row))
+                records.append(rows.page_record(row))
             except ValueError as error:
                 damaged(self._bad_row(f"run {run_id}, sheet {row.sheet}", error))
-        return found
+        return records
 
     def page(self, run_id: int, sheet: int) -> PageRecord:
-        """One page with its evidence, if any was kept; JournalError if there is no such sheet."""
+        """Return one page with its evidence, if any was stored; JournalError if there is no such sheet."""
         row = None
         if 0 < run_id <= MOST_ID and 0 <= sheet <= MOST_ID:
             page = stored_pages.c
             query = select(stored_pages).where(page.run_id == run_id, page.sheet == sheet)
-            with self._asked(f"run {run_id}, sheet {sheet}"), self._engine.begin() as connection:
+            with self._reading(f"run {run_id}, sheet {sheet}"), self._engine.begin() as connection:
                 row = connection.execute(query).first()
         if row is None:
             self.run(run_id)
@@ -125,8 +125,8 @@ class JournalReader:
 
     @property
     def megabytes(self) -> float:
-        """Of its rows and its evidence, 1e6 bytes each."""
-        with self._asked("its size"):
+        """Size of its rows and its evidence, 1e6 bytes each."""
+        with self._reading("its size"):
             return used_bytes(self._engine) / 1e6
 
     # --- parts ---
@@ -135,19 +135,19 @@ class JournalReader:
         def bad(number: object, error: ValueError) -> None:
             damaged(self._bad_row(f"run {number}", error))
 
-        with self._asked("runs"), self._engine.begin() as connection:
+        with self._reading("runs"), self._engine.begin() as connection:
             lives = self._lock is not None or writer_lives(self.path)
             return rows.read_runs(connection, run_id, writer_lives=lives, damaged=bad)
 
     def _last_run_id(self) -> int | None:
-        with self._asked("runs"), self._engine.begin() as connection:
+        with self._reading("runs"), self._engine.begin() as connection:
             last = connection.execute(select(func.max(stored_runs.c.id))).scalar()
         return last if isinstance(last, int) else None
 
     def _evidence(self, pack_id: object, sheet: int) -> dict[str, NDArray[Any]] | None:
         if pack_id is None:
             return None
-        with self._asked(f"evidence {pack_id}"), self._engine.begin() as connection:
+        with self._reading(f"evidence {pack_id}"), self._engine.begin() as connection:
             row = connection.execute(select(stored_packs).where(stored_packs.c.id == pack_id)).first()
         if row is None:
             return None  # retention took it since the page's row was read
@@ -171,7 +171,7 @@ class JournalReader:
         return JournalError(self.path, what, remedy="other rows can be read")
 
     @contextmanager
-    def _asked(self, what: str) -> Iterator[None]:
+    def _reading(self, what: str) -> Iterator[None]:
         try:
             yield
         except UNREADABLE as error:

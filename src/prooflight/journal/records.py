@@ -1,4 +1,4 @@
-"""What the journal keeps of runs and pages, and for how long."""
+"""Records of runs and pages in the journal, and their retention."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ SECONDS_A_DAY: Final = 86_400.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunFacts:
-    """What is known of a run when it begins."""
+    """Facts of a run that are known when it begins."""
 
     job: str
     job_digest: str
-    """SHA-256 of what was to be printed, ``journal.content_digest``; "" where nobody took it."""
+    """SHA-256 of what was to be printed, by ``journal.content_digest``; "" if it was not computed."""
     press: str
     press_digest: str
-    """``Press.digest``: with the evidence it makes every verdict again."""
+    """``Press.digest``: with the evidence, this press reproduces every verdict."""
     detector: str
     source: str
-    """Where lines come from: drum:5, replay:scans/, ..."""
+    """Source of the lines: drum:5, replay:scans/, ..."""
     started_s: float
     """Unix time. [s]"""
     sheets: int | None = None
-    """How many are to be printed; None: nobody said."""
+    """Number of sheets to be printed; None: unknown."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Whatever else the run was started with; what JSON can hold."""
+    """Other settings of the run, which JSON can represent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunEnd:
-    """How a run came to an end."""
+    """The end of a run."""
 
     ended_s: float
     """Unix time. [s]"""
     ending: Ending
     detail: str = ""
     counts: Mapping[str, Any] = field(default_factory=dict)
-    """The last status snapshot; what JSON can hold."""
+    """The last status snapshot, which JSON can represent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,36 +58,37 @@ class PageRecord:
     """One sheet of a run."""
 
     sheet: int
-    """Unique in its run: recorded again, it replaces what was there."""
+    """Number of the sheet, unique in its run: recorded again, it replaces the earlier record."""
     job_page: int | None
-    """Index of the sheet of the job that it shows; None: none of them."""
+    """Index of the page of the job that it shows; None: none of them."""
     verdict: Verdict
     late: bool
-    """Decided after its deadline."""
+    """Whether it was decided after its deadline."""
     first_line: int
     """The camera's own number of its first line."""
     time_s: float
-    """When its last line was read, by the source's clock. [s]"""
+    """Time at which its last line was read, by the source's clock. [s]"""
     faults: tuple[str, ...] = ()
     nuisance: Mapping[str, float] = field(default_factory=dict)
-    """What good prints do anyway, as estimated: ink gains, register, lamp, ..."""
+    """Estimated nuisance amounts, which vary among good prints: ink gains, register, lamp, ..."""
     notes: tuple[str, ...] = ()
-    """What the run as a whole said with this sheet: drifts, recommendations."""
+    """Notes of the run's monitors at this sheet: drifts, recommendations."""
     asked: float | None = None
-    """A person is asked for a word on this sheet, which was drawn with this probability; None: nobody is."""
+    """Probability with which the sheet was sampled for review; None: it was not."""
     gate: Disposition | None = None
-    """What the gate's policy decided of the sheet; None: no gate did."""
+    """Disposition by the gate's policy; None: no gate decided."""
     evidence: Mapping[str, NDArray[Any]] | None = None
-    """``redeciding.kept_evidence``: what the verdict is made from again, and cuts for people. None: nothing kept."""
+    """Evidence by ``redeciding.kept_evidence``, which reproduces the verdict, and image sections for people;
+    None: none was kept."""
 
     @property
     def disposition(self) -> Disposition:
-        """What becomes of the sheet."""
+        """Disposition of the sheet."""
         return self._decided[0]
 
     @property
     def decided_by(self) -> DecidedBy:
-        """By what rule that was decided."""
+        """Rule that decided the disposition."""
         return self._decided[1]
 
     @property
@@ -97,7 +98,7 @@ class PageRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRow:
-    """A run as the journal knows it."""
+    """A run as stored in the journal."""
 
     id: int
     facts: RunFacts
@@ -110,27 +111,28 @@ class RunRow:
     faulty: int
     """Pages with a fault of the paper path or of the camera's lines."""
     dropped_pages: int
-    """That the journal could not keep while it could not write."""
+    """Pages that were lost while the journal could not write."""
     dropped_evidence: int
-    """Pages whose evidence it gave up to keep their rows."""
+    """Pages whose evidence was dropped to keep their rows."""
     absent: int = 0
-    """Rows of pages of the job that did not come, which ``pages`` and ``not_inspected`` count as well."""
+    """Pages of the job that did not come, which ``pages`` and ``not_inspected`` count as well."""
     promise_suspended_from: int | None
-    """Sheet from which on its pages were too unlike the press's own for the detector's promise; None: none was."""
+    """Sheet from which on the false-alarm rate was shown not to hold, as pages were too unlike the press's
+    own; None: it was not."""
 
 
 COUNTED: Final = ("pages", "misprints", "not_inspected", "late", "faulty", "absent")
-"""Of a ``RunRow``: what its pages come to."""
+"""Fields of a ``RunRow`` that count its pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retention:
-    """How long a journal keeps what it holds; none of the run that is being written goes but its evidence."""
+    """Limits of a journal's contents; of the run that is being written, only evidence is ever removed."""
 
     days: float = math.inf
-    """Since a run ended."""
+    """Days since a run ended."""
     megabytes: float = math.inf
-    """Of database and evidence together, 1e6 bytes each."""
+    """Size of database and evidence together, 1e6 bytes each."""
 
     def __post_init__(self) -> None:
         for name in ("days", "megabytes"):
@@ -141,33 +143,33 @@ class Retention:
 
 @dataclass(slots=True, kw_only=True)
 class Tidied:
-    """What tidying did so far."""
+    """Results of tidying so far."""
 
     runs: list[int] = field(default_factory=list)
-    """Removed."""
+    """Numbers of the runs removed."""
     packs: int = 0
-    """Files of evidence that were removed."""
+    """Number of files of evidence removed."""
     pack_bytes: int = 0
     refused: list[str] = field(default_factory=list)
-    """One line each: rows that cannot be believed and files that are not what a journal puts there; these stay."""
+    """Messages on rows that are invalid and files that a journal did not write, one line each; these stay."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalHealth:
-    """Whether the journal keeps up; counts are since it was opened."""
+    """State of the journal's writing; counts are since it was opened."""
 
     trouble: str | None
-    """Why it cannot write; None: it can."""
+    """Reason for which it cannot write; None: it can."""
     waiting: int
     """Pages recorded but not yet durable."""
     dropped_pages: int
-    """Given up while it could not write."""
+    """Pages dropped while it could not write."""
     dropped_evidence: int
-    """Pages whose evidence was given up, then or because no file can hold it."""
+    """Pages whose evidence was dropped, then or because no file can store it."""
     set_aside: int = 0
-    """Pages that no row can hold, kept in the file beside it."""
+    """Pages that no row can store, kept in the file next to it."""
 
     @property
     def unrecorded(self) -> int:
-        """Pages that were told and are not in the journal, now."""
+        """Number of pages passed to the journal that are not stored in it, now."""
         return self.waiting + self.dropped_pages + self.set_aside

@@ -1,6 +1,6 @@
-"""What is too old or too large goes, in small steps: rows first, then the files that they named.
+"""Retention: removal of what is too old or too large, in small steps, rows first, then the files that they named.
 
-Only what a row of the journal names is ever removed. A row that cannot be believed removes nothing, and is told.
+Only what a row of the journal names is ever removed. A row that is invalid removes nothing, and is reported.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 
 ROWS_A_STEP: Final = 5000
 PACKS_A_STEP: Final = 100
-LOOKED_AT_A_STEP: Final = 5000
+EXAMINED_A_STEP: Final = 5000
 FREED_PAGES_A_STEP: Final = 2000
-"""Of the database's file, given back to the system."""
+"""Free pages of the database's file that are returned to the system in one step."""
 
 
 def tidy(engine: Engine, folder: Path, retention: Retention, done: Tidied, *, now_s: float) -> Iterator[None]:
-    """Removes runs that ended too long ago; then the oldest evidence, then the oldest runs, until the rest fits.
+    """Remove runs that ended too long ago; then the oldest evidence, then the oldest runs, until the rest fits.
 
-    Works when it is iterated over, one short transaction a step; ``done`` says what it did. The latest run stays: its
-    number must not be given again, and it may be under way. OSError, DBAPIError.
+    It works while it is iterated over, one short transaction a step; ``done`` accumulates the results. The latest
+    run stays: its number must not be reused, and it may be under way. OSError, DBAPIError.
     """
     before_s = now_s - retention.days * SECONDS_A_DAY
     for run_id in _ended(engine, done, before_s=before_s):
@@ -54,8 +54,8 @@ def tidy(engine: Engine, folder: Path, retention: Retention, done: Tidied, *, no
 
 def _make_fit(engine: Engine, folder: Path, most_bytes: float, done: Tidied) -> Iterator[None]:
     evidence = yield from _evidence_bytes(engine, folder)
-    gone, after = done.pack_bytes, 0
-    while (too_many := _row_bytes(engine) + evidence - (done.pack_bytes - gone) - most_bytes) > 0:
+    removed_before, after = done.pack_bytes, 0
+    while (too_many := _row_bytes(engine) + evidence - (done.pack_bytes - removed_before) - most_bytes) > 0:
         last = _remove_packs(engine, folder, done, after=after, at_least=too_many)
         if last is not None:
             after = last
@@ -67,9 +67,9 @@ def _make_fit(engine: Engine, folder: Path, most_bytes: float, done: Tidied) -> 
 
 
 def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[int]:
-    """Runs but the latest, oldest first: those that ended, or never will because a later one began."""
+    """Return all runs but the latest, oldest first: those that ended, or never will because a later one began."""
     query = select(stored_runs).where(stored_runs.c.id < select(func.max(stored_runs.c.id)).scalar_subquery())
-    found = []
+    run_ids = []
     with engine.begin() as connection:
         for row in connection.execute(query.order_by(stored_runs.c.id)):
             try:
@@ -78,8 +78,8 @@ def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[
                 _refuse(done, f"run {row.id} stays: its row is damaged ({complaint(error)})")
                 continue
             if (run.started_s if run.ended_s is None else run.ended_s) < before_s:
-                found.append(run.id)
-    return found
+                run_ids.append(run.id)
+    return run_ids
 
 
 def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iterator[None]:
@@ -92,8 +92,8 @@ def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iter
             sheets = list(until)
             if not sheets:
                 break
-            gone = connection.execute(delete(pages_table).where(of_run, pages_table.c.sheet <= sheets[-1]))
-        if not gone.rowcount:
+            deleted = connection.execute(delete(pages_table).where(of_run, pages_table.c.sheet <= sheets[-1]))
+        if not deleted.rowcount:
             _refuse(done, f"run {run_id} stays: its pages cannot be removed, the journal is damaged")
             return
         yield
@@ -107,26 +107,26 @@ def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iter
 
 
 def _remove_packs(engine: Engine, folder: Path, done: Tidied, *, after: int, at_least: float) -> int | None:
-    """The oldest packs, whose pages stay without evidence; the last that was looked at, or None: there are none."""
+    """Remove the oldest packs; their pages stay. Return the last one examined, None: there are none."""
     pack = stored_packs.c
     query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(PACKS_A_STEP)
     with engine.begin() as connection:
-        looked_at, going = None, []
+        examined, removable = None, []
         for row in connection.execute(query).all():
-            looked_at = row.id
+            examined = row.id
             if not (size := _size(folder, row, done)):
                 continue
-            going.append(row)
+            removable.append(row)
             at_least -= size
             if at_least <= 0:
                 break
-        _drop_packs(connection, [row.id for row in going])
-    _remove_files(folder, going, done)
-    return looked_at
+        _drop_packs(connection, [row.id for row in removable])
+    _remove_files(folder, removable, done)
+    return examined
 
 
 def _drop_packs(connection: Connection, ids: Sequence[int]) -> None:
-    """No row names these packs any more."""
+    """Remove all references of rows to these packs."""
     for first in range(0, len(ids), ROWS_A_STEP):
         some = ids[first : first + ROWS_A_STEP]
         connection.execute(update(pages_table).where(pages_table.c.pack_id.in_(some)).values(pack_id=None))
@@ -147,32 +147,32 @@ def _remove_files(folder: Path, named: Iterable[Row[Any]], done: Tidied) -> None
 
 
 def _size(folder: Path, row: Row[Any], done: Tidied | None = None) -> int:
-    """Bytes of the file that a row names, which is what removing it frees; 0: there is none, or none to be removed."""
+    """Return the bytes that removing a row's file would free; 0: there is no file, or none that may be removed."""
     try:
         return packs.inside(folder, PackColumns(**row._asdict()).file).lstat().st_size
     except FileNotFoundError:
         return 0
     except ValueError as error:  # JournalError is one
         if done is not None:
-            said = (
+            problem = (
                 error.what if isinstance(error, JournalError) else f"its row is damaged ({complaint(error)})"
             )
-            _refuse(done, f"evidence {row.id} stays: {said}")
+            _refuse(done, f"evidence {row.id} stays: {problem}")
         return 0
 
 
 def _evidence_bytes(engine: Engine, folder: Path) -> Generator[None, None, int]:
-    """What removing all evidence would free, by the files themselves: what rows say may be damaged."""
+    """Return the bytes that removing all evidence would free, by the files, since rows may be damaged."""
     total = after = 0
     pack = stored_packs.c
     while True:
-        query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(LOOKED_AT_A_STEP)
+        query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(EXAMINED_A_STEP)
         with engine.connect() as connection:
-            found = connection.execute(query).all()
-        if not found:
+            batch = connection.execute(query).all()
+        if not batch:
             return total
-        total += sum(_size(folder, row) for row in found)
-        after = found[-1].id
+        total += sum(_size(folder, row) for row in batch)
+        after = batch[-1].id
         yield
 
 
@@ -182,7 +182,7 @@ def _refuse(done: Tidied, line: str) -> None:
 
 
 def used_bytes(engine: Engine) -> int:
-    """Of rows and evidence, without what the database's file holds free."""
+    """Return the size of rows and evidence, without free pages of the database's file."""
     size = stored_packs.c.bytes
     believed = case((size.between(0, MOST_PACK_BYTES), size), else_=0)
     with engine.begin() as connection:
@@ -202,7 +202,7 @@ def _row_bytes(engine: Engine) -> int:
 
 
 def _give_back(engine: Engine) -> bool:
-    """Some of the database's free pages to the system; False: none are free."""
+    """Return some free pages of the database to the system; False: none are free."""
     with engine.begin() as connection:
         free = connection.exec_driver_sql("PRAGMA freelist_count").scalar_one()
         for _ in range(min(free, FREED_PAGES_A_STEP)):

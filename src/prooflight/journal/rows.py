@@ -1,4 +1,4 @@
-"""Records to rows and back, and the queries that take more than a line."""
+"""Conversion of records to rows and back, and the queries that take more than a line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import case, func, insert, select, true, update
 
-from prooflight.journal.columns import ASKED_ALONE, EndColumns, PageColumns, RunColumns
+from prooflight.journal.columns import QUERY_COLUMNS, EndColumns, PageColumns, RunColumns
 from prooflight.journal.records import COUNTED, PageRecord, RunEnd, RunFacts, RunRow
 from prooflight.journal.schema import json_text, plain, stored_packs, stored_pages, stored_runs
 
@@ -23,28 +23,28 @@ if TYPE_CHECKING:
 
 
 SUSPENDED: Final = '"promise_suspended": true'
-"""In a verdict as ``json_text`` writes it; within a string its quotes would be escaped."""
+"""Text of a suspended verdict as ``json_text`` writes it; within a string its quotes would be escaped."""
 
 
 def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[str, int]]) -> None:
-    """A batch's rows. packs: file and bytes of the evidence of each run in it that has some.
+    """Write a batch's rows. packs: file and bytes of the evidence of each run in it that has some.
 
-    ValueError: a row is none that could be read again.
+    ValueError: a row could not be read again.
     """
     for run_id, facts in batch.begun.items():
         row = run_row(run_id, facts) | {"dropped_pages": 0, "dropped_evidence": 0}
-        # Ignored where a commit that seemed to fail did not.
+        # Ignored if an earlier commit that seemed to fail succeeded.
         connection.execute(insert(stored_runs).prefix_with("OR IGNORE").values(**row))
     pack_ids = {}
     for run_id, (file, size) in packs.items():
         added = connection.execute(insert(stored_packs).values(run_id=run_id, file=file, bytes=size))
         pack_ids[run_id] = added.lastrowid
     if batch.pages:
-        found = [
+        values = [
             page_row(run_id, page, pack_ids[run_id] if page.evidence else None)
             for run_id, page in batch.pages
         ]
-        connection.execute(insert(stored_pages).prefix_with("OR REPLACE"), found)
+        connection.execute(insert(stored_pages).prefix_with("OR REPLACE"), values)
     run = stored_runs.c
     for run_id, end in batch.ended.items():
         connection.execute(update(stored_runs).where(run.id == run_id).values(**end_row(end)))
@@ -58,7 +58,7 @@ def write_rows(connection: Connection, batch: Batch, packs: Mapping[int, tuple[s
 
 
 def run_row(run_id: int, facts: RunFacts) -> dict[str, Any]:
-    """Facts -> columns; ValueError: some cannot be kept."""
+    """Convert a run's facts to columns; ValueError: some cannot be stored."""
     row = plain(asdict(facts) | {"id": run_id})
     row["settings"] = json_text(row["settings"])
     RunColumns(**row)
@@ -66,16 +66,16 @@ def run_row(run_id: int, facts: RunFacts) -> dict[str, Any]:
 
 
 def end_row(end: RunEnd) -> dict[str, Any]:
-    """How a run ended -> columns; ValueError: some cannot be kept."""
+    """Convert the end of a run to columns; ValueError: some cannot be stored."""
     row = plain(asdict(end)) | {"counts": json_text(end.counts)}
     EndColumns(**row)
     return row
 
 
 def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[str, Any]:
-    """Record -> columns; numbers of NumPy become plain ones. ValueError, TypeError: it cannot be kept."""
+    """Convert a record to columns, with plain numbers for NumPy's. ValueError, TypeError: it cannot be stored."""
     whole = plain(page.verdict)
-    row = {name: whole[name] for name in ASKED_ALONE} | {
+    row = {name: whole[name] for name in QUERY_COLUMNS} | {
         "disposition": page.disposition,
         "decided_by": page.decided_by,
         "run_id": run_id,
@@ -98,46 +98,47 @@ def page_row(run_id: int, page: PageRecord, pack_id: int | None = None) -> dict[
 
 
 def page_record(row: Row[Any], evidence: Mapping[str, NDArray[Any]] | None = None) -> PageRecord:
-    """Columns -> record; ValueError: no page is like that."""
-    found = PageColumns(**row._asdict())
+    """Convert columns to a record; ValueError: they are not those of a valid page."""
+    columns = PageColumns(**row._asdict())
     return PageRecord(
-        sheet=found.sheet,
-        job_page=found.job_page,
-        verdict=found.whole_verdict,
-        late=bool(found.late),
-        first_line=found.first_line,
-        time_s=found.time_s,
-        faults=found.faults,
-        notes=found.notes,
-        nuisance=found.nuisance,
-        asked=found.asked,
-        gate=found.disposition if found.decided_by == "gate" else None,
+        sheet=columns.sheet,
+        job_page=columns.job_page,
+        verdict=columns.whole_verdict,
+        late=bool(columns.late),
+        first_line=columns.first_line,
+        time_s=columns.time_s,
+        faults=columns.faults,
+        notes=columns.notes,
+        nuisance=columns.nuisance,
+        asked=columns.asked,
+        gate=columns.disposition if columns.decided_by == "gate" else None,
         evidence=evidence,
     )
 
 
-def surely_good() -> ColumnElement[bool]:
-    """Pages that nobody has to look at, good, in time, without fault and note, where all of a row says so.
+def clearly_good() -> ColumnElement[bool]:
+    """Return the condition of pages that need no review: good, in time, without fault and note, in all columns.
 
-    ``nobody_need_see`` has the last word on the others; a verdict with NaN, which SQLite takes for no JSON, is one.
+    ``needs_no_review`` decides about the others; a verdict with NaN, which SQLite does not accept as JSON, is
+    one.
     """
     page = stored_pages.c
-    whole_says = case(
+    full_verdict = case(
         (func.json_valid(page.whole_verdict), func.json_extract(page.whole_verdict, "$.verdict")), else_=""
     )
-    good = (page.verdict == "good") & (whole_says == "good") & (page.late == 0)
-    silent = (page.faulty == 0) & (page.noted == 0) & (page.faults == "[]") & (page.notes == "[]")
-    return (good & silent).is_(true())
+    good = (page.verdict == "good") & (full_verdict == "good") & (page.late == 0)
+    unremarkable = (page.faulty == 0) & (page.noted == 0) & (page.faults == "[]") & (page.notes == "[]")
+    return (good & unremarkable).is_(true())
 
 
 def absent() -> ColumnElement[bool]:
-    """Rows of pages of the job that did not come, as ``inspection.sheets.came`` knows them."""
+    """Return the condition of pages of the job that did not come, as ``inspection.sheets.came`` has it."""
     page = stored_pages.c
     return (page.faults == '["missing"]') & (page.verdict == "not-inspected") & page.job_page.is_not(None)
 
 
-def nobody_need_see(page: PageRecord) -> bool:
-    """Whether a page is good, came in time, and is without fault and note."""
+def needs_no_review(page: PageRecord) -> bool:
+    """Return whether a page needs no review: it is good, in time, and without fault and note."""
     return page.verdict.verdict == "good" and not (page.late or page.faults or page.notes)
 
 
@@ -148,9 +149,9 @@ def read_runs(
     writer_lives: bool,
     damaged: Callable[[object, ValueError], None],
 ) -> list[RunRow]:
-    """Runs by number, with what their pages come to; of one run, or of all.
+    """Return runs by number, with the counts of their pages; of one run, or of all.
 
-    damaged: told of each that cannot be read, with what stands where its number should, and of what is wrong.
+    damaged: called for each run that cannot be read, with the value in place of its number, and the error.
     """
 
     def count(condition: Any) -> Any:
@@ -173,21 +174,21 @@ def read_runs(
     counts = {row.run_id: row._asdict() for row in connection.execute(of_pages)}
     suspended = _suspended_from(connection, run_id)
     last = connection.execute(select(func.max(stored_runs.c.id))).scalar()
-    found = []
+    runs = []
     for row in connection.execute(query):
         try:
             lives = writer_lives and row.id == last
-            found.append(_run(row, counts.get(row.id, {}), suspended.get(row.id), writer_lives=lives))
+            runs.append(_run(row, counts.get(row.id, {}), suspended.get(row.id), writer_lives=lives))
         except ValueError as error:
             damaged(row.id, error)
-    return found
+    return runs
 
 
 def _suspended_from(connection: Connection, run_id: int | None) -> dict[Any, int]:
-    """By run, the sheet with which it said that its detector's promise does not hold: a note stands there."""
+    """Return, by run, the first sheet that reports the false-alarm rate not to hold, which is marked by a note."""
     page = stored_pages.c
-    says = func.instr(page.whole_verdict, SUSPENDED) > 0
-    query = select(page.run_id, func.min(page.sheet).label("sheet")).where(page.noted == 1, says)
+    suspended = func.instr(page.whole_verdict, SUSPENDED) > 0
+    query = select(page.run_id, func.min(page.sheet).label("sheet")).where(page.noted == 1, suspended)
     if run_id is not None:
         query = query.where(page.run_id == run_id)
     rows = connection.execute(query.group_by(page.run_id))
@@ -197,20 +198,20 @@ def _suspended_from(connection: Connection, run_id: int | None) -> dict[Any, int
 def _run(
     row: Row[Any], counts: Mapping[Any, Any], suspended_from: int | None, *, writer_lives: bool
 ) -> RunRow:
-    found, end = RunColumns(**row._asdict()), None
+    columns, end = RunColumns(**row._asdict()), None
     state: State = "running" if writer_lives else "interrupted"
-    if found.ended_s is not None and found.ending is not None:
-        state = found.ending
+    if columns.ended_s is not None and columns.ending is not None:
+        state = columns.ending
         end = RunEnd(
-            ended_s=found.ended_s, ending=state, detail=found.detail or "", counts=found.counts or {}
+            ended_s=columns.ended_s, ending=state, detail=columns.detail or "", counts=columns.counts or {}
         )
     return RunRow(
-        id=found.id,
-        facts=RunFacts(**{name: getattr(found, name) for name in RunFacts.__slots__}),
+        id=columns.id,
+        facts=RunFacts(**{name: getattr(columns, name) for name in RunFacts.__slots__}),
         end=end,
         state=state,
-        dropped_pages=found.dropped_pages,
-        dropped_evidence=found.dropped_evidence,
+        dropped_pages=columns.dropped_pages,
+        dropped_evidence=columns.dropped_evidence,
         promise_suspended_from=suspended_from,
         **{name: counts.get(name, 0) for name in COUNTED},
     )

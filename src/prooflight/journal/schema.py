@@ -1,4 +1,4 @@
-"""The journal's tables, and how values become text.
+"""The journal's tables, and the conversion of values to text.
 
 Schema history:
 1: journal, runs, packs, pages.
@@ -35,17 +35,18 @@ if TYPE_CHECKING:
 
 SCHEMA: Final = 3
 PREVIOUS: Final = 2
-"""A journal of this schema is read as it is, and made one of ``SCHEMA`` when a run is written into it."""
+"""Schema that is still read: a journal of it is read as it is, and updated to ``SCHEMA`` when a run is
+written into it."""
 MOST_TEXT: Final = 20_000
-"""Letters of one text; more is cut."""
+"""Greatest number of characters of one text; more is cut."""
 
 
 class JournalError(InputError):
-    """A journal cannot be used: damaged, of another schema, written by another process, or there is none."""
+    """A journal that cannot be used: damaged, of another schema, written by another process, or missing."""
 
 
 def _filled(kind: type[TypeEngine[Any]], *names: str) -> list[Column[Any]]:
-    """Columns in which every row has a value."""
+    """Return columns in which every row has a value."""
     return [Column(name, kind, nullable=False) for name in names]
 
 
@@ -97,7 +98,7 @@ pages_table = Table(
 )
 
 
-# As they lie on the disk, without a type that would change a value on its way: values are checked in ``columns``.
+# Untyped, so that SQLAlchemy converts no stored value: values are checked in ``columns``.
 stored_runs, stored_packs, stored_pages = (
     table(each.name, *(column(name) for name in each.columns.keys()))  # noqa: SIM118
     for each in (runs_table, packs_table, pages_table)
@@ -105,14 +106,14 @@ stored_runs, stored_packs, stored_pages = (
 
 
 def json_text(value: Any) -> str:
-    """JSON of ``plain`` values; NaN and infinity stay what they are."""
+    """Return the JSON of ``plain`` values; NaN and infinity are kept."""
     return json.dumps(plain(value))
 
 
 def plain(value: Any) -> Any:
-    """What JSON and SQLite can hold: no NumPy, no dataclass, no text that is longer than it may be or no Unicode."""
+    """Return a value as JSON and SQLite can store it: without NumPy or dataclasses, in limited Unicode texts."""
     if isinstance(value, str):
-        # Names of files need not be UTF-8: a byte that is none is written as backslash and number.
+        # Names of files need not be UTF-8: an invalid byte is written as backslash and number.
         text = str(value).encode("utf-8", "backslashreplace").decode("utf-8")
         return text if len(text) <= MOST_TEXT else text[: MOST_TEXT - 3] + "..."
     if value is None or isinstance(value, bool | int):

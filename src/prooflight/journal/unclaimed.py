@@ -1,7 +1,7 @@
-"""Files among a journal's evidence that no row names: put aside, never removed, and taken back when a row names them.
+"""Files among a journal's evidence that no row names: moved away, never removed, and moved back if a row names them.
 
-They come of a writer that died between file and rows, of a sheet that was recorded again, or of a database that was
-moved away or put back from an older copy; nobody but a person can tell which.
+They come from a writer that died between file and rows, from a sheet that was recorded again, or from a database
+that was moved away or restored from an older copy; only a person can tell which.
 """
 
 from __future__ import annotations
@@ -20,49 +20,50 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unclaimed:
-    """What opening a journal found."""
+    """Files moved when a journal was opened."""
 
     evidence: Path
     aside: Path
     moved: int = 0
-    """Files, into ``aside``."""
+    """Number of files moved into ``aside``."""
     moved_bytes: int = 0
     taken_back: int = 0
     left: int = 0
-    """Links and whatever else is no plain file, and files that could not be moved; they lie where they were."""
+    """Links and anything else that is no plain file, and files that could not be moved; they stay in
+    place."""
 
     @classmethod
     def nothing(cls, database: Path) -> Self:
-        """Before anything was looked at."""
+        """Return the state before any file was examined."""
         return cls(evidence=evidence_folder(database), aside=unclaimed_folder(database))
 
     @property
-    def told(self) -> list[str]:
-        """For people."""
-        said = []
+    def messages(self) -> list[str]:
+        """Messages for people, one a line."""
+        messages = []
         if self.moved:
             size = f"{_files(self.moved)} ({self.moved_bytes / 1e6:.1f} MB) that no page of the journal names"
-            said.append(f"{self.evidence}: {size} went to {self.aside}; remove them if nobody needs them")
+            messages.append(f"{self.evidence}: {size} went to {self.aside}; remove them if nobody needs them")
         if self.taken_back:
-            said.append(
+            messages.append(
                 f"{self.aside}: {_files(self.taken_back)} that the journal names again were taken back"
             )
         if self.left:
-            said.append(
+            messages.append(
                 f"{self.evidence}: {_files(self.left)} that are no evidence, or could not be moved, stay there"
             )
-        return said
+        return messages
 
 
 def unclaimed_folder(database: Path) -> Path:
-    """Where files are put that no row names: beside the evidence, so that among it lies nothing else."""
+    """Return the folder for files that no row names: next to the evidence, which it keeps free of them."""
     return database.with_name(database.name + ".unclaimed")
 
 
 def put_aside(database: Path, named: Collection[str]) -> Unclaimed:
-    """Move what no row names out of the evidence, and back what one names; JournalError: a link is in the way."""
-    found = Unclaimed.nothing(database)
-    evidence, aside = found.evidence, found.aside
+    """Move files that no row names out of the evidence, and named ones back; JournalError: a link is in the way."""
+    before = Unclaimed.nothing(database)
+    evidence, aside = before.evidence, before.aside
     for folder in (evidence, aside):
         refuse_other(folder, stat.S_ISDIR)
     taken_back = sum(
@@ -76,11 +77,11 @@ def put_aside(database: Path, named: Collection[str]) -> Unclaimed:
             moved, size = moved + 1, size + status.st_size
         else:
             left += 1
-    return replace(found, moved=moved, moved_bytes=size, taken_back=taken_back, left=left)
+    return replace(before, moved=moved, moved_bytes=size, taken_back=taken_back, left=left)
 
 
 def _below(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
-    """All but folders, by their names below this one; links are not followed."""
+    """Yield everything but folders, by its name relative to this folder; links are not followed."""
     for here, folders, files in os.walk(folder):
         for name in (*files, *folders):
             path = os.path.join(here, name)  # noqa: PTH118  # a million paths are made here
@@ -94,7 +95,7 @@ def _plain(status: os.stat_result) -> bool:
 
 
 def _moved(source: Path, target: Path, name: str) -> bool:
-    """Whether it could be moved; nothing is overwritten."""
+    """Move a file, without overwriting any; return whether it was moved."""
     end = target / name
     try:
         end.parent.mkdir(parents=True, exist_ok=True)

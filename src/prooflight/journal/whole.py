@@ -1,7 +1,7 @@
-"""The whole scan of a sheet about which people are asked: handed over as numbers, kept as a JPEG.
+"""Whole scan of a sheet up for review: passed on as numbers, stored as a JPEG.
 
-It is packed where it is written, by the journal's own thread: no verdict waits for it. Square roots of light are kept,
-in which a camera's noise is about as large in shadows as in paper, so that eight bits are enough for an eye.
+The journal's own thread compresses it, so no verdict waits for it. It stores square roots of light, for which a
+camera's noise is about as large in shadows as in paper, so that eight bits are enough for the eye.
 """
 
 from __future__ import annotations
@@ -21,15 +21,18 @@ if TYPE_CHECKING:
 NAME: Final = "whole"
 TOP: Final = "whole_top"
 MOST_PIXELS: Final = 12_000_000
-"""Of a whole scan: an A3 page at the prototype's pitch. Larger ones are halved before they are handed over."""
+"""Greatest number of pixels of a whole scan: an A3 page at the prototype's pitch. Larger scans are halved
+before."""
 MOST_BYTES: Final = 16_000_000
-"""Of its JPEG: of an A4 page it is half a million."""
+"""Greatest size of its JPEG; that of an A4 page takes half a million bytes."""
 QUALITY: Final = 85
 
 
 def packed(evidence: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-    """The same with its whole scan, (lines, pixels) uint16 [DN], as the bytes of a JPEG, and "whole_top": the DN that
-    its 255 stands for. As it is where it has none, or none that can be packed.
+    """Return evidence with its whole scan compressed.
+
+    The scan, (lines, pixels) uint16 [DN], becomes the bytes of a JPEG, with "whole_top", the DN of its value 255.
+    Evidence without a scan, or with one that cannot be compressed, is returned as it is.
     """
     raw = evidence.get(NAME)
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2 or not raw.size:
@@ -43,7 +46,7 @@ def packed(evidence: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
 
 
 def unpacked(evidence: Mapping[str, NDArray[Any]]) -> NDArray[np.float32] | None:
-    """The whole scan (lines, pixels) [DN] of a sheet's evidence; None: there is none, or none that can be read."""
+    """Return the whole scan (lines, pixels) [DN] of a sheet's evidence; None: there is none that can be read."""
     code, top = evidence.get(NAME), evidence.get(TOP)
     if code is None or top is None or code.dtype != np.uint8 or code.size > MOST_BYTES or top.size != 1:
         return None

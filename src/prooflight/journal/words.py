@@ -1,17 +1,18 @@
-"""What people say of sheets and of incidents: one file beside the journal, to which words are added and nothing else.
+"""People's labels of sheets and incidents, in one append-only file next to the journal.
 
-A label on an incident covers the sheets that the person saw: those up to ``upto``. A label is undone by another row,
-which names it; of those that stand the last one counts. A label says what a misprint was. A sheet that was not
-inspected is good only where a person has vouched for it, one sheet at a time and with a reason.
+A label on an incident covers the sheets that the person saw: those up to ``upto``. A label is undone by another
+row that names it; of the remaining ones, the last is in force. A label states what a misprint was. A sheet that
+was not inspected is good only if a person has vouched for it, one sheet at a time and with a reason.
 
-It lies beside the journal, not in it, for whoever watches a press holds the journal's lock, and words come meanwhile
-from the console, from programs and from the command line. SQLite lets one process write at a time and keeps others
-waiting. A run is known by its number and by when it began, so that words stay with their run where a journal begins
-anew. Tidying the journal leaves words alone: press artefacts rest on them.
+The file is separate from the journal because a process that watches a press holds the journal's lock, while
+labels come from the console, from programs and from the command line. SQLite lets one process write at a time and
+keeps others waiting. A run is identified by its number and its start, so that labels stay with their run if a
+journal restarts with run 1. Tidying the journal does not touch labels: press artefacts depend on them.
 
 Schema history:
 1: words.
-2: ``upto`` and ``undoes``; a file of schema 1 gets them when a word is added. Its labels on incidents cover all sheets.
+2: ``upto`` and ``undoes``; a file of schema 1 gets them when a word is added.
+   Its labels on incidents cover all sheets.
 """
 
 from __future__ import annotations
@@ -38,11 +39,12 @@ BUSY_S: Final = 10.0
 SUFFIX: Final = ".words.sqlite"
 MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN = ("misprint", "good", "false-alarm", "unknown", "seen")
 WORDS: Final = (MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN)
-"""false-alarm: good, said of an incident; seen: it need not sound any more, and says nothing of the sheet."""
+"""Labels that may be given; false-alarm: good, for an incident; seen: acknowledged, so that it sounds no
+more, without a statement about the sheet."""
 VOUCHED: Final = "vouched"
-"""A person has this one sheet in hand, and it is good."""
+"""Label of a single sheet that a person has in hand and found good."""
 UNDONE: Final = "undone"
-"""The word that this row names does not count any more."""
+"""Label of a row that withdraws the label it names."""
 OF_GOOD: Final = frozenset({GOOD, FALSE_ALARM, VOUCHED})
 MOST_NOTE: Final = 1000
 MOST_NAME: Final = 60
@@ -64,41 +66,41 @@ _KIND: Final = "prooflight words"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Word:
-    """What somebody said of a sheet or an incident."""
+    """A label of a sheet or an incident, by a person."""
 
     id: int
     run: str
-    """``run_key``."""
+    """Key of the run, by ``run_key``."""
     sheet: int | None
     incident: str | None
-    """Its number."""
+    """Number of the incident."""
     word: str
     note: str
     by: str
     at_s: float
     """Unix time. [s]"""
     upto: int | None = None
-    """On an incident: the last of its sheets that the person saw; None: all of them."""
+    """For an incident: the last of its sheets that the person saw; None: all of them."""
     undoes: int | None = None
-    """Number of the word that this one undoes."""
+    """Number of the label that this one undoes."""
 
     def covers(self, sheet: int) -> bool:
-        """Whether the person saw this sheet of the incident."""
+        """Return whether the person saw this sheet of the incident."""
         return self.upto is None or sheet <= self.upto
 
 
 def run_key(run: RunRow) -> str:
-    """By which words know a run, also where a journal begins anew with run 1."""
+    """Return the key by which labels identify a run, distinct even if a journal restarts with run 1."""
     return f"{run.id}@{run.facts.started_s:.0f}"
 
 
 def words_path(journal: Path) -> Path:
-    """Where the words on a journal's sheets lie."""
+    """Return the file of the labels of a journal's sheets."""
     return journal.with_name(journal.name + SUFFIX)
 
 
 class Words:
-    """The words on one journal's sheets; may be asked from several threads and processes. JournalError: it cannot."""
+    """Labels of one journal's sheets; safe for several threads and processes. JournalError: the file is unusable."""
 
     def __init__(self, journal: Path) -> None:
         self.path = words_path(journal)
@@ -115,50 +117,50 @@ class Words:
         note: str = "",
         upto: int | None = None,
     ) -> Word:
-        """Add one; it is on the disk when this returns. RequestError: there is no such word, or nobody said it.
+        """Add a label, durable when this returns. RequestError: there is no such label, or the name is invalid.
 
-        at_s: Unix time. [s] upto: on an incident, the last of its sheets that the person saw; None: all of them.
+        at_s: Unix time. [s] upto: for an incident, the last of its sheets that the person saw; None: all of them.
         """
         if word not in WORDS:
             raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join(WORDS)}")
         word = FALSE_ALARM if word == GOOD and incident is not None else word
-        told = {"run": run, "sheet": sheet, "incident": incident, "word": word, "note": note, "upto": upto}
-        return self._add(told, by=by, at_s=at_s)
+        fields = {"run": run, "sheet": sheet, "incident": incident, "word": word, "note": note, "upto": upto}
+        return self._add(fields, by=by, at_s=at_s)
 
     def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Word:
-        """Add that a person has this sheet in hand and that it is good. RequestError: no reason is given.
+        """Add the label that a person has this sheet in hand and that it is good. RequestError: no reason is given.
 
         at_s: Unix time. [s]
         """
         if not reason.strip():
             remedy = "say in a few words how you know that the sheet is good"
             raise RequestError("reason", f"none is given for sheet {sheet}", remedy=remedy)
-        told = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
-        return self._add(told, by=by, at_s=at_s)
+        fields = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
+        return self._add(fields, by=by, at_s=at_s)
 
     def undo(self, number: int, *, run: str, by: str, at_s: float) -> Word:
-        """Add that a word does not count any more. RequestError: no such word of this run stands.
+        """Undo a label. RequestError: no such label of this run is in force.
 
-        number: of the word; at_s: Unix time. [s]
+        number: of the label; at_s: Unix time. [s]
         """
-        stands = {one.id: one for one in standing(self.of_run(run))}
-        if number not in stands:
+        in_force = {one.id: one for one in standing(self.of_run(run))}
+        if number not in in_force:
             remedy = "see what was said of the run"
             raise RequestError("word", f"no word {number} of the run stands", remedy=remedy)
-        one = stands[number]
-        told = {"run": run, "sheet": one.sheet, "incident": one.incident, "word": UNDONE, "undoes": number}
-        return self._add(told, by=by, at_s=at_s)
+        one = in_force[number]
+        fields = {"run": run, "sheet": one.sheet, "incident": one.incident, "word": UNDONE, "undoes": number}
+        return self._add(fields, by=by, at_s=at_s)
 
-    def _add(self, told: Mapping[str, Any], *, by: str, at_s: float) -> Word:
+    def _add(self, fields: Mapping[str, Any], *, by: str, at_s: float) -> Word:
         name = unicodedata.normalize("NFC", " ".join(by.split()))
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             remedy = f"give 1 to {MOST_NAME} letters that can be printed"
             raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
         empty: dict[str, Any] = {"sheet": None, "incident": None, "note": "", "upto": None, "undoes": None}
-        row = empty | dict(told) | {"by": name, "at_s": float(at_s)}
+        row = empty | dict(fields) | {"by": name, "at_s": float(at_s)}
         row["note"] = row["note"][:MOST_NOTE]
         names = ", ".join(f'"{name}"' for name in row)
-        with closing(self._opened(made=True)) as connection, connection:
+        with closing(self._opened(create=True)) as connection, connection:
             connection.execute("BEGIN IMMEDIATE")
             added = connection.execute(
                 f"INSERT INTO words ({names}) VALUES ({', '.join('?' * len(row))})", tuple(row.values())
@@ -168,13 +170,13 @@ class Words:
         return Word(id=number, **row)
 
     def of_run(self, run: str) -> list[Word]:
-        """All that was said of a run, in order."""
+        """Return all labels of a run, in order."""
         if not self.path.exists():
             return []
-        with closing(self._opened(made=False)) as connection:
+        with closing(self._opened(create=False)) as connection:
             try:
-                known = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
-                more = [name for name in _SINCE_2 if name in known]
+                columns = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
+                more = [name for name in _SINCE_2 if name in columns]
                 query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE run = ? ORDER BY id"
                 rows = connection.execute(query, (run,)).fetchall()
             except sqlite3.Error as error:
@@ -183,21 +185,21 @@ class Words:
         return [Word(**dict(zip(names, row, strict=True))) for row in rows]
 
     def last(self) -> int:
-        """Number of the latest word on any run; 0: nobody said any."""
+        """Return the number of the latest label of any run; 0: there is none."""
         if not self.path.exists():
             return 0
-        with closing(self._opened(made=False)) as connection:
+        with closing(self._opened(create=False)) as connection:
             try:
                 return int(connection.execute("SELECT max(id) FROM words").fetchone()[0] or 0)
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
 
-    def _opened(self, *, made: bool) -> sqlite3.Connection:
-        """made: whether it is made where there is none."""
+    def _opened(self, *, create: bool) -> sqlite3.Connection:
+        """Open the file; create: whether it is created if there is none."""
         try:
-            if made and not os.path.lexists(self.path):
+            if create and not os.path.lexists(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-            mode = "rwc" if made else "rw" if os.access(self.path, os.W_OK) else "ro"
+            mode = "rwc" if create else "rw" if os.access(self.path, os.W_OK) else "ro"
             uri = f"{self.path.absolute().as_uri()}?mode={mode}"
             connection = sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
         except (OSError, sqlite3.Error) as error:
@@ -205,7 +207,7 @@ class Words:
         try:
             connection.execute("PRAGMA trusted_schema = OFF")
             connection.execute("PRAGMA synchronous = FULL")
-            self._check(connection, made=made)
+            self._check(connection, create=create)
         except BaseException as error:
             connection.close()
             if isinstance(error, sqlite3.Error):
@@ -213,21 +215,21 @@ class Words:
             raise
         return connection
 
-    def _check(self, connection: sqlite3.Connection, *, made: bool) -> None:
-        held = "SELECT count(*) FROM sqlite_master"
-        if made and not connection.execute(held).fetchone()[0]:
+    def _check(self, connection: sqlite3.Connection, *, create: bool) -> None:
+        count_objects = "SELECT count(*) FROM sqlite_master"
+        if create and not connection.execute(count_objects).fetchone()[0]:
             connection.execute("BEGIN IMMEDIATE")
-            if not connection.execute(held).fetchone()[0]:  # no other process was first
+            if not connection.execute(count_objects).fetchone()[0]:  # no other process was first
                 for statement in _TABLES:
                     connection.execute(statement)
                 connection.execute("INSERT INTO store VALUES (?, ?)", (_KIND, SCHEMA))
             connection.execute("COMMIT")
-        found = connection.execute("SELECT kind, schema FROM store").fetchone()
-        if found is None or found[0] != _KIND:
+        store = connection.execute("SELECT kind, schema FROM store").fetchone()
+        if store is None or store[0] != _KIND:
             raise self._refusal("is a database, but holds no words")
-        if found[1] not in (1, SCHEMA):
-            raise self._refusal(f"has schema {found[1]}, this version reads schema {SCHEMA}")
-        if made and found[1] == 1:
+        if store[1] not in (1, SCHEMA):
+            raise self._refusal(f"has schema {store[1]}, this version reads schema {SCHEMA}")
+        if create and store[1] == 1:
             connection.execute("BEGIN IMMEDIATE")
             if (
                 connection.execute("SELECT schema FROM store").fetchone()[0] == 1
@@ -242,19 +244,19 @@ class Words:
 
 
 def standing(words: Sequence[Word]) -> list[Word]:
-    """Those of words in order that were not undone."""
+    """Return the labels, in order, that were not undone."""
     undone = {word.undoes for word in words}
     return [word for word in words if word.word != UNDONE and word.id not in undone]
 
 
 class Labels:
-    """The label that counts of each sheet of a run: its own last one, else the last on its incident that covers it.
+    """The label in force for each sheet of a run: its own last one, else the last on its incident that covers it.
 
-    ``seen`` is no label, for it says nothing of the sheet.
+    ``seen`` is no label, for it states nothing about the sheet.
     """
 
     def __init__(self, words: Sequence[Word]) -> None:
-        """words: all of the run, in order."""
+        """words: all labels of the run, in order."""
         self._of_sheets: dict[int, Word] = {}
         self._of_incidents: dict[int, list[Word]] = {}
         for word in standing(words):
@@ -267,11 +269,11 @@ class Labels:
 
     @property
     def sheets(self) -> list[int]:
-        """Those with a label of their own."""
+        """Sheets with a label of their own."""
         return sorted(self._of_sheets)
 
     def of(self, sheet: int, incident: int | None = None) -> Word | None:
-        """The label that counts; None: there is none. incident: to which the sheet belongs."""
+        """Return the label in force; None: there is none. incident: to which the sheet belongs."""
         if (own := self._of_sheets.get(sheet)) is not None:
             return own
         on_incident = [] if incident is None else self._of_incidents.get(incident, [])

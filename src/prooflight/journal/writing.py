@@ -1,6 +1,6 @@
-"""A batch onto the disk: evidence first, then one transaction with the rows that name it.
+"""Writing of a batch: evidence first, then one transaction with the rows that name it.
 
-What can never be written must not keep the rest from it. So a page is checked before it is written, and where a
+Data that can never be written must not block the rest. A page is therefore checked before it is written, and if a
 transaction fails for another reason than the disk, its pages are written one by one.
 """
 
@@ -36,19 +36,19 @@ _OF_ROWS = (DataError, IntegrityError, InterfaceError, NotSupportedError, Progra
 
 
 def may_pass(error: Exception) -> bool:
-    """Whether what failed may be written another time: the disk is full, the database is busy or damaged."""
+    """Return whether a failed write may succeed later: the disk is full, the database is busy or damaged."""
     return isinstance(error, OSError) or (isinstance(error, DBAPIError) and not isinstance(error, _OF_ROWS))
 
 
 def write(engine: Engine, folder: Path, batch: Batch, refused: Refusals) -> None:
-    """All of a batch but what is refused; an error that ``may_pass``: it is to be tried again as it then is."""
+    """Write a batch except what is refused; after an error that ``may_pass`` the batch can be tried again."""
     _sift(batch, refused)
     try:
-        _write_together(engine, folder, batch)
+        _write_whole(engine, folder, batch)
     except Exception as error:
         if may_pass(error):
             raise
-        _write_apart(engine, folder, batch, refused)
+        _write_in_pieces(engine, folder, batch, refused)
 
 
 def _sift(batch: Batch, refused: Refusals) -> None:
@@ -64,13 +64,13 @@ def _sift(batch: Batch, refused: Refusals) -> None:
             refused.without_evidence(batch, run_id, page, error)
 
 
-def _write_apart(engine: Engine, folder: Path, batch: Batch, refused: Refusals) -> None:
+def _write_in_pieces(engine: Engine, folder: Path, batch: Batch, refused: Refusals) -> None:
     for piece in _pieces(batch):
-        error = _failed(engine, folder, piece)
+        error = _write_piece(engine, folder, piece)
         if error is not None and piece.pages and piece.pages[0][1].evidence:
             run_id, page = piece.pages[0]
             piece.pages[0] = run_id, refused.without_evidence(batch, run_id, page, error)
-            error = _failed(engine, folder, piece)
+            error = _write_piece(engine, folder, piece)
         if error is None:
             continue
         if piece.pages:
@@ -79,10 +79,10 @@ def _write_apart(engine: Engine, folder: Path, batch: Batch, refused: Refusals) 
             refused.run([*piece.begun, *piece.ended], error)
 
 
-def _failed(engine: Engine, folder: Path, piece: Batch) -> Exception | None:
-    """Why a piece can never be written; None: it is."""
+def _write_piece(engine: Engine, folder: Path, piece: Batch) -> Exception | None:
+    """Write a piece; return why it can never be written, None: it was."""
     try:
-        _write_together(engine, folder, piece)
+        _write_whole(engine, folder, piece)
     except Exception as error:
         if may_pass(error):
             raise
@@ -91,7 +91,7 @@ def _failed(engine: Engine, folder: Path, piece: Batch) -> Exception | None:
 
 
 def _pieces(batch: Batch) -> Iterator[Batch]:
-    """Each so small that it fails alone; what must not be counted twice, should one fail for a while, comes last."""
+    """Yield pieces so small that each fails alone; counts come last, as a retry must not add them twice."""
     for run_id, facts in batch.begun.items():
         yield Batch(begun={run_id: facts})
     for page in list(batch.pages):
@@ -104,8 +104,8 @@ def _pieces(batch: Batch) -> Iterator[Batch]:
         )
 
 
-def _write_together(engine: Engine, folder: Path, batch: Batch) -> None:
-    """Evidence, one pack a run, then rows; leaves nothing of a batch that cannot be written."""
+def _write_whole(engine: Engine, folder: Path, batch: Batch) -> None:
+    """Write evidence, one pack a run, then rows; leave nothing of a batch that cannot be written."""
     of_runs: dict[int, dict[int, Mapping[str, NDArray[Any]]]] = {}
     for run_id, page in batch.pages:
         if page.evidence:

@@ -1,1 +1,1 @@
-"""The running press: endless lines in, one verdict a sheet out."""
+"""Inspection of a running press: a continuous stream of lines in, one verdict per sheet out."""

@@ -1,7 +1,8 @@
-"""Of which sheets a person is asked for a word: every alarm, and a random sample of those that passed.
+"""Selection of the sheets that a person is asked to label: every alarm, and a random sample of the others.
 
-Words on alarms alone say nothing of the misprints that passed, and nothing of how many good sheets there were. A sample
-of known probability says both, by the reciprocal of that probability (Horvitz and Thompson 1952).
+Labels of alarms alone tell neither how many misprints passed nor how many sheets were good. A sample whose
+inclusion probability is known estimates both, by weighting with the reciprocal of that probability (Horvitz and
+Thompson 1952).
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asking:
-    """Of one run."""
+    """Sampling design of one run: which of its sheets are reviewed by a person."""
 
     sample: float = 0.0
-    """Probability with which a sheet that passed is drawn. [-]"""
+    """Probability that a sheet that passed is sampled for review. [-]"""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -29,9 +30,10 @@ class Asking:
             raise ValueError(message)
 
     def probability(self, verdict: Verdict, sheet: int) -> float | None:
-        """With which a sheet was drawn; None: it was not. The same whenever and by whomever it is asked.
+        """Return the probability with which a sheet was sampled for review, or None if it was not.
 
-        A sheet that was not inspected has passed nothing: it is never asked.
+        The draw depends only on the seed and the sheet's number, so that every process and every later call
+        agree. A sheet that was not inspected has no verdict to review and is never sampled.
         """
         if verdict.verdict == "misprint":
             return 1.0

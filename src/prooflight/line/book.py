@@ -1,4 +1,4 @@
-"""The sheets of a run: a job, printed once or over and over, and its thumbnails as they become known."""
+"""The sheets of a run: a job, printed once or repeatedly, and the thumbnails of its designs."""
 
 from __future__ import annotations
 
@@ -21,47 +21,52 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 MOST_THUMBNAILS: Final = 1200
-"""Kept, of 100 kB each: more than the widest search for a page looks at."""
+"""Greatest number of thumbnails kept, of 100 kB each: more than the widest search for a page compares."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobBook:
-    """A job's pages in order, and again from the first until so many sheets have passed."""
+    """A job's pages in order, repeated from the first until ``sheets`` sheets have passed."""
 
     job: JobSource
     press: Press
     pages: int
     sheets: int
     plan: SheetPlan | None = None
-    """Where sides pass in another order than they are numbered; its pages are the job's sides then."""
+    """Order of the sides, if they pass in another order than they are numbered; the pages of ``job`` are then
+    its sides."""
     warnings: PageWarnings | None = None
-    """Told of each page's; None: nobody is."""
+    """Receives the warnings of each page; None: they are dropped."""
 
     def __len__(self) -> int:
         return self.sheets
 
     def design(self, sheet: int) -> int:
-        """See ``PageBook``: the page's number in the job."""
+        """Return the number of the sheet's page in the job; see ``PageBook``."""
         return sheet % self.pages + 1 if self.plan is None else self.plan.number_at(sheet)
 
     def name(self, sheet: int) -> str:
-        """Of a sheet's page, for people."""
+        """Return the display name of a sheet's page."""
         return self.job.page_name(self.design(sheet))
 
     def page(self, sheet: int) -> Page:
-        """See ``PageBook``; JobError, RequestError: as ``Job.page``, or it is wider than the press's field."""
+        """Return the page printed on a sheet; see ``PageBook``.
+
+        Raises JobError and RequestError as ``Job.page`` does, and RequestError if the page is wider than the
+        press's field.
+        """
         page = opened(self.job).page(self.design(sheet))
         if self.warnings is not None:
             self.warnings.add(page.warnings)
         return self.press.geometry.lay(page)
 
 
-class KnownThumbnails:
-    """Thumbnails of a book's sheets, one a design; None where a design is not ready yet, or was long ago."""
+class ThumbnailCache:
+    """Thumbnails of a job's sheets, one for each design; None if a design is not ready, or was evicted."""
 
     def __init__(self, book: PageBook) -> None:
         self._book = book
-        self._known: OrderedDict[Hashable, Thumbnail] = OrderedDict()
+        self._cached: OrderedDict[Hashable, Thumbnail] = OrderedDict()
         self._guard = Lock()
 
     def __len__(self) -> int:
@@ -71,12 +76,12 @@ class KnownThumbnails:
         if not 0 <= sheet < len(self._book):
             raise IndexError(sheet)
         with self._guard:
-            return self._known.get(self._book.design(sheet))
+            return self._cached.get(self._book.design(sheet))
 
-    def know(self, design: Hashable, thumbnail: Thumbnail) -> None:
-        """A design is ready; one that was known stays the same object."""
+    def add(self, design: Hashable, thumbnail: Thumbnail) -> None:
+        """Add the thumbnail of a design that is ready; a design that is already there keeps its object."""
         with self._guard:
-            self._known.setdefault(design, thumbnail)
-            self._known.move_to_end(design)
-            while len(self._known) > MOST_THUMBNAILS:
-                self._known.popitem(last=False)
+            self._cached.setdefault(design, thumbnail)
+            self._cached.move_to_end(design)
+            while len(self._cached) > MOST_THUMBNAILS:
+                self._cached.popitem(last=False)

@@ -1,4 +1,4 @@
-"""A proposed tolerance put into a job's zones: an ignored zone of its place, until its price is seen and saved."""
+"""Acceptance of a proposed tolerance: it becomes an ignored zone among the job's zones."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from prooflight.pages.zones.zones_file import JobZones
 
 MARGIN_MM: Final = 1.0
-"""About the places of the false alarms. assumed: as far as pages lie off their place, and places within theirs."""
+"""Margin around the false alarms. assumed: the largest displacement of a page, and of a place within it."""
 NAME: Final = "tolerance"
 PAGE: Final = re.compile(r"p([0-9]{4,})(?:-[0-9]+)?")
 
 
 def granted(proposal: Proposal, sizes_mm: Sequence[tuple[float, float]]) -> ZoneEntry:
-    """The zone of a proposal, on those pages that it names.
+    """Return the zone of a proposal, on the pages that it names.
 
-    Zones know no kind and no amount: all that is printed there is ignored, which is more than was proposed.
-    RequestError: a page is none of the job's.
+    Zones have neither kind nor amount: everything printed there is ignored, which is more than was proposed.
+    RequestError: a page is not one of the job's, or the place is on none of its pages.
     """
     numbers = sorted({_number(name, len(sizes_mm)) for name in proposal.pages})
     width_mm, height_mm = (min(sizes_mm[number - 1][axis] for number in numbers) for axis in (0, 1))
@@ -42,24 +42,24 @@ def granted(proposal: Proposal, sizes_mm: Sequence[tuple[float, float]]) -> Zone
     )
 
 
-def with_zone(known: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, ...]:
-    """Zones of a file and one more; RequestError: it is there already."""
-    before = () if known is None else known.document.zones
+def with_zone(job_zones: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, ...]:
+    """Return the zones of a file and one more; RequestError: a zone of that name is there already."""
+    before = () if job_zones is None else job_zones.document.zones
     if any(one.name == entry.name for one in before):
         raise RequestError(NAME, f"{entry.name!r} was granted already", remedy="take it back first")
     return (*before, entry)
 
 
 def is_tolerance(entry: ZoneEntry) -> bool:
-    """Whether it came to the zones as a tolerance: told by its name, since zones know nothing else of it."""
+    """Return whether a zone is a granted tolerance, which only its name shows."""
     return entry.kind == "ignore" and entry.name.startswith(f"{NAME}: ")
 
 
-def without_zone(known: JobZones, name: str) -> tuple[ZoneEntry, ...]:
-    """Zones of a file but those of this name; RequestError: there is none."""
-    left = tuple(one for one in known.document.zones if one.name != name)
-    if len(left) == len(known.document.zones):
-        names = ", ".join(repr(one.name) for one in known.document.zones[:5])
+def without_zone(job_zones: JobZones, name: str) -> tuple[ZoneEntry, ...]:
+    """Return the zones of a file except the one of this name; RequestError: there is none."""
+    left = tuple(one for one in job_zones.document.zones if one.name != name)
+    if len(left) == len(job_zones.document.zones):
+        names = ", ".join(repr(one.name) for one in job_zones.document.zones[:5])
         raise RequestError("zones", f"none is called {name!r}", remedy=f"name one of {names}")
     return left
 

@@ -1,15 +1,16 @@
-"""Incidents: sheets that alarm for the same cause are one incident, be they one sheet or four hundred.
+"""Incidents: sheets that alarm for the same cause form one incident, be they one sheet or four hundred.
 
-An alarm is a sheet that is no good one without more: a misprint, one that was not inspected, a page that did not come,
-one of which the camera lost lines, one whose verdict was late. Every alarm belongs to exactly one incident, that of its
-cause: its kind and its place. What counts as the place is by kind: of a streak the column, of what changes the print as
-a whole the sheet, of all else the box in millimetres. Other places of the same sheet keep their incidents open.
+An alarm is a sheet that is not simply good: a misprint, a sheet that was not inspected, a missing page, a sheet
+of which the camera lost lines, or one whose verdict was late. Every alarm belongs to exactly one incident, that
+of its cause: its kind and its place. The place depends on the kind: the column for a streak, the sheet for what
+changes the print as a whole, and the box in millimetres for all else. Other places of the same sheet keep their
+incidents open.
 
-An incident ends when ``ENDS_AFTER`` sheets that were looked at have passed without it. It is the same one again where
-it comes back within ``RETURNS_WITHIN`` sheets, and is then given twice as long as it paused: one page of a job of a
-hundred that is wrong each time is one incident, and so is a fault of every fortieth sheet.
+An incident ends when ``ENDS_AFTER`` analysed sheets have passed without it. If it recurs within
+``RETURNS_WITHIN`` sheets, the same incident is reopened and then waits twice as long as it paused: one page of a
+job of a hundred that is wrong each time is one incident, and so is a fault of every fortieth sheet.
 
-Nothing but records is asked, as they come from the run or from its journal; those of good sheets may be left out.
+The input is records alone, from the run or from its journal; those of good sheets may be left out.
 """
 
 from __future__ import annotations
@@ -34,20 +35,23 @@ if TYPE_CHECKING:
     from prooflight.line.places import Box
 
 Scope = Literal["place", "column", "sheet", "run"]
-"""What of a cause says where it is: a box, a column of the web, the sheet as a whole, or nothing on the sheet."""
+"""Part of a cause that locates it: a box, a column of the web, the sheet as a whole, or nothing on the
+sheet."""
 Direction = Literal["grows", "steady", "shrinks", "unknown"]
 What = Literal["opened", "grew", "ended", "returned"]
 
 ENDS_AFTER: Final = 20
-"""Sheets without it. assumed: four seconds at 5 sheets a second, longer than a person takes to look at the tray."""
+"""Sheets without its cause after which an incident ends. assumed: four seconds at 5 sheets a second, longer
+than a person takes to look at the tray."""
 RETURNS_WITHIN: Final = 1000
-"""Sheets after its end. assumed: longer than most jobs of several pages, so that each copy meets the last one's."""
+"""Sheets after its end within which an incident may recur. assumed: longer than most jobs of several pages,
+so that each copy joins the incident of the copy before."""
 FIRST_SHEETS, LAST_SHEETS = 16, 48
-"""Of an incident's sheets whose numbers are kept."""
+"""Number of sheets, from an incident's start and from its end, whose numbers are kept."""
 MOST_PAGES: Final = 64
-"""Pages of the job that are named."""
+"""Greatest number of the job's pages that an incident names."""
 LEAST_GROWTH: Final = 0.05
-"""Of the mean, over all sheets so far: less is not worth a word. assumed."""
+"""Least change over an incident's sheets that is reported as a trend, as a share of the mean. assumed."""
 MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED, LATE = (
     *("missing-page", "lost-lines", "camera-gone", "not-inspected", "late"),
 )
@@ -59,67 +63,67 @@ _NUMBERS = re.compile(r"[-+]?\d+(?:[.,:]\d+)*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """How a number of an incident goes, by a straight line through its sheets."""
+    """Linear trend of a quantity over the sheets of an incident."""
 
     now: float
-    """At the last sheet, on that line."""
+    """Value of the line at the last sheet."""
     a_sheet: float
     direction: Direction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Incident:
-    """Alarms of one cause, as far as they have come."""
+    """Alarms of one cause, as of the latest record."""
 
     number: int
-    """In the run, from 1."""
+    """Number within the run, from 1."""
     kind: str
-    """Of the misprint, or missing-page, lost-lines, camera-gone, not-inspected, late."""
+    """Kind of misprint, or missing-page, lost-lines, camera-gone, not-inspected, late."""
     scope: Scope
     where: str
-    """In words; empty: nowhere on the sheet."""
+    """Description of the place; empty: the incident has no place on the sheet."""
     box_mm: Box | None
-    """Around all its places: x, y, width and height; None: it has none."""
+    """Bounding box of all its places: x, y, width and height; None: it has no place."""
     first_sheet: int
     last_sheet: int
     reopened_sheet: int
-    """The sheet with which it last opened or came back."""
+    """Sheet at which it last opened or recurred."""
     count: int
-    """Sheets."""
+    """Number of sheets."""
     sheets: tuple[int, ...]
-    """Numbers of the first ``FIRST_SHEETS`` and the last ``LAST_SHEETS``."""
+    """Numbers of its first ``FIRST_SHEETS`` and last ``LAST_SHEETS`` sheets."""
     pages: tuple[str, ...]
-    """Of the job, in the order they were met, ``MOST_PAGES`` at most."""
+    """Names of its pages of the job, in order of appearance, ``MOST_PAGES`` at most."""
     since_s: float
-    """When its first sheet came, by the source's clock. [s]"""
+    """Time of its first sheet, by the source's clock. [s]"""
     last_s: float
     score: Trend | None
-    """Of the place, in standard deviations; None: it has no score."""
+    """Trend of the place's score, in standard deviations; None: it has no score."""
     size_mm2: Trend | None
-    """Of the box; None: it has none."""
+    """Trend of the box's area; None: it has no box."""
     disposition: Disposition
-    """The gravest of its sheets."""
+    """Most severe disposition among its sheets."""
     reason: str
-    """Of its last sheet, in one line."""
+    """Reason of its last sheet, in one line."""
     returned: int
-    """How often it came again after it had ended."""
+    """Number of times it recurred after it had ended."""
     ended_with: int | None
-    """The sheet with which it ended; None: it is open."""
+    """Sheet at which it ended; None: it is open."""
 
     @property
     def open(self) -> bool:
-        """Whether it goes on."""
+        """Whether it has not ended."""
         return self.ended_with is None
 
     @property
     def by_costs(self) -> bool:
-        """Whether its misprints are accepted, by the costs of the press file."""
+        """Whether its misprints are accepted by the costs of the press file."""
         return self.disposition == "accept" and self.kind not in NO_MISPRINT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IncidentChange:
-    """What happened to an incident, and what it is now."""
+    """A change of an incident, and the incident after it."""
 
     what: What
     incident: Incident
@@ -127,36 +131,37 @@ class IncidentChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """Why a sheet alarms."""
+    """The cause of a sheet's alarm."""
 
     kind: str
     scope: Scope
     key: str = ""
-    """What else must be alike: of a sheet that was not inspected its reason, numbers left out."""
+    """Further distinction within the kind: the reason of a sheet that was not inspected, with numbers
+    masked."""
     box_mm: Box | None = None
     score: float | None = None
 
     @property
     def group(self) -> tuple[str, Scope, str]:
-        """Causes of different groups are never the same."""
+        """Key that causes must share to be the same."""
         return self.kind, self.scope, self.key
 
 
 def causes_of(record: PageRecord) -> tuple[Cause, ...]:
-    """Why a sheet alarms, the most telling cause first; none: it does not."""
+    """Return the causes of a sheet's alarm, the most significant first; empty if the sheet does not alarm."""
     verdict = record.verdict
     if verdict.verdict == "misprint":
         kind = verdict.kind or UNKNOWN
-        found = [
+        regions = [
             _of_region(region, kind if at == 0 else region.kind) for at, region in enumerate(verdict.regions)
         ]
         scope: Scope = "column" if kind in COLUMN_KINDS else "sheet"
-        return tuple(found) or (Cause(kind=kind, scope=scope, score=verdict.score),)
+        return tuple(regions) or (Cause(kind=kind, scope=scope, score=verdict.score),)
     if record.faults == ("missing",) and verdict.verdict == "not-inspected":
         return (Cause(kind=MISSING, scope="run"),)
     if "lost-lines" in record.faults:
-        gone = any(CAMERA_AWAY in note for note in record.notes)
-        return (Cause(kind=CAMERA_GONE if gone else LOST_LINES, scope="run"),)
+        camera_away = any(CAMERA_AWAY in note for note in record.notes)
+        return (Cause(kind=CAMERA_GONE if camera_away else LOST_LINES, scope="run"),)
     if verdict.verdict == "not-inspected":
         return (Cause(kind=NOT_INSPECTED, scope="run", key=_NUMBERS.sub("#", verdict.reason)[:200]),)
     return (Cause(kind=LATE, scope="run"),) if record.late else ()
@@ -171,34 +176,34 @@ def _of_region(region: Region, kind: str) -> Cause:
 
 
 class Incidents:
-    """Of one run; ``add`` every record that is known, in the order of the run. Its size does not grow.
+    """Tracker of the incidents of one run; call ``add`` with the records in the order of the run.
 
-    size_mm: of a sheet, width and height, for words; None: it is not known.
+    Its memory does not grow with the run. size_mm: width and height of a sheet, for descriptions; None: unknown.
     """
 
     def __init__(self, size_mm: tuple[float, float] | None = None) -> None:
         self._size_mm = size_mm
         self._number = 0
         self._last = -1
-        """Sheet that was added last."""
+        """Number of the last sheet that was added."""
         self._blind = 0
-        """Sheets so far at which nobody looked."""
+        """Number of sheets so far that were not inspected."""
         self._known: dict[tuple[str, Scope, str], list[_Tracked]] = {}
 
     @property
     def open(self) -> tuple[Incident, ...]:
-        """Those that go on, by number."""
+        """Incidents that have not ended, by number."""
         return tuple(one.incident(self._size_mm) for one in self._all_open())
 
     @property
     def number(self) -> int:
-        """How many there were, those that have ended among them."""
+        """Number of incidents so far, ended ones included."""
         return self._number
 
     def add(self, record: PageRecord) -> tuple[IncidentChange, ...]:
-        """The next sheet; returns what became of incidents, of the one that the sheet belongs to last.
+        """Add the next sheet; return the changes of incidents, that of the sheet's own incident last.
 
-        ValueError: its number is not above the last one's.
+        ValueError: its number is not above that of the sheet before.
         """
         sheet = record.sheet
         if sheet <= self._last:
@@ -209,32 +214,32 @@ class Incidents:
         self._last = sheet
         causes = causes_of(record)
         for cause in causes[1:]:
-            if (held := self._same(cause, sheet)) is not None and held.ended_with is None:
-                held.seen(sheet, self._blind, cause)
+            if (secondary := self._same(cause, sheet)) is not None and secondary.ended_with is None:
+                secondary.seen(sheet, self._blind, cause)
         belongs = self._taken(causes[0], record) if causes else ()
         return (*changes, *self._ended(sheet), *belongs)
 
     def passed(self, last_sheet: int | None = None) -> tuple[IncidentChange, ...]:
-        """Good sheets that were left out have passed, up to ``last_sheet``; what has ended meanwhile."""
+        """Advance over good sheets that were left out, up to ``last_sheet``; return what ended meanwhile."""
         self._last = self._last if last_sheet is None else max(self._last, last_sheet)
         return self._ended(self._last)
 
     def finish(self, last_sheet: int | None = None) -> tuple[IncidentChange, ...]:
-        """No more sheets come: what is open ends. last_sheet: of the run, where good ones were left out."""
+        """End all open incidents. last_sheet: of the run, if good sheets were left out."""
         changes = self.passed(last_sheet)
         return (*changes, *(self._end(one, self._last) for one in self._all_open()))
 
     def _all_open(self) -> list[_Tracked]:
-        found = [one for tracked in self._known.values() for one in tracked if one.ended_with is None]
-        return sorted(found, key=lambda one: one.number)
+        incidents = [one for tracked in self._known.values() for one in tracked if one.ended_with is None]
+        return sorted(incidents, key=lambda one: one.number)
 
     def _ended(self, upto: int) -> tuple[IncidentChange, ...]:
-        """What ends with a sheet or before; of those that were not added, each was looked at."""
+        """Return the incidents that end at ``upto`` or before; sheets that were not added count as analysed."""
         changes = []
         for one in self._all_open():
-            looked_at = upto - one.seen_sheet - (self._blind - one.seen_blind)
-            if looked_at >= one.patience:
-                changes.append(self._end(one, upto - (looked_at - one.patience)))
+            analysed = upto - one.seen_sheet - (self._blind - one.seen_blind)
+            if analysed >= one.patience:
+                changes.append(self._end(one, upto - (analysed - one.patience)))
         return tuple(sorted(changes, key=lambda change: change.incident.ended_with or 0))
 
     def _end(self, one: _Tracked, sheet: int) -> IncidentChange:
@@ -242,7 +247,7 @@ class Incidents:
         return IncidentChange(what="ended", incident=one.incident(self._size_mm))
 
     def _taken(self, cause: Cause, record: PageRecord) -> tuple[IncidentChange]:
-        """The sheet's own incident: one that is known, or a new one."""
+        """Assign a sheet to its incident, which is opened if no known one matches."""
         one = self._same(cause, record.sheet)
         what: What = "grew"
         if one is None:
@@ -259,7 +264,7 @@ class Incidents:
         return (IncidentChange(what=what, incident=one.incident(self._size_mm)),)
 
     def _same(self, cause: Cause, sheet: int) -> _Tracked | None:
-        """The incident of a cause: an open one before one that has ended, then the nearest; None: there is none."""
+        """Return the incident of a cause, open ones first, then the nearest; None: there is none."""
         near = [
             (one.ended_with is not None, gap, one.number, one)
             for one in self._known.get(cause.group, [])
@@ -268,9 +273,11 @@ class Incidents:
         return min(near, key=lambda one: one[:3])[3] if near else None
 
     def _forget(self, sheet: int) -> None:
-        """Leave out incidents that ended too long ago to come back."""
-        kept = {group: [one for one in known if one.may_go_on(sheet)] for group, known in self._known.items()}
-        self._known = {group: known for group, known in kept.items() if known}
+        """Drop incidents that ended too long ago to recur."""
+        remaining = {
+            group: [one for one in known if one.may_go_on(sheet)] for group, known in self._known.items()
+        }
+        self._known = {group: known for group, known in remaining.items() if known}
 
 
 def incidents_of(
@@ -280,9 +287,9 @@ def incidents_of(
     last_sheet: int | None = None,
     ended: bool = True,
 ) -> list[Incident]:
-    """All incidents of records in the order of their run, by number.
+    """Return all incidents of records in the order of their run, by number.
 
-    last_sheet: of the run, where good ones were left out. ended: whether the run has.
+    last_sheet: of the run, if good sheets were left out. ended: whether the run has ended.
     """
     incidents, found = Incidents(size_mm), dict[int, Incident]()
     for record in records:
@@ -294,7 +301,7 @@ def incidents_of(
 
 @dataclass(slots=True)
 class _Line:
-    """A straight line through points that are forgotten, by Welford's running moments."""
+    """Regression line over points that are not stored, from Welford's running moments."""
 
     count: int = 0
     x: float = 0.0
@@ -315,7 +322,7 @@ class _Line:
         self.last_x = x
 
     def trend(self) -> Trend | None:
-        """None: there is no point."""
+        """Return the trend of the points so far; None: there is no point."""
         if not self.count:
             return None
         slope = self.xy / self.xx if self.xx > 0 else 0.0
@@ -331,7 +338,7 @@ class _Line:
 
 
 class _Tracked:
-    """An incident as it goes on."""
+    """Mutable state of an incident."""
 
     def __init__(self, *, number: int, cause: Cause, first: PageRecord) -> None:
         self.number, self.kind, self.scope = number, cause.kind, cause.scope
@@ -347,23 +354,23 @@ class _Tracked:
         self._score, self._size = _Line(), _Line()
 
     def may_go_on(self, sheet: int) -> bool:
-        """Whether a sheet may be its next."""
+        """Return whether the incident is open, or may recur with this sheet."""
         return self.ended_with is None or sheet - self.ended_with <= RETURNS_WITHIN
 
     def gap_mm(self, cause: Cause) -> float:
-        """How far a cause of its group lies off its last place; below 0: it overlaps."""
+        """Return the gap between a cause of its group and its last place; below 0: they overlap."""
         if self.scope in ("sheet", "run") or self._place is None or cause.box_mm is None:
             return 0.0
         return gap_mm(self._place, cause.box_mm, column=self.scope == "column")
 
     def seen(self, sheet: int, blind: int, cause: Cause) -> None:
-        """It is there on a sheet, be it the sheet's own or another's beside it."""
+        """Note that the cause appears on a sheet, as the sheet's own cause or as a secondary one."""
         self.patience = min(max(self.patience, 2 * (sheet - self.seen_sheet)), 2 * RETURNS_WITHIN)
         self.seen_sheet, self.seen_blind = sheet, blind
         self._place = cause.box_mm
 
     def take(self, cause: Cause, record: PageRecord) -> None:
-        """A sheet of its own."""
+        """Add a sheet whose own cause this is."""
         self.count += 1
         self._last = record
         self._sheets.append(record.sheet)
@@ -379,7 +386,7 @@ class _Tracked:
             self._score.add(record.sheet, cause.score)
 
     def incident(self, size_mm: tuple[float, float] | None) -> Incident:
-        """As it is now."""
+        """Return the incident as of the latest sheet."""
         where = ""
         if self.scope != "run":
             where = in_words(self._around, column=self.scope == "column", size_mm=size_mm)

@@ -1,5 +1,7 @@
-"""What a run says that is of no sheet: a page of the job that cannot be used, a source that has fallen silent, and of
-the run as a whole: a promise that does not hold.
+"""Notices of a run that belong to no sheet.
+
+They concern a page of the job that cannot be used, a source that has gone silent, or the run as a whole, such as
+a false-alarm rate that does not hold.
 """
 
 from __future__ import annotations
@@ -38,17 +40,17 @@ NoticeKind = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notice:
-    """Something that whoever watches must know at once."""
+    """A message for whoever watches the run, to be shown at once."""
 
     kind: NoticeKind
     text: str
-    """One line for people."""
+    """Message in one line."""
 
 
 class Silence:
-    """How long a source has given no line: said once when that has lasted too long, and once when it is over.
+    """Monitor of a source's silence: one notice when it is too long, and one when it is over.
 
-    One thread reads the source through ``heard``; another asks ``check`` now and then.
+    One thread reads the source through ``heard``; another calls ``check`` now and then.
     """
 
     def __init__(
@@ -57,10 +59,10 @@ class Silence:
         self._limit_s, self._say, self._clock = limit_s, say, clock
         self._guard = threading.Lock()
         self._since_s: float | None = None
-        self._said = False
+        self._reported = False
 
     def heard(self, blocks: Iterator[LineBlock]) -> Iterator[LineBlock]:
-        """The same blocks; what their taker does between two of them is no silence."""
+        """Yield the same blocks; time that their consumer takes between two of them is not silence."""
         while True:
             with self._guard:
                 self._since_s = self._clock()
@@ -74,32 +76,32 @@ class Silence:
             yield block
 
     def check(self) -> None:
-        """Say it, if it has lasted too long."""
+        """Give a notice if the silence has lasted too long."""
         with self._guard:
             since_s = self._since_s
-            if self._said or since_s is None or self._clock() - since_s < self._limit_s:
+            if self._reported or since_s is None or self._clock() - since_s < self._limit_s:
                 return
-            self._said = True
+            self._reported = True
             self._say(Notice(kind="silent", text=f"no line has come for {self._limit_s:g} s"))
 
     def _over(self, *, came: bool) -> None:
         with self._guard:
             since_s, self._since_s = self._since_s, None
-            if self._said and came and since_s is not None:
+            if self._reported and came and since_s is not None:
                 lasted_s = self._clock() - since_s
                 self._say(Notice(kind="lines-again", text=f"lines come again, after {lasted_s:.0f} s"))
-            self._said = False
+            self._reported = False
 
 
 class PageWarnings:
-    """Warnings of pages as these are made ready, each told once; by several threads."""
+    """Warnings of pages as these are prepared, each reported once; safe for several threads."""
 
     def __init__(self, say: Callable[[Notice], None], known: Iterable[PageWarning] = ()) -> None:
-        """``known``: those that were told before the run."""
+        """``known``: warnings that were reported before the run."""
         self._say, self._known, self._guard = say, set(known), threading.Lock()
 
     def add(self, warnings: Iterable[PageWarning]) -> None:
-        """Tell those of a page that nobody was told yet."""
+        """Report the warnings of a page that have not been reported yet."""
         with self._guard:
             new = [warning for warning in warnings if warning not in self._known]
             self._known.update(new)
@@ -108,7 +110,7 @@ class PageWarnings:
 
 
 class Unusable:
-    """Designs that cannot be made ready, and why; every reason is said once. Asked and told by several threads."""
+    """Designs that could not be prepared, and why; every reason is reported once. Safe for several threads."""
 
     def __init__(self, say: Callable[[Notice], None]) -> None:
         self._say = say
@@ -116,12 +118,12 @@ class Unusable:
         self._why: dict[Hashable, tuple[str, str]] = {}
 
     def __getitem__(self, design: Hashable) -> str:
-        """Why one cannot be used; empty: nothing is known against it."""
+        """Return why a design cannot be used; empty: no failure is recorded."""
         with self._guard:
             return self._why.get(design, ("", ""))[1]
 
     def add(self, design: Hashable, name: str, error: Exception) -> None:
-        """It could not be made ready; name: of its page."""
+        """Record that a design could not be prepared; name: of its page."""
         why = reason_of(error, of=f"page {name} could not be made ready")
         with self._guard:
             if self._why.get(design, ("", ""))[1] == why:
@@ -131,7 +133,7 @@ class Unusable:
         self._say(Notice(kind="page-unusable", text=text))
 
     def remove(self, design: Hashable) -> None:
-        """It is ready after all."""
+        """Record that a design has been prepared after all."""
         with self._guard:
             was = self._why.pop(design, None)
         if was is not None:

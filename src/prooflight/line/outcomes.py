@@ -1,4 +1,4 @@
-"""What became of each sheet, put in the order of the run."""
+"""Outcomes of sheets, and their order in the run."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from prooflight.line.monitor.run import Announcement, RunMonitor
     from prooflight.line.sheets.records import Fault, MissingPage, SeenPage
 
-SPOILT: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
-"""Faults of a sheet whose scan says nothing of the run."""
+CORRUPTED: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "blank", "splice", "unknown"})
+"""Faults of a sheet whose scan is no evidence about the run."""
 LEFT_OUT: Final = "not a number that a page can have: {}; left out of the run"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outcome:
-    """One sheet, or one page that did not come."""
+    """The outcome of one sheet, or of one page that did not come."""
 
     record: PageRecord
     latency_s: float | None = None
-    """From its last line to its verdict; None: it was not inspected."""
+    """Time from its last line to its verdict; None: it was not inspected."""
     evidence: PageEvidence
-    """What it adds to its run."""
+    """Its contribution to the run monitor."""
     came: bool = True
-    """False: no sheet, but a page that did not come."""
+    """Whether a sheet came; False: the outcome of a missing page."""
     announcements: tuple[Announcement, ...] = ()
-    """What the run says with it; known when it has been put in order."""
+    """Announcements of the run monitor at this sheet; set once the outcomes are in order."""
     notices: tuple[Notice, ...] = ()
-    """What the run says then that is of no channel."""
+    """Notices of the run at this sheet that belong to no channel."""
 
 
 def outcome(
@@ -55,10 +55,10 @@ def outcome(
     kept: Mapping[str, NDArray[Any]] | None = None,
     asked: float | None = None,
 ) -> Outcome:
-    """Of a sheet that was inspected."""
+    """Return the outcome of a sheet that was inspected."""
     kinds = kinds_of(seen.faults)
-    told = evidence if evidence is not None and not SPOILT & set(kinds) else PageEvidence()
-    left_out, told = told.unsound, told.sound()
+    usable = evidence if evidence is not None and not CORRUPTED & set(kinds) else PageEvidence()
+    left_out, usable = usable.unsound, usable.sound()
     record = PageRecord(
         sheet=number,
         job_page=seen.job_page,
@@ -68,22 +68,25 @@ def outcome(
         time_s=seen.last_line_time_s,
         faults=kinds,
         notes=(*lost_lines(seen), *((LEFT_OUT.format(", ".join(left_out)),) if left_out else ())),
-        nuisance=dict(told.values),
+        nuisance=dict(usable.values),
         asked=asked,
         evidence=kept,
     )
-    return Outcome(record=record, latency_s=latency_s, evidence=told)
+    return Outcome(record=record, latency_s=latency_s, evidence=usable)
 
 
 def skipped(number: int, seen: SeenPage, why: str, *, name: str | None = None) -> Outcome:
-    """Of a sheet that nobody inspected; why: in one line. name: of the page that it shows or is taken for."""
+    """Return the outcome of a sheet that was not inspected.
+
+    why: the reason, in one line. name: of the page that it shows or is taken for.
+    """
     if name is None:
         name = f"sheet {number}" if seen.job_page is None else page_name(seen.job_page + 1)
     return outcome(number, seen, Verdict.skipped(name, why))
 
 
 def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
-    """Of a sheet that shows no page of the job: there is nothing to compare it with, and nothing right about it."""
+    """Return the outcome of a sheet that shows no page of the job: it is a misprint."""
     kinds = kinds_of(seen.faults)
     blank = "blank" in kinds
     reason = "; ".join(fault.detail for fault in seen.faults) or "the sheet shows no page of the job"
@@ -96,7 +99,7 @@ def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
 
 
 def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
-    """Of a page of the job that did not come; name: its own."""
+    """Return the outcome of a page of the job that did not come; name: its own."""
     reason = "; ".join(fault.detail for fault in page.faults)
     record = PageRecord(
         sheet=number,
@@ -111,26 +114,26 @@ def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | N
 
 
 def lost_lines(seen: SeenPage) -> tuple[str, ...]:
-    """What is said of a sheet of which the camera lost lines: which, and why."""
+    """Return the notes on a sheet of which the camera lost lines: which, and why."""
     if not (seen.unseen or seen.torn):
         return ()
     return tuple(f"lines lost: {fault.detail}" for fault in seen.faults if fault.kind == "lost-lines")
 
 
 def kinds_of(faults: Sequence[Fault]) -> tuple[str, ...]:
-    """Kinds of faults, each once."""
+    """Return the kinds of the faults, each once."""
     return tuple(dict.fromkeys(fault.kind for fault in faults))
 
 
 class InOrder:
-    """Gives outcomes on in the order of their sheets, whichever is decided first; every sheet has one."""
+    """Reorder buffer: releases outcomes in the order of their sheets; every sheet has exactly one."""
 
     def __init__(self) -> None:
         self._next = 0
         self._early: dict[int, Outcome] = {}
 
     def put(self, outcome: Outcome) -> list[Outcome]:
-        """Add one; returns those whose turn has come."""
+        """Add an outcome; return those whose turn has come."""
         self._early[outcome.record.sheet] = outcome
         ready = []
         while self._next in self._early:
@@ -141,23 +144,23 @@ class InOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunWatch:
-    """What the run as a whole says, sheet after sheet."""
+    """Monitors of the run as a whole, updated sheet by sheet."""
 
     monitor: RunMonitor
     adapting: Adapting | None
     sheets: int | None
-    """In the run; None: nobody said."""
+    """Number of sheets in the run; None: unknown."""
     promise: PromiseWatch = field(default_factory=PromiseWatch)
     pace: Pace = field(default_factory=Pace)
 
     def add(self, outcome: Outcome) -> Outcome:
-        """The next sheet, in order; returns it with what the run says now."""
+        """Add the next sheet in order; return its outcome with what the monitors report at it."""
         number, evidence = outcome.record.sheet, outcome.evidence
         left = None if self.sheets is None else max(self.sheets - 1 - (outcome.record.job_page or number), 0)
-        said = self.monitor.see(number, evidence, pages_left=left)
+        announcements = self.monitor.see(number, evidence, pages_left=left)
         if self.adapting is not None:
             for name, level in self.adapting.see(evidence.values):
-                said += self.monitor.excursion(number, name, level, pages_left=left)
+                announcements += self.monitor.excursion(number, name, level, pages_left=left)
         news = []
         design = number if outcome.record.job_page is None else outcome.record.job_page
         if self.promise.add(outcome.record.verdict, evidence.summary, design):
@@ -165,8 +168,8 @@ class RunWatch:
         if outcome.came and (said_of_pace := self.pace.add(outcome.record)) is not None:
             news.append(said_of_pace)
         verdict = self.promise.marked(outcome.record.verdict)
-        if not (said or news) and verdict is outcome.record.verdict:
+        if not (announcements or news) and verdict is outcome.record.verdict:
             return outcome
-        notes = (*outcome.record.notes, *(one.text for one in said), *(one.text for one in news))
+        notes = (*outcome.record.notes, *(one.text for one in announcements), *(one.text for one in news))
         record = replace(outcome.record, verdict=verdict, notes=notes)
-        return replace(outcome, record=record, announcements=tuple(said), notices=tuple(news))
+        return replace(outcome, record=record, announcements=tuple(announcements), notices=tuple(news))

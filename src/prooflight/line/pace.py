@@ -1,4 +1,4 @@
-"""Whether inspection keeps pace with the press: an alarm of the run as a whole, not of single sheets."""
+"""Detection of overload: inspection that does not keep pace is an alarm of the run, not of single sheets."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ NO_ROOM: Final = "too many sheets waited"
 TOO_LATE: Final = "its verdict would have come too late"
 NOT_READY: Final = "its design was not ready in time"
 OUT_OF_TIME: Final = frozenset({NO_ROOM, TOO_LATE, NOT_READY})
-"""Why a sheet was not inspected where inspection did not keep pace."""
+"""Reasons of sheets that were not inspected because inspection did not keep pace."""
 RECENT: Final = 100
-"""Sheets by which that is judged."""
+"""Number of recent sheets that decide about overload."""
 ALARM_FROM: Final = 5
-"""Sheets among the recent ones. assumed: one burst of another process costs three or four."""
+"""Number of the recent sheets out of time that raises the alarm. assumed: one burst of another process costs
+three or four."""
 REMEDY: Final = "run the press slower, print fewer designs in turn, or prepare the job with `prooflight rip`"
 
 
@@ -47,16 +48,16 @@ def overload_text(late: int, recent: int) -> str:
 
 @dataclass(slots=True)
 class Pace:
-    """Follows a run sheet by sheet."""
+    """Overload detector of a run, updated sheet by sheet."""
 
     overloaded: bool = False
     _recent: deque[bool] = field(default_factory=lambda: deque(maxlen=RECENT))
 
     def add(self, record: PageRecord) -> Notice | None:
-        """Take the next sheet; return what is to be said with it, where that is another thing than before."""
+        """Add the next sheet; return a notice if the alarm begins or ends with it."""
         self._recent.append(out_of_time(record))
         late, was = sum(self._recent), self.overloaded
-        # It ends when none is left: an alarm that comes and goes at one number of sheets tells nobody anything.
+        # Hysteresis: the alarm ends when none is left, so that it does not flicker around the threshold.
         self.overloaded = late >= ALARM_FROM or (was and late > 0)
         if self.overloaded and not was:
             text = f"{overload_text(late, len(self._recent))}; {REMEDY}"

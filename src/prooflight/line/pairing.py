@@ -1,8 +1,8 @@
-"""Two runs that each saw one side of the same sheets, fronts and backs, put together to sheets.
+"""Pairing of two runs that each saw one side of the same sheets, fronts and backs.
 
-A press with a camera a side is watched by two runs: the fronts as a job of the odd pages, the backs as one of the even.
-Both runs place their sides in their job, so that the front and the back of one place are one sheet, also where one of
-the cameras lost a sheet.
+A press with one camera for each side is watched by two runs: the fronts as a job of the odd pages, the backs as
+one of the even. Both runs locate their sides in their job, so that the front and the back at one place form one
+sheet, even if one of the cameras lost a sheet.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
 
 NO_END: Final = 2**62
-"""Sheets of two runs of which nobody says how many come."""
+"""Number of sheets assumed of two runs whose length is unknown."""
 
 
 def pair_plan(fronts: RunRow, backs: RunRow, *, sheets_a_job: int, pages_a_set: int | None) -> SheetPlan:
-    """How the sides of two runs lie on sheets. sheets_a_job: of one copy; pages_a_set: of the job, both sides.
+    """Return how the sides of two runs form sheets.
 
-    RequestError: a run laid its job on sheets itself, or so many pages make no whole sets.
+    sheets_a_job: of one copy; pages_a_set: of the job, both sides. RequestError: a run was watched with a layout
+    of its own, or so many pages make no whole sets.
     """
     for run, what in ((fronts, "fronts"), (backs, "backs")):
         if run.facts.settings.get("layout") is not None:
@@ -37,17 +38,17 @@ def pair_plan(fronts: RunRow, backs: RunRow, *, sheets_a_job: int, pages_a_set: 
             raise RequestError(
                 "run pair", why, remedy="pair runs that saw one page a side, watched without --layout"
             )
-    words = "sides=2" if pages_a_set is None else f"sides=2,pages-a-set={pages_a_set}"
-    layout = Layout.parse(words).of(2 * sheets_a_job)
+    spec = "sides=2" if pages_a_set is None else f"sides=2,pages-a-set={pages_a_set}"
+    layout = Layout.parse(spec).of(2 * sheets_a_job)
     return SheetPlan(layout=layout, sides=2 * sheets_a_job, sheets=NO_END)
 
 
 def paired(
     plan: SheetPlan, fronts: Iterable[PageRecord], backs: Iterable[PageRecord]
 ) -> Iterator[SheetVerdict | SetVerdict]:
-    """Sheets and sets of two runs from all their rows, in order; a side keeps the number that its run gave it.
+    """Yield the sheets and sets of two runs from all their rows, in order; a side keeps its number in its run.
 
-    What lacks a side is not inspected. A row that nobody can place belongs to no sheet.
+    A sheet that lacks a side is not inspected. A row whose page is unknown belongs to no sheet.
     """
     assembling = Assembling(plan)
     for _, record in heapq.merge(_placed(fronts, 0), _placed(backs, 1), key=lambda one: one[0]):
@@ -56,7 +57,7 @@ def paired(
 
 
 def _placed(records: Iterable[PageRecord], back: int) -> Iterator[tuple[int, PageRecord]]:
-    """Rows with the position of their side among those of both runs."""
+    """Yield rows with the position of their side among those of both runs."""
     for record in records:
         if record.job_page is not None:
             position = 2 * record.job_page + back

@@ -1,4 +1,4 @@
-"""Where on a sheet something lies, in words that a person at the press can follow."""
+"""Description of places on a sheet in words that an operator can follow."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ Box = tuple[float, float, float, float]
 """x, y, width and height. [mm]"""
 
 ALL_OVER_SHARE: Final = 0.6
-"""What covers more of the sheet than this is all over it."""
+"""Share of the sheet's area above which a box counts as all over the sheet."""
 ACROSS_SHARE: Final = 0.8
-"""What is wider than this share of the sheet lies across it."""
+"""Share of the sheet's width above which a box counts as across the sheet."""
 DOWN: Final = ("top", "middle", "bottom")
 ACROSS: Final = ("left", "centre", "right")
 
 
 def in_words(box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, float] | None = None) -> str:
-    """Where a box lies. column: only across counts, as of a streak. size_mm: of the sheet, where it is known.
+    """Return a description of a box's place on the sheet.
+
+    column: only the position across counts, as for a streak. size_mm: of the sheet, if known.
 
     >>> in_words((52.0, 12.0, 3.2, 4.1), size_mm=(210.0, 297.0))
     'top left, around 54 mm from the left and 14 mm from the top (3.2 x 4.1 mm)'
@@ -49,8 +51,8 @@ def in_words(box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, 
     return _joined(f"{down} {across}".strip(), place)
 
 
-def _third(words: tuple[str, str, str], at_mm: float, of_mm: float) -> str:
-    return words[min(max(int(3 * at_mm / of_mm), 0), 2)]
+def _third(names: tuple[str, str, str], at_mm: float, of_mm: float) -> str:
+    return names[min(max(int(3 * at_mm / of_mm), 0), 2)]
 
 
 def _joined(field: str, place: str) -> str:
@@ -58,7 +60,7 @@ def _joined(field: str, place: str) -> str:
 
 
 def around(one: Box, other: Box) -> Box:
-    """The box around both."""
+    """Return the bounding box of two boxes."""
     left, top = min(one[0], other[0]), min(one[1], other[1])
     right = max(one[0] + one[2], other[0] + other[2])
     bottom = max(one[1] + one[3], other[1] + other[3])
@@ -66,9 +68,9 @@ def around(one: Box, other: Box) -> Box:
 
 
 def gap_mm(one: Box, other: Box, *, column: bool) -> float:
-    """How far two boxes lie apart in the axis in which they do so most; below 0: they overlap by so much there.
+    """Return the gap between two boxes: the larger of those along the two axes; below 0, they overlap.
 
-    column: across only.
+    column: only the axis across counts.
     """
     axes = (0,) if column else (0, 1)
     return max(

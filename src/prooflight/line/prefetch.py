@@ -1,4 +1,4 @@
-"""Designs made ready ahead of their sheets, in threads of their own, each once."""
+"""Preparation of designs ahead of their sheets, in threads of their own, each once."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 FORESIGHT: Final = 2000
-"""Coming sheets that are looked at to choose the design that is needed last. Assumed: twice the designs that a machine
-holds at most."""
+"""Number of coming sheets that are searched for the design needed last. Assumed: twice the designs that a
+machine holds at most."""
 RETRY_S: Final = 30.0
-"""Until a design is tried again that could not be made ready: somebody may have sent its file once more."""
+"""Time until a design that failed is tried again: its file may have been sent once more."""
 Ready = TypeVar("Ready")
 Made = TypeVar("Made")
 
@@ -37,16 +37,16 @@ class PageBook(Protocol):
     def __len__(self) -> int: ...
 
     def design(self, sheet: int) -> Hashable:
-        """What tells one design from another: sheets of one design look the same."""
+        """Return the key of a sheet's design: sheets of one design look the same."""
         ...
 
     def page(self, sheet: int) -> Page:
-        """What is printed on a sheet, from 0, as it enters the press; always called by the same thread."""
+        """Return what is printed on a sheet, from 0, as it enters the press; always called by the same thread."""
         ...
 
 
 def size_bytes(value: object) -> int:
-    """Memory of all arrays in nested dataclasses, tuples and lists, each counted once."""
+    """Return the memory of all arrays in nested dataclasses, tuples and lists, each counted once."""
     arrays: dict[int, int] = {}
 
     def walk(one: object) -> None:
@@ -64,11 +64,12 @@ def size_bytes(value: object) -> int:
 
 
 class DesignPrefetcher(Generic[Ready]):
-    """Makes the designs of the next sheets ready; keeps as many as fit into memory, those needed last go first.
+    """Cache of prepared designs, filled for the next sheets; the designs needed last are evicted first.
 
-    The order of a job is known, so what is needed last is too: a job of a few more designs than fit would otherwise,
-    by dropping what was used longest ago, always drop the one that comes next (Belady, IBM Systems Journal 5, 1966).
-    Designs whose sheets have passed before their turn came are not made any more: it would make the next ones late.
+    The order of a job is known, and so is the design needed last: evicting the least recently used design would,
+    in a job of a few more designs than fit, always evict the one that comes next (Belady, IBM Systems Journal 5,
+    1966). Designs whose sheets have passed before their turn came are dropped from the queue: they would delay
+    the next ones.
     """
 
     def __init__(
@@ -85,43 +86,43 @@ class DesignPrefetcher(Generic[Ready]):
         failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """made, failed: told of every design when it is ready, or with the sheet it is for why it cannot be."""
+        """made, failed: called with every design when it is ready, or with its sheet and the error if it failed."""
         self._book, self._prepare = book, prepare
-        self._took, self._size, self._told = took, size, made
-        self._tell_failed, self._clock = failed, clock
+        self._took, self._size, self._on_ready = took, size, made
+        self._on_failed, self._clock = failed, clock
         self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
-        self._kept: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
+        self._cached: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
-        self._anew: Callable[[Ready], Ready] | None = None
+        self._update: Callable[[Ready], Ready] | None = None
         self._stale: set[Hashable] = set()
         self._renewing = False
-        self._queued: dict[Hashable, int] = {}  # for which sheet; nobody waits for it yet
+        self._queued: dict[Hashable, int] = {}  # the sheet of each design that nobody waits for yet
         self._next = 0  # the sheet that comes next
         self._guard = threading.Lock()
-        self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF may not be used from several
+        self._reader = ThreadPoolExecutor(1, thread_name_prefix="pages")  # MuPDF is not thread-safe
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead", initializer=step_back)
         self._renewer = ThreadPoolExecutor(1, thread_name_prefix="renew", initializer=step_back)
 
     @property
     def ready(self) -> int:
-        """Designs that are ready."""
+        """Number of designs that are ready."""
         return len(self._bytes)
 
     @property
     def has_room(self) -> bool:
-        """Whether one more design as large as the others fits into memory."""
+        """Whether one more design of average size fits into memory."""
         with self._guard:
             used, count = sum(self._bytes.values()), len(self._bytes)
         return not count or used + used / count <= self._room_bytes
 
     def largest(self) -> Ready:
-        """The design that takes most memory of those that are ready; ValueError: none is."""
+        """Return the largest of the designs that are ready; ValueError: none is."""
         with self._guard:
-            return self._kept[max(self._bytes, key=self._bytes.__getitem__)].result()
+            return self._cached[max(self._bytes, key=self._bytes.__getitem__)].result()
 
     def still_to_fill(self) -> int:
-        """Memory that designs will take which are not ready yet; none where those that are will come again. [bytes]"""
+        """Return the memory still to be taken by designs; 0 if those that are ready will come again. [bytes]"""
         with self._guard:
             used, count = sum(self._bytes.values()), len(self._bytes)
         more = len(self._book) - count if len(self._book) else self._depth
@@ -129,7 +130,7 @@ class DesignPrefetcher(Generic[Ready]):
         return 0 if again or not count else min(more * used // count, max(self._room_bytes - used, 0))
 
     def expect(self, sheet: int) -> None:
-        """A sheet of the job and those after it come next."""
+        """Announce that a sheet of the job and those after it come next."""
         self._next = sheet
         self._drop_before(sheet)
         last = len(self._book) if len(self._book) else sheet + self._depth
@@ -138,47 +139,47 @@ class DesignPrefetcher(Generic[Ready]):
         self._renew_one(coming)
 
     def begin(self, sheets: Iterable[int]) -> None:
-        """Have the designs of these sheets made ready, but for those that could not be lately; wait for none."""
+        """Queue the designs of these sheets, except those that failed lately; do not wait."""
         for sheet in sheets:
             if not self._failed_lately(sheet):
-                self._asked(sheet)
+                self._requested(sheet)
 
     def get(self, sheet: int, *, timeout_s: float | None = None) -> Ready:
-        """The design of a sheet, made ready now if it is not yet; raises what its making raised, or TimeoutError."""
-        asked = self._asked(sheet)
+        """Return a sheet's design, prepared now if need be; raise the error of its preparation, or TimeoutError."""
+        requested = self._requested(sheet)
         with self._guard:
             self._queued.pop(self._book.design(sheet), None)
-        return asked.result(timeout_s)
+        return requested.result(timeout_s)
 
     def renew(
         self, prepare: Callable[[Page], Ready], *, again: Callable[[Ready], Ready] | None = None
     ) -> None:
-        """From now on designs are made so; what is ready may be used until it is made again.
+        """Prepare designs with ``prepare`` from now on; ready ones may be used until they are prepared again.
 
-        again: makes a design anew that is ready, with less work.
+        again: prepares a design again that is ready, with less work.
         """
         with self._guard:
-            self._prepare, self._anew = prepare, again
+            self._prepare, self._update = prepare, again
             self._stale = set(self._bytes)
 
     def close(self) -> None:
-        """End the threads; what is under way is finished, what is not is dropped."""
+        """End the threads; work under way is finished, queued work is dropped."""
         for pool in (self._pool, self._renewer, self._reader):
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def _asked(self, sheet: int) -> Future[Ready]:
+    def _requested(self, sheet: int) -> Future[Ready]:
         design = self._book.design(sheet)
         with self._guard:
-            known = self._kept.get(design)
-            if known is not None:
-                self._kept.move_to_end(design)
+            cached = self._cached.get(design)
+            if cached is not None:
+                self._cached.move_to_end(design)
                 if design in self._queued:
                     self._queued[design] = sheet
-                return known
-            asked = self._pool.submit(self._made, design, sheet)
-            self._kept[design] = asked
+                return cached
+            requested = self._pool.submit(self._prepared, design, sheet)
+            self._cached[design] = requested
             self._queued[design] = sheet
-            return asked
+            return requested
 
     def _failed_lately(self, sheet: int) -> bool:
         with self._guard:
@@ -188,11 +189,11 @@ class DesignPrefetcher(Generic[Ready]):
     def _drop_before(self, sheet: int) -> None:
         with self._guard:
             for design, number in list(self._queued.items()):
-                if number < sheet and self._kept[design].cancel():
-                    del self._kept[design], self._queued[design]
+                if number < sheet and self._cached[design].cancel():
+                    del self._cached[design], self._queued[design]
 
     def _renew_one(self, coming: range) -> None:
-        """Make one stale design again, the last to be needed: it may do without, so nothing must wait for it."""
+        """Prepare one stale design again, the last to be needed: it can be used as it is, so nothing must wait."""
         with self._guard:
             stale = (number for number in reversed(coming) if self._book.design(number) in self._stale)
             sheet = next(stale, None)
@@ -203,18 +204,18 @@ class DesignPrefetcher(Generic[Ready]):
             self._stale.discard(design)
             self._renewer.submit(self._again, design, sheet)
 
-    def _made(self, design: Hashable, sheet: int) -> Ready:
+    def _prepared(self, design: Hashable, sheet: int) -> Ready:
         with self._guard:
             self._queued.pop(design, None)
         try:
             ready = self._timed(sheet)
-            self._told(design, ready)
+            self._on_ready(design, ready)
         except BaseException as error:
             with self._guard:
-                self._kept.pop(design, None)
+                self._cached.pop(design, None)
                 self._failed_s[design] = self._clock()
             if isinstance(error, Exception):
-                self._tell_failed(design, sheet, error)
+                self._on_failed(design, sheet, error)
             raise
         with self._guard:
             self._failed_s.pop(design, None)
@@ -225,16 +226,16 @@ class DesignPrefetcher(Generic[Ready]):
     def _again(self, design: Hashable, sheet: int) -> None:
         ready: Future[Ready] = Future()
         with self._guard:
-            anew, kept = self._anew, self._kept.get(design)
+            update, cached = self._update, self._cached.get(design)
         try:
-            if anew is None or kept is None:
+            if update is None or cached is None:
                 ready.set_result(self._timed(sheet))
             else:
-                ready.set_result(self._timed_call(anew, kept.result()))
+                ready.set_result(self._timed_call(update, cached.result()))
             with self._guard:
-                if design in self._kept:
-                    self._kept[design] = ready
-        except Exception:  # what is ready goes on being used
+                if design in self._cached:
+                    self._cached[design] = ready
+        except Exception:  # the ready one remains in use
             _log.exception("the design of sheet %d could not be made anew", sheet)
         finally:
             self._renewing = False
@@ -249,14 +250,14 @@ class DesignPrefetcher(Generic[Ready]):
         return ready
 
     def _make_room(self, but: Hashable) -> None:
-        """Drop the designs that are needed last until what is ready fits into memory; of equals, the oldest."""
+        """Evict the designs needed last until the rest fits into memory; of equals, the oldest."""
         while sum(self._bytes.values()) > self._room_bytes:
-            others = [design for design in self._kept if design != but and design in self._bytes]
+            others = [design for design in self._cached if design != but and design in self._bytes]
             if not others:
                 return
             needed = self._needed(others)
             last = max(others, key=lambda design: needed.get(design, math.inf))
-            del self._kept[last], self._bytes[last]
+            del self._cached[last], self._bytes[last]
             self._stale.discard(last)
 
     def _needed(self, designs: Iterable[Hashable]) -> dict[Hashable, int]:

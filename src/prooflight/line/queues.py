@@ -1,4 +1,4 @@
-"""Sheets that wait for a verdict: a bounded room with a rule for when the machine is too slow."""
+"""Bounded queue of sheets that wait for a verdict, and the rule by which it drops them."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sheet:
-    """A sheet that shows a page of the job, and when its verdict is due."""
+    """A sheet that shows a page of the job, and the time at which its verdict is due."""
 
     number: int
-    """Place in the run, from 0."""
+    """Position in the run, from 0."""
     job_page: int
-    """That it shows."""
+    """Page of the job that it shows."""
     seen: SeenPage
     arrived_s: float
-    """When its last line was read, by the watcher's clock."""
+    """Time at which its last line was read, by the watcher's clock."""
     deadline_s: float
-    """By the same; infinite where the source waits for us."""
+    """Time at which its verdict is due, by the same clock; infinite if the source can wait."""
 
 
 class Waiting(Generic[Item]):
-    """Sheets in the order they came.
+    """Queue of sheets in order of arrival.
 
-    A source that can wait is made to: ``put`` returns when there is room. One that cannot loses sheets, by this rule:
-    where there is no room the oldest sheet goes, for its time is up first; and a sheet whose verdict would come too
-    late is passed over while a younger one waits, for it would only make that one late as well. What goes is
-    returned, so that nobody loses sight of it.
+    A source that can wait is made to: ``put`` returns when there is room. One that cannot wait loses sheets, by
+    this rule: if there is no room, the oldest sheet is dropped, since its time is up first; and a sheet whose
+    verdict would come too late is dropped while a younger one waits, since it would only make that one late as
+    well. Dropped sheets are returned, so that each is accounted for.
     """
 
     def __init__(self, room: int, *, source_waits: bool) -> None:
@@ -49,45 +49,45 @@ class Waiting(Generic[Item]):
         return len(self._items)
 
     def put(self, item: Item, deadline_s: float) -> list[Item]:
-        """Add a sheet; returns those that went."""
+        """Add a sheet; return those that were dropped."""
         with self._changed:
             while self._source_waits and len(self._items) >= self._room and not self._closed:
                 self._changed.wait()
-            gone = []
+            dropped = []
             while len(self._items) >= self._room and not self._source_waits:
-                gone.append(self._items.popleft()[0])
+                dropped.append(self._items.popleft()[0])
             self._items.append((item, deadline_s))
             self._changed.notify_all()
-            return gone
+            return dropped
 
     def take(
         self, ready_s: Callable[[], float], *, behind: Callable[[], bool] = lambda: False
     ) -> tuple[Item | None, list[Item]]:
-        """Wait for a sheet; returns it, or none, and those passed over; neither: closed and empty.
+        """Wait for a sheet; return it, or None, and those dropped; None and none dropped: closed and empty.
 
-        ready_s: when a verdict on it would be there, if it were begun now. behind: whether lines are read so late that
-        younger sheets wait unread.
+        ready_s: returns the time at which its verdict would be ready if inspection began now. behind: returns
+        whether lines are read so late that younger sheets wait unread.
         """
         with self._changed:
             while not self._items and not self._closed:
                 self._changed.wait()
-            gone = []
+            dropped = []
             while self._items and self._items[0][1] < ready_s() and (len(self._items) > 1 or behind()):
-                gone.append(self._items.popleft()[0])
+                dropped.append(self._items.popleft()[0])
             taken = self._items.popleft()[0] if self._items else None
             self._changed.notify_all()
-            return taken, gone
+            return taken, dropped
 
     def close(self) -> None:
-        """No more sheets come; those that wait may still be taken."""
+        """Close the queue for new sheets; those that wait may still be taken."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     def clear(self) -> list[Item]:
-        """Take all that wait."""
+        """Remove and return all sheets that wait."""
         with self._changed:
-            gone = [item for item, _ in self._items]
+            dropped = [item for item, _ in self._items]
             self._items.clear()
             self._changed.notify_all()
-            return gone
+            return dropped

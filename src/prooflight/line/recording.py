@@ -1,4 +1,4 @@
-"""Outcomes into the journal: committed together, by a thread of its own, so that no verdict waits for a disk."""
+"""Recording of outcomes in the journal, in batches and by a thread of its own, so that no verdict waits for a disk."""
 
 from __future__ import annotations
 
@@ -20,17 +20,20 @@ _log = logging.getLogger(__name__)
 
 COMMIT_S: Final = 0.5
 COMMIT_PAGES: Final = 64
-"""What is recorded is durable after half a second or 64 pages."""
+"""Pages after which a commit begins: recorded pages are durable after this many pages or ``COMMIT_S``."""
 
 
 def ending_of(status: Status, *, stopped: bool) -> Ending:
-    """How a run ended; a source that ended before all pages came is at fault. stopped: by a person."""
+    """Return how a run ended; a source that ended before all pages came is at fault. stopped: by a person."""
     broke_off = status.phase is Phase.FAULT or (status.to_come > 0 and not stopped)
     return "fault" if broke_off else "stopped" if stopped else "finished"
 
 
 class Recorder:
-    """Writes one run of a journal; use it as a context. What then is ``unrecorded`` never will be by this process."""
+    """Writer of one run of a journal, used as a context manager.
+
+    Pages that are ``unrecorded`` after its end will not be recorded by this process.
+    """
 
     def __init__(self, journal: Journal, run_id: int) -> None:
         self.journal, self.run_id = journal, run_id
@@ -50,12 +53,12 @@ class Recorder:
 
     @property
     def durable(self) -> int:
-        """Pages that are on the disk."""
+        """Number of pages that are on the disk."""
         return max(self._recorded - self.unrecorded, 0)
 
     @property
     def unrecorded(self) -> int:
-        """Pages not in the journal, once it is closed for good: they wait, were dropped, or no row can hold them."""
+        """Number of pages not in the journal, final once it is closed: waiting, dropped, or not fit for any row."""
         return self.journal.health.unrecorded
 
     def record(self, page: PageRecord) -> None:
@@ -66,12 +69,12 @@ class Recorder:
             self._due.set()
 
     def end(self, status: Status, *, stopped: bool, detail: str = "") -> None:
-        """The run is over; stopped: by a person, before the source ended. detail: what it lacks."""
+        """End the run; stopped: by a person, before the source ended. detail: added to the status's detail."""
         ending = ending_of(status, stopped=stopped)
-        said = "; ".join(filter(None, (status.detail, detail)))
+        full_detail = "; ".join(filter(None, (status.detail, detail)))
         self.journal.commit()
         counts = asdict(status) | {"journalled": self.durable}
-        end = RunEnd(ended_s=time.time(), ending=ending, detail=said, counts=counts)
+        end = RunEnd(ended_s=time.time(), ending=ending, detail=full_detail, counts=counts)
         self.journal.end_run(self.run_id, end)
 
     def _commit_all(self) -> None:
@@ -80,5 +83,5 @@ class Recorder:
             self._due.clear()
             try:
                 self.journal.commit()
-            except Exception:  # whatever it is, pages that come must be written
+            except Exception:  # whatever it was, later pages must be written
                 _log.exception("the journal %s", self.journal.path)

@@ -1,8 +1,9 @@
-"""The running press: endless lines in, a verdict a sheet out, each before the reject gate.
+"""Inspection of a running press: a continuous stream of lines in, one verdict per sheet out before the reject gate.
 
-One thread reads the source and cuts sheets, some make designs ready ahead of them, some inspect, and one puts what they
-find in the order of the run: run monitor, journal, whoever watches. A sheet that cannot be inspected in time is passed
-on and said so (``queues.Waiting`` has the rule); a source that can wait is made to.
+One thread reads the source and cuts sheets, some prepare designs ahead of them, some inspect, and one puts the
+results in the order of the run and passes them to the run monitor, the journal and whoever watches. A sheet that
+cannot be inspected in time is passed on and reported so (``queues.Waiting`` has the rule); a source that can wait
+is made to.
 
     waiting -> preparing -> inspecting -> draining -> stopped
                    `------------`-----------`-------> fault
@@ -25,7 +26,7 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.errors import ProoflightError
 from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN, unseen_share
 from prooflight.inspection.reasons import reason_of
-from prooflight.line.book import KnownThumbnails
+from prooflight.line.book import ThumbnailCache
 from prooflight.line.notices import Notice, Silence, Unusable
 from prooflight.line.outcomes import (
     InOrder,
@@ -62,27 +63,28 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock, LineSource
 
-    Made = tuple[SheetInspector, Known, NDArray[np.float64] | None]
+    ReadyDesign = tuple[SheetInspector, Known, NDArray[np.float64] | None]
     """A design, who made it ready, and what was followed of the press then."""
 
 _log = logging.getLogger(__name__)
 
 BUSY: Final = "being_inspected"
 REHEARSALS: Final = 2
-"""By each thread that inspects."""
+"""Number of warm-up inspections by each thread that inspects."""
 MIND_S: Final = 0.25
-"""How often it is asked whether the source has fallen silent, or a person has stopped the run."""
+"""Interval of the checks whether the source has gone silent, or a person has stopped the run."""
 DOUBTED: Final = 3
-"""Pages about the expected one that a sheet may be: one that cannot be used may be any sheet like no other there."""
+"""Number of pages on either side of the expected one that an unrecognised sheet may show, if these cannot be
+used."""
 MOST_DESIGNS: Final = 1000
-"""Of a job that is printed over and over; assumed: no more fit into memory."""
+"""Greatest number of designs of a job printed repeatedly; assumed: no more fit into memory."""
 STOPPED: Final = "the run was stopped"
 BEGUN_WITHIN: Final = "the lines began within the sheet"
 CUT_SHORT: Final = "the lines ended within the sheet"
 
 
 class Running:
-    """One run of a press. ``start``, then ``join`` or ``stop``; ``status`` at any time."""
+    """One run of a press: call ``start``, then ``join`` or ``stop``; ``status`` at any time."""
 
     def __init__(
         self,
@@ -102,22 +104,36 @@ class Running:
         durable: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """pager: made when the first thumbnails are known. tell: called with every outcome, in the order of the run, by
-        one thread; notice: by the same, with what is of no sheet. arrived: by the thread that reads,
-        with each sheet that has passed and its number in the run. name: of a sheet's page. flaws: sheets whose pages
-        are known to be unusable, and why. durable: pages in the journal.
+        """Store the parts of a run.
+
+        Parameters
+        ----------
+        pager
+            Makes the pager when the first thumbnails are known.
+        tell
+            Called with every outcome, in the order of the run, by one thread.
+        notice
+            Called by the same thread with notices that belong to no sheet.
+        arrived
+            Called by the thread that reads, with each sheet that has passed and its number in the run.
+        name
+            Returns the display name of a sheet's page.
+        flaws
+            Sheets whose pages are known to be unusable, and why.
+        durable
+            Returns the number of pages in the journal.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
         self._inspector, self._watch, self._settings = inspector, watch, settings
-        self._tell, self._notice, self._saw, self._name = tell, notice, arrived, name
+        self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
-        self._thumbnails = KnownThumbnails(book)
+        self._thumbnails = ThumbnailCache(book)
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
-        self._prefetcher: DesignPrefetcher[Made] = DesignPrefetcher(
+        self._prefetcher: DesignPrefetcher[ReadyDesign] = DesignPrefetcher(
             book,
             self._maker(inspector),
             depth=settings.ahead,
@@ -132,7 +148,7 @@ class Running:
         first = range(min(len(book), MOST_DESIGNS))
         self._come_again = len({book.design(sheet) for sheet in first}) < len(first)
         self._order = InOrder()
-        self._sheets = self._told = 0
+        self._sheets = self._finished = 0
         self._noted: list[str] = []
         self._behind = False
         self._unready = 0  # sheets since the last whose design was ready
@@ -142,7 +158,7 @@ class Running:
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Begin; returns at once."""
+        """Start the threads; return at once."""
         run = threading.Thread(target=self._run, name="run", daemon=True)
         self._threads.append(run)
         run.start()
@@ -152,7 +168,7 @@ class Running:
         return self._ended.wait(timeout_s)
 
     def stop(self, *, drop: bool = False) -> None:
-        """End cleanly: no more lines are read, sheets that wait are still inspected, or dropped and said so."""
+        """End cleanly: read no more lines; inspect the sheets that wait, or drop them and report so."""
         self._stopping.set()
         self._source.close()
         if drop:
@@ -161,11 +177,11 @@ class Running:
                 self._pass(sheet, STOPPED)
 
     def note(self, notice: Notice) -> None:
-        """Have something told that is of no sheet; from any thread."""
+        """Queue a notice that belongs to no sheet; from any thread."""
         self._done.put(notice)
 
     def status(self) -> Status:
-        """The run at this moment."""
+        """Return a snapshot of the run."""
         return self.tally.snapshot(
             queue_depth=len(self._waiting),
             ahead=self._prefetcher.ready,
@@ -202,13 +218,13 @@ class Running:
             self._done.put(None)
             if finisher.ident is not None:
                 finisher.join()
-            self.tally.count("untold", by=self._sheets - self._told)
+            self.tally.count("untold", by=self._sheets - self._finished)
             if self.tally.phase is not Phase.FAULT:
                 self.tally.phase = Phase.STOPPED
             self._ended.set()
 
     def _prepare(self) -> None:
-        """Have the job's designs ready, as far as memory holds them, and everything compiled, before the first line."""
+        """Prepare the job's designs, as many as fit into memory, and compile everything, before the first line."""
         self.tally.phase = Phase.PREPARING
         for sheet, flaw in self._flaws.items():
             self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
@@ -223,20 +239,20 @@ class Running:
         if self._stopping.is_set():
             return
         if not self._prefetcher.ready:
-            self._prefetcher.get(0)  # it raises: of the first designs none can be used
+            self._prefetcher.get(0)  # raises the error: none of the first designs can be used
         touch(self._prefetcher.still_to_fill())
-        # On all threads at once and of the largest design, so that each finds memory for its pages when sheets come;
-        # and last, or designs would lie where that memory was.
+        # On all threads at once and with the largest design, so that each has memory for its pages when sheets come;
+        # and last, or designs would occupy that memory.
         inspector, ready, _ = self._prefetcher.largest()
         threads = self._settings.inspectors
-        with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are made beside
+        with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are prepared meanwhile
             turns = [
                 warming.submit(lambda: None if self._stopping.is_set() else inspector.warm_up(ready))
                 for _ in range(REHEARSALS * (threads + 1))
             ]
         for turn in turns:
             if (error := turn.exception()) is not None:
-                _log.error("a warm-up failed", exc_info=error)  # its sheets will say so themselves
+                _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
                 break
 
     def _first_of_designs(self) -> list[int]:
@@ -251,7 +267,7 @@ class Running:
         return first[: self._settings.ahead] if self._settings.source_waits else first
 
     def _read_all(self) -> None:
-        """Read until the lines end; whatever ends them, what has passed until then is inspected."""
+        """Read until the lines end; whatever ends them, inspect what has passed until then."""
         pager = self._make_pager(self._thumbnails)
         pager.warm_up()
         self.tally.phase = Phase.INSPECTING
@@ -275,7 +291,7 @@ class Running:
         for block in self._silence.heard(self._source.blocks()):
             self._behind = self._spare_s(block) <= 0
             for page in pager.may_come:
-                if self._unknown(page) and not self._behind:  # it could not be told from a stranger
+                if self._unknown(page) and not self._behind:  # it would look like an unknown sheet
                     self._ready(page, within_s=self._spare_s(block))
             for came in pager.push(block):
                 self._arrived(came, block, next_page=pager.next_page)
@@ -283,18 +299,18 @@ class Running:
                 return
 
     def _spare_s(self, block: LineBlock) -> float:
-        """How long a block's sheet may wait for its design and still be in time; none left: nothing is waited for."""
+        """Return how long a block's sheet may wait for its design and still be in time; at most 0: no wait."""
         if self._settings.source_waits or not self._settings.source_clock:
             return math.inf
         due_s = block.time_s + self._settings.deadline_s
         return due_s - self._inspect_s() - self._clock()
 
     def _unknown(self, sheet: int) -> bool:
-        """Whether a sheet's design has not been made ready."""
+        """Return whether a sheet's design has not been prepared."""
         return sheet < len(self._book) and self._thumbnails[sheet] is None
 
     def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
-        """Wait for a sheet's design; one that cannot be had is said as soon as that is known, and not waited for."""
+        """Wait for a sheet's design; a failure is reported as soon as it is known, and ends the wait."""
         begun_s = self._clock()
         while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
             left_s = within_s - (self._clock() - begun_s)
@@ -304,17 +320,17 @@ class Running:
                 if left_s > MIND_S and not self._stopping.is_set():
                     continue
             except Exception as error:
-                _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has said it
+                _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has reported it
             return
 
-    def _design_ready(self, design: Hashable, made: Made) -> None:
+    def _design_ready(self, design: Hashable, made: ReadyDesign) -> None:
         if self._come_again:
             made[0].complete(made[1])
-        self._thumbnails.know(design, made[1].thumbnail)
+        self._thumbnails.add(design, made[1].thumbnail)
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
-        """Count a sheet and let it wait."""
+        """Count a sheet and queue it for inspection."""
         number, now_s = self._sheets, self._clock()
         self._sheets += 1
         if isinstance(page, MissingPage):
@@ -323,7 +339,7 @@ class Running:
             self._done.put(missing_page(number, page, now_s if block is None else block.time_s, name=name))
             return
         self.tally.arrived(now_s, list(kinds_of(page.faults)))
-        self._saw(number, page)
+        self._on_arrived(number, page)
         if lost := self._lost(page):
             shown = page.taken_for if page.job_page is None else page.job_page
             self._done.put(skipped(number, page, lost, name=None if shown is None else self._name(shown)))
@@ -332,7 +348,7 @@ class Running:
             self._arrived_unknown(number, page, next_page)
             return
         self._unready = 0
-        # Of pages that may come next, not of the page shown: a wrong one may be any page of the job.
+        # By the pages that may come next, not the page shown: a wrong one may be any page of the job.
         self._prefetcher.expect(max(next_page - 1, 0))
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
@@ -342,20 +358,20 @@ class Running:
         if self._dropping.is_set():
             self._pass(sheet, STOPPED)
         else:
-            for gone in self._waiting.put(sheet, deadline_s):
-                self._pass(gone, NO_ROOM)
+            for dropped in self._waiting.put(sheet, deadline_s):
+                self._pass(dropped, NO_ROOM)
 
     def _lost(self, page: SeenPage) -> str:
-        """Why nobody can judge a sheet of which the camera lost lines; empty: it can be judged."""
+        """Return why a sheet with lost lines cannot be judged; empty: it can be."""
         share = unseen_share(page.unseen, page.scan.shape[1])
         most = MOST_UNSEEN if page.job_page is not None else MOST_UNSEEN_OF_UNKNOWN
         if not page.torn and share <= most:
             return ""
-        said = "; ".join(lost_lines(page)) or (BEGUN_WITHIN if page.begun_within else "lines lost")
-        return said if page.torn else f"{said}: {share:.0%} of the sheet was not seen"
+        lost = "; ".join(lost_lines(page)) or (BEGUN_WITHIN if page.begun_within else "lines lost")
+        return lost if page.torn else f"{lost}: {share:.0%} of the sheet was not seen"
 
     def _arrived_unknown(self, number: int, page: SeenPage, next_page: int) -> None:
-        """A sheet that is like no page of the job: a stranger, unless it may be a page whose look is not known."""
+        """Report a sheet that resembles no page of the job: an unknown one, or one of a page not prepared yet."""
         name = None if page.taken_for is None else self._name(page.taken_for)
         if page.cut_short:
             self._done.put(skipped(number, page, CUT_SHORT, name=name))
@@ -370,11 +386,11 @@ class Running:
             self._done.put(unknown_sheet(number, page))
 
     def _why_unusable(self, sheet: int) -> str:
-        """Why a sheet's page cannot be used; empty: nothing is known against it."""
+        """Return why a sheet's page cannot be used; empty: no failure is recorded."""
         return self._unusable[self._book.design(sheet)] if sheet < len(self._book) else ""
 
     def _doubt(self, next_page: int) -> str:
-        """Why a sheet may be a page that cannot be used; empty: none of those that may come is such."""
+        """Return why a sheet may show a page that cannot be used; empty: no page that may come is such."""
         for page in range(max(next_page - DOUBTED, 0), next_page + DOUBTED):
             if self._unknown(page) and (why := self._why_unusable(page)):
                 return f"it is like no page that can be used, and may be {self._name(page)}: {why}"
@@ -382,12 +398,12 @@ class Running:
 
     def _inspect_all(self) -> None:
         while True:
-            sheet, gone = self._waiting.take(
+            sheet, dropped = self._waiting.take(
                 lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
             )
-            for late in gone:
+            for late in dropped:
                 self._pass(late, TOO_LATE)
-            if sheet is None and gone:
+            if sheet is None and dropped:
                 continue
             if sheet is None:
                 return
@@ -398,11 +414,14 @@ class Running:
                 self.tally.count(BUSY, by=-1)
 
     def _inspect_s(self) -> float:
-        """What an inspection is reckoned to take; not the whole deadline, or a slow start would end all trying."""
+        """Return the expected time of an inspection.
+
+        It is at most half the deadline; otherwise, after a slow start, nothing would be tried any more.
+        """
         return min(self.tally.typical_s("inspect"), self._settings.deadline_s / 2)
 
     def _inspect(self, sheet: Sheet) -> Outcome:
-        """The verdict on one sheet; whatever goes wrong with it does not stop the run."""
+        """Return the outcome of one sheet; no failure of its inspection stops the run."""
         begun_s = self._clock()
         self.tally.took("queue", begun_s - sheet.arrived_s)
         try:
@@ -455,10 +474,10 @@ class Running:
                 self._finish_one(f"notice {done.kind}", self._say, done)
                 continue
             for turn in self._order.put(done):
-                self._told += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
+                self._finished += self._finish_one(f"sheet {turn.record.sheet}", self._finish, turn)
 
     def _finish_one(self, name: str, finish: Callable[[Any], None], done: Outcome | Notice) -> bool:
-        """Whether it was told: who watches or the disk must not end the inspection."""
+        """Run ``finish`` and return whether it succeeded: a failing observer or disk must not end the inspection."""
         try:
             finish(done)
         except Exception as error:
@@ -471,23 +490,23 @@ class Running:
         self._notice(notice)
 
     def _finish(self, turn: Outcome) -> None:
-        told = self._noting(self._watch.add(turn))
-        record = told.record
-        if told.came:
+        finished = self._noting(self._watch.add(turn))
+        record = finished.record
+        if finished.came:
             self.tally.count(VERDICTS[record.verdict.verdict])
         if record.late:
             self.tally.count("late")
         unvouched = (
             record.verdict.verdict == "good" and without_gate(record.verdict, record.faults)[0] == "hold"
         )
-        self.tally.count("unvouched", by=told.came and unvouched)
+        self.tally.count("unvouched", by=finished.came and unvouched)
         self.tally.count("out_of_time", by=out_of_time(record))
         self.tally.overloaded = self._watch.pace.overloaded
         self.tally.count("promise_suspended", by=record.verdict.promise_suspended)
-        self.tally.count("overloads", by=sum(notice.kind == "overloaded" for notice in told.notices))
-        for notice in told.notices:  # the record has it among its notes
+        self.tally.count("overloads", by=sum(notice.kind == "overloaded" for notice in finished.notices))
+        for notice in finished.notices:  # the record has it among its notes
             self._finish_one(f"notice {notice.kind}", self._notice, notice)
-        self.tally.count("announcements", by=len(told.announcements))
+        self.tally.count("announcements", by=len(finished.announcements))
         adapting = self._watch.adapting
         if adapting is not None and (press := adapting.renewed(self._press, record.sheet)) is not None:
             self._inspector = inspector = self._inspector.following(press)
@@ -495,19 +514,19 @@ class Running:
             self._prefetcher.renew(
                 self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
             )
-        self._tell(told)
+        self._tell(finished)
 
     # --- parts ---
 
-    def _noting(self, told: Outcome) -> Outcome:
-        """With what was noticed since the last sheet, for the journal."""
+    def _noting(self, finished: Outcome) -> Outcome:
+        """Return an outcome with the notices since the last sheet in its notes, for the journal."""
         noted, self._noted = self._noted, []
         if not noted:
-            return told
-        return replace(told, record=replace(told.record, notes=(*told.record.notes, *noted)))
+            return finished
+        return replace(finished, record=replace(finished.record, notes=(*finished.record.notes, *noted)))
 
-    def _maker(self, inspector: SheetInspector) -> Callable[[Page], Made]:
-        """Makes designs ready for this inspector, and says what the press was taken to do then."""
+    def _maker(self, inspector: SheetInspector) -> Callable[[Page], ReadyDesign]:
+        """Return a function that prepares designs for this inspector, with the adapted amounts in force then."""
         adapting = self._watch.adapting
         used = None if adapting is None else adapting.used.copy()
         return lambda page: (inspector, inspector.prepare(page), used)

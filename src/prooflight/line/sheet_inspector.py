@@ -1,4 +1,4 @@
-"""What the running inspection asks of an inspector of sheets: make a design ready, inspect one scan of it."""
+"""Inspection of the sheets of a run: preparation of a design, and inspection of one scan of it."""
 
 from __future__ import annotations
 
@@ -28,51 +28,51 @@ if TYPE_CHECKING:
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
-"""Lines and pixels that a page of the warm-up lies off its place."""
+"""Displacement of the warm-up's page, in lines and pixels."""
 HOLE_PART: Final = 16
-"""Of a scan's length and width, gone from a page of the warm-up."""
+"""Divisor of a scan's length and width that gives the hole's size on the warm-up's page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SheetResult:
-    """One sheet's verdict, what it adds to its run, and what the journal keeps of it."""
+    """One sheet's verdict, its contribution to its run, and its evidence for the journal."""
 
     verdict: Verdict
     evidence: PageEvidence = field(default_factory=PageEvidence)
     kept: Mapping[str, NDArray[Any]] | None = None
     asked: float | None = None
-    """``Asking.probability``."""
+    """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Known:
-    """A design ready for its sheets."""
+    """A design prepared for its sheets."""
 
     prepared: Prepared
     thumbnail: Thumbnail
-    """By which its sheets are known."""
+    """Thumbnail by which its sheets are recognised."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetInspector:
-    """Inspects sheets; called from several threads at once."""
+    """Inspector of sheets; safe to call from several threads at once."""
 
     inspector: Inspector
     keep: Keep = "none"
-    """Of which sheets evidence is kept for the journal; of those that a person is asked about, always."""
+    """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     asking: Asking = field(default_factory=Asking)
 
     def prepare(self, page: Page) -> Known:
-        """All that can be known of a design ahead of its sheets.
+        """Prepare a design ahead of its sheets.
 
-        It is made in this thread alone, for it must not hold up the sheets that come meanwhile.
+        It runs in this thread alone, since it must not delay the sheets that come meanwhile.
         """
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
 
     def complete(self, ready: Known) -> None:
-        """Make ready what few sheets of a design need, where it pays since many come of it."""
+        """Complete the preparation that pays only if many sheets of a design come."""
         if isinstance(ready.prepared.known, MadeReadyInTwo):
             ready.prepared.known.complete()
 
@@ -86,19 +86,37 @@ class SheetInspector:
         unseen: Sequence[Unseen] = (),
         sheet: int = 0,
     ) -> SheetResult:
-        """Inspect one scan (sensors, lines, pixels) [DN]; name: of the sheet, in errors; sheet: its number.
+        """Inspect one scan of a sheet.
 
-        unseen: lines of it that the camera lost. ScanError: the scan does not fit press or page.
+        Parameters
+        ----------
+        ready
+            Prepared design that the sheet shows.
+        scan
+            (sensors, lines, pixels) [DN].
+        name
+            Name of the sheet in errors.
+        seed
+            Seed of the inspection's randomised values.
+        unseen
+            Lines of the scan that the camera lost.
+        sheet
+            Number of the sheet in the run.
+
+        Raises
+        ------
+        ScanError
+            The scan does not fit the press or the page.
         """
         prepared, press = ready.prepared, self.inspector.press
         inspection = inspect_where_seen(
             self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
         )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
-        wrong = inspection.verdict.verdict == "misprint"
+        misprint = inspection.verdict.verdict == "misprint"
         asked = self.asking.probability(inspection.verdict, sheet)
-        drawn = asked is not None and not wrong
-        kept = self.keep == "all" or (self.keep == "misprints" and wrong) or drawn
+        drawn = asked is not None and not misprint
+        kept = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
         return SheetResult(
             verdict=inspection.verdict,
             evidence=evidence,
@@ -107,9 +125,9 @@ class SheetInspector:
         )
 
     def warm_up(self, ready: Known) -> None:
-        """Do once what the first sheets will need, so that they need not wait for compilers, caches and memory.
+        """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.
 
-        It is done on the scan expected, off its place and in it, with a hole: a misprint takes most.
+        The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
         """
         seen = self.inspector.planned(ready.prepared.page).expected
         expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
@@ -121,13 +139,13 @@ class SheetInspector:
         self.prepare(ready.prepared.page)
 
     def following(self, press: Press) -> Self:
-        """The same on a press whose light has changed a little."""
+        """Return the same inspector for a press whose light has changed a little."""
         return replace(self, inspector=self.inspector.under(press))
 
     def renewed(self, ready: Known) -> Known:
-        """A design made ready before, under the press as it is now; next to no work where the detector can follow."""
-        station = self.inspector.detector.station
-        known = ready.prepared.known.under(station)
-        if known is None:
+        """Return a prepared design under the press as it is now; cheap if the detector can adapt it."""
+        context = self.inspector.detector.station
+        adapted = ready.prepared.known.under(context)
+        if adapted is None:
             return self.prepare(ready.prepared.page)
-        return replace(ready, prepared=replace(ready.prepared, known=known))
+        return replace(ready, prepared=replace(ready.prepared, known=adapted))

@@ -1,7 +1,7 @@
-"""What people told of the sheets that they were asked about, and what it says of the run and of the press.
+"""People's labels of alarms and sampled sheets, and what they show about the run and the press.
 
-Only alarms and the random sample count here: words on other sheets are kept and shown, but whoever chose those sheets
-had a reason, and nobody knows with which probability.
+Only alarms and the random sample count here: labels of other sheets are stored and shown, but those sheets were
+chosen for a reason, with an unknown probability.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ if TYPE_CHECKING:
     from prooflight.line.incidents import Incident
 
 OURS: Final = "ours"
-"""The detector whose scores words calibrate."""
+"""The detector whose scores are calibrated by labels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AskedSheet:
-    """A sheet about which people are asked, and what they said."""
+    """A sheet up for review, as an alarm or as one of the random sample, and its label."""
 
     record: PageRecord
-    """Its ``asked`` is no None."""
+    """The sheet's record; its ``asked`` is not None."""
     word: Word | None
-    """The label that counts (``journal.words.Labels``); None: nobody has said anything."""
+    """The label in force (``journal.words.Labels``); None: it has none."""
 
     @property
     def alarm(self) -> bool:
-        """Whether it is a misprint by its verdict; the others are of the sample of those that passed."""
+        """Whether it is a misprint by its verdict; the others belong to the sample of those that passed."""
         return self.record.verdict.verdict == "misprint"
 
     @property
     def good(self) -> bool:
-        """Whether people said that it is."""
+        """Whether it is labelled good."""
         return self.word is not None and self.word.word in OF_GOOD
 
     @property
     def misprint(self) -> bool:
-        """Whether people said that it is one."""
+        """Whether it is labelled a misprint."""
         return self.word is not None and self.word.word == MISPRINT
 
     @property
     def state(self) -> str:
-        """good, misprint, unknown, or "" where nobody has said anything."""
+        """Label as good, misprint or unknown; "" for none."""
         if self.word is None:
             return ""
         return "good" if self.good else MISPRINT if self.misprint else UNKNOWN
@@ -65,7 +65,7 @@ class AskedSheet:
 def asked_sheets(
     records: Iterable[PageRecord], words: Sequence[Word], incident_of: Mapping[int, int]
 ) -> list[AskedSheet]:
-    """Sheets of one run about which people are asked, with what they said. incident_of: by sheet."""
+    """Return the sheets of one run that are up for review, with their labels. incident_of: by sheet."""
     labels = Labels(words)
     return [
         AskedSheet(record=record, word=labels.of(record.sheet, incident_of.get(record.sheet)))
@@ -75,28 +75,31 @@ def asked_sheets(
 
 
 def incidents_by_sheet(records: Iterable[PageRecord]) -> tuple[dict[int, Incident], dict[int, int]]:
-    """Incidents of a run by number, and the number of each sheet's own; records: those to look at, in order."""
+    """Return a run's incidents by number, and the number of each sheet's own incident.
+
+    records: those worth reviewing, in the order of the run.
+    """
     tracker = Incidents()
-    found: dict[int, Incident] = {}
+    incidents: dict[int, Incident] = {}
     of_sheet: dict[int, int] = {}
     for record in records:
         for change in tracker.add(record):
-            found[change.incident.number] = change.incident
+            incidents[change.incident.number] = change.incident
             if change.incident.last_sheet == record.sheet and change.what != "ended":
                 of_sheet[record.sheet] = change.incident.number
-    return found, of_sheet
+    return incidents, of_sheet
 
 
 def asked_of_run(reader: JournalReader, words: Words, run: RunRow) -> list[AskedSheet]:
-    """The same from a journal; JournalError."""
-    said = words.of_run(run_key(run))
-    in_incidents = any(word.incident is not None for word in said)
+    """Return a run's sheets up for review, with their labels, from a journal; JournalError."""
+    labels = words.of_run(run_key(run))
+    in_incidents = any(word.incident is not None for word in labels)
     of_sheet = incidents_by_sheet(reader.pages(run.id, passed=False))[1] if in_incidents else {}
-    return asked_sheets(reader.asked_pages(run.id), said, of_sheet)
+    return asked_sheets(reader.asked_pages(run.id), labels, of_sheet)
 
 
 def counts_of(run: RunRow, asked: Sequence[AskedSheet]) -> SampleCounts:
-    """What was asked and told of a run's sheets."""
+    """Return the numbers of alarms and sampled sheets of a run, and of their labels."""
     alarms, sample = [one for one in asked if one.alarm], [one for one in asked if not one.alarm]
     return SampleCounts(
         alarms=len(alarms),
@@ -118,11 +121,12 @@ def told_pages(
     journals: Sequence[str] = (),
     half_life_days: float | None = None,
 ) -> ToldPages:
-    """The good pages by which a press is calibrated anew: those of runs that one of ``digests`` judged by our detector.
+    """Return the good pages from which a press is recalibrated.
 
-    A sheet stands for 1 / probability others, and for those of its run that were asked about and not answered: alarms
-    for alarms, passed ones for passed ones. now_s: Unix time. [s] RequestError: no run is of this press, or scores
-    of one are on another scale.
+    They are those of runs that a press artefact among ``digests`` judged by the matched-filter detector. A sheet
+    represents 1 / probability others, and those of its run that were up for review and are not labelled: alarms
+    represent alarms, passed sheets represent passed ones. now_s: Unix time. [s] RequestError: no run is of this
+    press, or scores of one are on another scale.
     """
     scores: list[float] = []
     weights: list[float] = []
@@ -140,9 +144,9 @@ def told_pages(
         zones.add(str(run.facts.settings.get("zones_alone", "")))
         recent = 1.0 if half_life_days is None else 0.5 ** (days / half_life_days)
         for alarm in (False, True):
-            of_kind = [one for one in asked if one.alarm == alarm and _scored(one.record)]
-            told = sum(one.good or one.misprint for one in of_kind)
-            for one in of_kind:
+            group = [one for one in asked if one.alarm == alarm and _scored(one.record)]
+            labelled = sum(one.good or one.misprint for one in group)
+            for one in group:
                 verdict, probability = one.record.verdict, one.record.asked
                 assert verdict.score is not None
                 assert verdict.threshold is not None
@@ -150,7 +154,7 @@ def told_pages(
                 alarms_from = max(alarms_from, verdict.threshold)
                 if not one.good:
                     continue
-                weight = len(of_kind) / told / probability
+                weight = len(group) / labelled / probability
                 if not alarm:
                     passed_weight = max(passed_weight, weight)
                 scores.append(verdict.score)
@@ -163,13 +167,13 @@ def told_pages(
         raise RequestError(
             "recalibrate", what, remedy="watch runs with --sample, and say what the sheets were"
         )
-    held = np.array(numbers, np.int64).reshape(-1, 3)
+    table = np.array(numbers, np.int64).reshape(-1, 3)
     return ToldPages(
         score=np.array(scores, np.float64),
         weight=np.array(weights, np.float64),
-        run=held[:, 0],
-        sheet=held[:, 1],
-        passed=held[:, 2].astype(bool),
+        run=table[:, 0],
+        sheet=table[:, 1],
+        passed=table[:, 2].astype(bool),
         rate=rate,
         passed_weight=passed_weight,
         alarms_from=alarms_from,
@@ -182,7 +186,10 @@ def told_pages(
 
 
 def _refuse_other_scale(run: RunRow) -> None:
-    """Runs say of zones what they were without their price since there is one score for all pages (decision 38)."""
+    """Refuse a run with zones whose scores are from before there was one score for all pages (decision 38).
+
+    Since then, a run's settings record its zones without their price.
+    """
     if "zones" in run.facts.settings and "zones_alone" not in run.facts.settings:
         what = "it judged pages with zones by an older Prooflight, whose scores are on another scale"
         remedy = (
@@ -198,17 +205,17 @@ def _scored(record: PageRecord) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replayed:
-    """What another threshold would have made of a run."""
+    """Effect of another threshold on a run."""
 
     run: int
     sheets: int
-    """That have a score."""
+    """Number of sheets that have a score."""
     alarms: int
-    """That it gave."""
+    """Number of alarms that it gave."""
     gone: tuple[int, ...]
-    """Sheets whose alarm would go ..."""
+    """Sheets whose alarm would be withdrawn ..."""
     gone_told: Mapping[str, int]
-    """... by what people said of them: good, misprint, unknown, or "" for nothing."""
+    """... and their number by label: good, misprint, unknown, or "" for none."""
     come: tuple[int, ...]
     """Sheets that passed and would alarm."""
 
@@ -216,11 +223,11 @@ class Replayed:
 def replayed_run(
     run: RunRow, records: Iterable[PageRecord], asked: Sequence[AskedSheet], *, threshold: float
 ) -> Replayed:
-    """The verdicts of a run made again at another threshold; alarms that no score gave stay."""
-    told = {one.record.sheet: one.state for one in asked}
+    """Decide a run again at another threshold; alarms that are not from a score stay."""
+    state_of = {one.record.sheet: one.state for one in asked}
     sheets, alarms = 0, 0
-    gone: list[int] = []
-    come: list[int] = []
+    withdrawn: list[int] = []
+    added: list[int] = []
     for record in records:
         verdict = record.verdict
         if verdict.detector != OURS or not _scored(record):
@@ -231,15 +238,15 @@ def replayed_run(
         was, now = verdict.score > verdict.threshold, verdict.score > threshold
         alarms += verdict.verdict == "misprint"
         if was and not now and verdict.verdict == "misprint":
-            gone.append(record.sheet)
+            withdrawn.append(record.sheet)
         if now and not was and verdict.verdict == "good":
-            come.append(record.sheet)
-    said = [told.get(sheet, "") for sheet in gone]
+            added.append(record.sheet)
+    states = [state_of.get(sheet, "") for sheet in withdrawn]
     return Replayed(
         run=run.id,
         sheets=sheets,
         alarms=alarms,
-        gone=tuple(gone),
-        gone_told={word: said.count(word) for word in sorted(set(said))},
-        come=tuple(come),
+        gone=tuple(withdrawn),
+        gone_told={word: states.count(word) for word in sorted(set(states))},
+        come=tuple(added),
     )

@@ -1,7 +1,7 @@
-"""False alarms that come again at one place: each a tolerance that somebody could grant, with what it would cost.
+"""Repeated false alarms at one place, each a tolerance that a person may grant, with its price.
 
-A proposal is words: nothing here changes a verdict. Its price is what would no longer be caught there: the misprints of
-the same kind at that place that people told, and how strong a new one could be unseen.
+A proposal is advice: nothing here changes a verdict. Its price is what would no longer be detected there: the
+labelled misprints of the same kind at that place, and the strength up to which a new one would pass.
 """
 
 from __future__ import annotations
@@ -26,37 +26,38 @@ if TYPE_CHECKING:
     from prooflight.line.places import Box
 
 LEAST_SHEETS: Final = 5
-"""False alarms of one kind at one place. assumed: fewer are chance, and no sheet is spoilt by waiting for more."""
+"""Least number of false alarms of one kind at one place. assumed: fewer are chance, and no sheet is spoilt by
+waiting for more."""
 MOST_PAGES: Final = 8
-"""Of the job that are named."""
+"""Greatest number of the job's pages that are named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """One tolerance that could be granted."""
+    """A tolerance that a person may grant."""
 
     kind: str
     box_mm: Box
-    """x, y, width and height on the page as printed: around all places of its false alarms."""
+    """x, y, width and height on the page as printed: the bounding box of its false alarms."""
     where: str
-    """In words."""
+    """Description of the place."""
     pages: tuple[str, ...]
-    """Of the job, ``MOST_PAGES`` at most."""
+    """Names of its pages of the job, ``MOST_PAGES`` at most."""
     runs: tuple[int, ...]
     sheets: int
-    """False alarms that it would have kept silent."""
+    """Number of false alarms that it would have suppressed."""
     up_to_score: float
-    """The greatest score of the place among them: what is weaker would pass. [standard deviations]"""
+    """Greatest score of the place among them: anything weaker would pass. [standard deviations]"""
     misprints_lost: int
-    """Sheets with a misprint of this kind at this place, told by people, that it would have let pass ..."""
+    """Sheets labelled as a misprint of this kind at this place that it would have let pass ..."""
     misprints_kept: int
-    """... and that are stronger, or lie elsewhere on the sheet too."""
+    """... and those that are stronger, or lie elsewhere on the sheet too."""
     untold: int
-    """Alarms of this kind at this place about which nobody has said anything, and that would pass too."""
+    """Unlabelled alarms of this kind at this place that would pass too."""
 
     @property
     def told(self) -> tuple[str, ...]:
-        """For people."""
+        """Description of the proposal, in lines."""
         x, y, width, height = self.box_mm
         return (
             f"{self.sheets} false alarms in runs {', '.join(map(str, self.runs))}",
@@ -72,32 +73,32 @@ class _Alarm:
     run: int
     record: PageRecord
     cause: Cause
-    said: str
+    label: str
 
 
 def proposals(reader: JournalReader, words: Words, runs: Sequence[RunRow]) -> list[Proposal]:
-    """Of these runs, those with most false alarms first; JournalError."""
+    """Return the proposals from these runs, those with most false alarms first; JournalError."""
     alarms = [one for run in runs for one in _alarms(reader, words, run)]
     grouped: list[list[_Alarm]] = []
     for one in alarms:
-        if one.said != FALSE_ALARM:
+        if one.label != FALSE_ALARM:
             continue
         near = next((group for group in grouped if _same_place(group[0].cause, one.cause)), None)
         if near is None:
             grouped.append([one])
         else:
             near.append(one)
-    found = [_proposal(group, alarms) for group in grouped if len(group) >= LEAST_SHEETS]
-    return sorted(found, key=lambda one: -one.sheets)
+    proposed = [_proposal(group, alarms) for group in grouped if len(group) >= LEAST_SHEETS]
+    return sorted(proposed, key=lambda one: -one.sheets)
 
 
 def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm]:
-    """Misprints at a place, with what was said of each: "" for nothing."""
-    said = words.of_run(run_key(run))
-    if not said:
+    """Yield the misprints at a place, each with its label: "" for none."""
+    labelled = words.of_run(run_key(run))
+    if not labelled:
         return
     records = list(reader.pages(run.id, passed=False, damaged=lambda _: None))
-    labels = Labels(said)
+    labels = Labels(labelled)
     _, incident_of = incidents_by_sheet(records)
     for record in records:
         if record.verdict.verdict != "misprint":
@@ -105,9 +106,9 @@ def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm
         causes = causes_of(record)
         if not causes or causes[0].box_mm is None or causes[0].score is None:
             continue
-        word = labels.of(record.sheet, incident_of.get(record.sheet))
-        told = "" if word is None else FALSE_ALARM if word.word in OF_GOOD else word.word
-        yield _Alarm(run=run.id, record=record, cause=causes[0], said=told)
+        in_force = labels.of(record.sheet, incident_of.get(record.sheet))
+        label = "" if in_force is None else FALSE_ALARM if in_force.word in OF_GOOD else in_force.word
+        yield _Alarm(run=run.id, record=record, cause=causes[0], label=label)
 
 
 def _same_place(one: Cause, other: Cause) -> bool:
@@ -125,8 +126,8 @@ def _proposal(group: list[_Alarm], alarms: Sequence[_Alarm]) -> Proposal:
     cause = group[0].cause
     up_to = max(abs(one.cause.score or 0.0) for one in group)
     here = [one for one in alarms if _same_place(cause, one.cause)]
-    wrong = [one for one in here if one.said == "misprint"]
-    lost = [one for one in wrong if _would_pass(one, up_to)]
+    misprints = [one for one in here if one.label == "misprint"]
+    lost = [one for one in misprints if _would_pass(one, up_to)]
     pages = dict.fromkeys(one.record.verdict.page for one in group)
     return Proposal(
         kind=cause.kind,
@@ -137,12 +138,12 @@ def _proposal(group: list[_Alarm], alarms: Sequence[_Alarm]) -> Proposal:
         sheets=len(group),
         up_to_score=up_to,
         misprints_lost=len(lost),
-        misprints_kept=len(wrong) - len(lost),
-        untold=sum(not one.said and _would_pass(one, up_to) for one in here),
+        misprints_kept=len(misprints) - len(lost),
+        untold=sum(not one.label and _would_pass(one, up_to) for one in here),
     )
 
 
 def _would_pass(alarm: _Alarm, up_to: float) -> bool:
-    """Whether nothing else is wrong with the sheet than what is tolerated."""
+    """Return whether a sheet has no other defect than the tolerated one."""
     score = abs(alarm.cause.score or math.inf)
     return score <= up_to and len(alarm.record.verdict.regions) == 1

@@ -1,4 +1,4 @@
-"""Everything that a run of a press needs, put together."""
+"""Assembly of the parts of a run of a press."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ def watched(
     false_alarms: float = 1.0,
     **told: Any,
 ) -> Running:
-    """A run ready to start.
+    """Return a run that is ready to start.
 
-    follow: whether slow changes of lamp and paper are followed. false_alarms: of the run's monitor, a 100,000 pages.
-    told: ``tell``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
+    follow: whether slow changes of lamp and paper are adapted to. false_alarms: stated rate of the run's monitor,
+    per 100,000 pages. told: ``tell``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of
+    ``Running``.
     """
     press = inspector.press
 
-    def pager(known: Expected) -> Pager:
-        return Pager(press, expected=known, start=start or SheetEdge())
+    def pager(thumbnails: Expected) -> Pager:
+        return Pager(press, expected=thumbnails, start=start or SheetEdge())
 
     monitor = RunMonitor.begin(
         sensors=[sensor.name for sensor in press.sensors],
@@ -75,10 +76,10 @@ def watched(
 
 
 def threads_a_sheet(settings: Settings) -> int:
-    """Threads that one sheet takes.
+    """Return the number of threads for one sheet.
 
-    With a deadline each sheet is shared out over all cores, for its verdict to come soon. Without one, sheets are
-    shared out, not their parts: less is done twice, and nobody waits for another.
+    With a deadline, each sheet is divided among all cores, so that its verdict comes soon. Without one, whole
+    sheets are distributed, not their parts: less work is done twice, and no thread waits for another.
     """
     cores = os.cpu_count() or 1
     return max(cores // settings.inspectors, 1) if settings.source_waits else cores

@@ -1,1 +1,1 @@
-"""What a run says that no page of it says: control charts of inks, registers and streaks."""
+"""Monitoring of a run by control charts of inks, register and streaks, for changes too small for one page to show."""

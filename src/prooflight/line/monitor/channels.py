@@ -1,4 +1,4 @@
-"""The numbers that every page adds to its run, and how far off each makes a page a misprint."""
+"""Channels of a run's monitoring: the values measured on every page, and their tolerances."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 STREAK_TOLERANCE: Final = 0.012
-"""Of the light: worlds.toml's gate, below which a streak is no misprint."""
+"""Tolerance of a column's light, as a share of the light: below worlds.toml's gate a streak is no
+misprint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One number that every page gives."""
+    """A quantity that is measured on every page."""
 
     name: str
     what: str
-    """For people."""
+    """Display name."""
     unit: str
     scale: float
-    """From the value to the unit shown."""
+    """Factor from the value to the unit shown."""
     tolerance: float
-    """How far off what was expected makes a page a misprint."""
+    """Deviation from the expected value beyond which a page is a misprint."""
     x_mm: float | None = None
-    """Where across the page, of a column."""
+    """Position across the page, for a column; None: it is no column."""
 
 
 def drift_channels(sensors: Sequence[str]) -> tuple[Channel, ...]:
-    """Channels of any press; tolerances are where worlds.toml's misprints begin."""
+    """Return the channels of any press; their tolerances are where worlds.toml's misprints begin."""
     gains = [
         Channel(name=f"gain-{ink}", what=f"density of {ink}", unit="%", scale=100, tolerance=0.07)
         for ink in INK_NAMES
@@ -55,7 +56,7 @@ def drift_channels(sensors: Sequence[str]) -> tuple[Channel, ...]:
         Channel(name=f"shift-{axis}", what=f"place of the page {way}", unit="mm", scale=1, tolerance=1.8)
         for axis, way in (("x", "across"), ("y", "along"))
     ]
-    lights = [  # assumed: no misprint; beyond it a lamp or the paper is another than the tables know
+    lights = [  # assumed: no misprint; beyond it the lamp or the paper differs from that of the tables
         Channel(name=f"light-{name}", what=f"light on {name}", unit="%", scale=100, tolerance=0.05)
         for name in sensors
     ]
@@ -67,7 +68,7 @@ def drift_channels(sensors: Sequence[str]) -> tuple[Channel, ...]:
 
 
 def column_channels(columns_mm: Sequence[float] | NDArray[np.float64]) -> tuple[Channel, ...]:
-    """The light of narrow columns, which lie at ``columns_mm`` across the page."""
+    """Return the channels of the light of narrow columns at ``columns_mm`` across the page."""
     return tuple(
         Channel(
             name=f"streak-{x_mm:.1f}",

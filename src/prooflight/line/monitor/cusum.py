@@ -1,9 +1,10 @@
-"""Sums of small deviations over pages: a change too small for any one page to show.
+"""Cumulative sums of small deviations over pages, for changes too small for any one page to show.
 
-Each value of a channel (an ink's amount, a column's light) is ranked among all values of that channel so far. If pages
-are exchangeable, whatever their values' distribution, sequential ranks are independent and uniform (Barndorff-Nielsen
-1963), so their normal scores are independent N(0, 1), and the cumulative sums of Page (1954) upon them have a run
-length that is known: Brook and Evans (1972). Scores are cut off, so that no single page can raise an alarm.
+Each value of a channel (an ink's amount, a column's light) is ranked among all values of that channel so far. If
+pages are exchangeable, whatever their values' distribution, sequential ranks are independent and uniform
+(Barndorff-Nielsen 1963), so their normal scores are independent N(0, 1), and the run length of the cumulative
+sums of Page (1954) on these scores is known: Brook and Evans (1972). Scores are clipped, so that no single page
+can raise an alarm.
 """
 
 from __future__ import annotations
@@ -19,25 +20,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ALLOWANCE: Final = 0.5
-"""Taken off each score: shifts of twice as much are found soonest; so are drifts of a few hundredths a page. [sd]"""
+"""Reference value subtracted from each score: shifts of twice as much are detected soonest; so are drifts of
+a few hundredths a page. [sd]"""
 CLIP: Final = 3.0
-"""Scores are cut off here: with thresholds above 10, no four pages in a row alarm whatever they show. [sd]"""
+"""Limit at which scores are clipped: with thresholds above 10, no four pages in a row alarm, whatever their
+values. [sd]"""
 STATES: Final = 200
-"""Of the Markov chain that stands for the sum: the run length is right to 2 % (four times as many)."""
+"""Number of states of the Markov chain that approximates the sum: the run length is right to 2 % (compared
+with four times as many)."""
 FIRST: Final = 24
-"""Values that are kept as they are, before bins are laid around them."""
+"""Number of first values that are stored exactly, before bins are placed around them."""
 BINS: Final = 64
 REACH_SD: Final = 5.0
-"""Bins reach so far to both sides of the first values' median: a sixth of their standard deviation each."""
+"""Extent of the bins on either side of the first values' median: each is a sixth of their standard deviation
+wide."""
 PAGES: Final = 100_000
-"""Rates of false alarms are stated for so many pages."""
+"""Number of pages for which false-alarm rates are stated."""
 
 
 def run_length(threshold: float, *, clip: float = CLIP) -> float:
-    """Mean number of pages to a false alarm of one one-sided sum of scores N(0, 1), from 0. [pages]
-
-    The sum is a Markov chain on ``STATES`` intervals of 0..threshold (Brook and Evans 1972).
-    """
+    """Return the mean number of pages to a false alarm of one one-sided sum of scores N(0, 1), from 0. [pages]"""
     width = 2 * threshold / (2 * STATES - 1)  # state 0 is 0 itself: its interval is half as wide
     at = np.arange(STATES) * width
     upper = at[None, :] + width / 2 - at[:, None] + ALLOWANCE
@@ -48,7 +50,7 @@ def run_length(threshold: float, *, clip: float = CLIP) -> float:
 
 @cache
 def threshold_for(pages: float) -> float:
-    """The threshold whose run length is so many pages; run lengths grow with it exponentially. [sd]"""
+    """Return the threshold with this run length; run lengths grow exponentially with it. [sd]"""
     highest = np.log(pages) / (2 * ALLOWANCE) + 3
 
     def off(threshold: float) -> float:
@@ -59,20 +61,20 @@ def threshold_for(pages: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SequentialRanks:
-    """Where each new value of every channel stands among those before; of fixed size however many come."""
+    """Sequential ranks of every channel's values; the memory does not grow with the number of values."""
 
     first: NDArray[np.float32]
-    """(FIRST, channels) the first values as they came."""
+    """(FIRST, channels) first values, in order."""
     seen: NDArray[np.int64]
-    """(channels,) values so far; a value that is not finite is none."""
+    """(channels,) number of values so far; a value that is not finite does not count."""
     edges: NDArray[np.float32]
     """(2, channels) lower end and width of the bins."""
     counts: NDArray[np.int32]
-    """(channels, BINS) values in each bin, the first and last open to the outside."""
+    """(channels, BINS) number of values in each bin; the first and last are open to the outside."""
 
     @classmethod
     def of(cls, channels: int) -> Self:
-        """Before any page."""
+        """Return the state before any page."""
         return cls(
             first=np.zeros((FIRST, channels), np.float32),
             seen=np.zeros(channels, np.int64),
@@ -81,20 +83,21 @@ class SequentialRanks:
         )
 
     def score(self, values: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Normal scores of a page's values (channels,), which from now on count among those before.
+        """Return the normal scores of a page's values (channels,), and count these values for later ranks.
 
-        The middle of the rank's interval, and of values in one bin, is taken: scores vary by a little less than
-        N(0, 1), so that false alarms are rarer than stated, and nothing is random. 0 where there is no value.
+        A rank is taken at the middle of its interval, as are values in one bin: scores vary slightly less than
+        N(0, 1), so that false alarms are rarer than stated, and nothing is random. The score is 0 where there is
+        no value.
         """
         rank = np.full(values.shape, 0.5)
-        known = np.isfinite(values)
-        young, old = known & (self.seen < FIRST), known & (self.seen >= FIRST)
+        finite = np.isfinite(values)
+        young, old = finite & (self.seen < FIRST), finite & (self.seen >= FIRST)
         if young.any():
             rank[young] = self._among_first(values, young)
         if old.any():
             rank[old] = self._among_bins(values, old)
-        self.seen[known] += 1
-        self._lay_bins(known & (self.seen == FIRST))
+        self.seen[finite] += 1
+        self._lay_bins(finite & (self.seen == FIRST))
         return np.asarray(special.ndtri(rank))
 
     def _among_first(self, values: NDArray[np.floating], which: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -131,24 +134,24 @@ class SequentialRanks:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sums:
-    """Two cumulative sums of every channel: of values that rise, and of values that fall."""
+    """Two one-sided cumulative sums of every channel: of values that rise, and of values that fall."""
 
     total: NDArray[np.float64]
     """(2, channels) [sd]"""
     since: NDArray[np.int64]
-    """(2, channels) the page after the one at which each last was 0: where the change seems to have begun."""
+    """(2, channels) page after the one at which each sum was last 0: the estimated start of the change."""
 
     @classmethod
     def of(cls, channels: int) -> Self:
-        """Before any page."""
+        """Return the state before any page."""
         return cls(total=np.zeros((2, channels)), since=np.zeros((2, channels), np.int64))
 
     def add(self, scores: NDArray[np.float64], page: int) -> None:
-        """Add a page's scores (channels,), cut off, less the allowance."""
+        """Add a page's scores (channels,), clipped and less the reference value."""
         cut = np.clip(scores, -CLIP, CLIP)
         self.total[:] = np.maximum(self.total + np.stack([cut, -cut]) - ALLOWANCE, 0)
         self.since[self.total == 0] = page + 1
 
     def restart(self, side: int, channel: int, page: int) -> None:
-        """Begin again after an alarm."""
+        """Reset one sum after its alarm."""
         self.total[side, channel], self.since[side, channel] = 0.0, page + 1

@@ -1,4 +1,4 @@
-"""What one inspection adds to its run: amounts of what good prints do, and the light of narrow columns."""
+"""Contribution of one inspection to the monitoring of its run: nuisance amounts, and the light of narrow columns."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 COLUMN_MM: Final = 0.5
 """Width of columns: the narrowest streaks of worlds.toml fill a third of one."""
 NEARBY_MM: Final = 15.0
-"""What is alike over so much is lamp, paper or ink, and no streak: the median of the columns about is taken off."""
+"""Width of the median filter that is subtracted: variation on this scale is lamp, paper or ink, not a
+streak."""
 UNIT: Final = 1e-9
 
 
 def columns_mm(press: Press) -> NDArray[np.float64]:
-    """Middles of the columns of the widest page that the field holds, from its left edge."""
+    """Return the centres of the columns of the widest page in the field, from the page's left edge."""
     return np.asarray((np.arange(int(press.geometry.field_mm / COLUMN_MM)) + 0.5) * COLUMN_MM)
 
 
 def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) -> PageEvidence:
-    """Amounts and columns of one page, whatever its detector; empty where the page was not found."""
+    """Return the amounts and columns of one page, for any detector; empty if the page was not located."""
     shift_mm = inspection.verdict.shift_mm
     if shift_mm is None:
         return PageEvidence()
@@ -47,9 +48,20 @@ def run_evidence(inspection: Inspection, press: Press, *, page_width_mm: float) 
 def columns(
     excess: NDArray[np.floating], light: NDArray[np.floating], at_mm: NDArray[np.float64], count: int
 ) -> NDArray[np.float32]:
-    """Light of columns over what was expected, less the columns about: (count,) [-]; not finite where nothing tells.
+    """Return columns' light relative to the expected, less the median of nearby columns.
 
-    excess, light (parts, pixels): sums over lines; at_mm (pixels,): where pixels lie on the page.
+    Parameters
+    ----------
+    excess, light
+        (parts, pixels) sums over lines of the excess light and of the expected light.
+    at_mm
+        (pixels,) positions of the pixels on the page.
+    count
+        Number of columns.
+
+    Returns
+    -------
+        (count,) [-]; not finite for columns without enough light.
     """
     place = np.floor(at_mm / COLUMN_MM).astype(np.intp)
     inside = (place >= 0) & (place < count)
@@ -57,13 +69,13 @@ def columns(
     for part in range(len(light)):
         for k, sums in enumerate((excess, light)):
             binned[k, part] = np.bincount(place[inside], weights=sums[part, inside], minlength=count)
-    known = binned[1] > UNIT
-    ratio = np.where(known, binned[0] / np.where(known, binned[1], 1), np.nan)
-    found = np.full(count, np.nan)
-    enough = known.sum(axis=0) > len(light) // 2
-    found[enough] = np.nanmedian(ratio[:, enough], axis=0)
+    lit = binned[1] > UNIT
+    ratio = np.where(lit, binned[0] / np.where(lit, binned[1], 1), np.nan)
+    ratios = np.full(count, np.nan)
+    enough = lit.sum(axis=0) > len(light) // 2
+    ratios[enough] = np.nanmedian(ratio[:, enough], axis=0)
     if enough.any():
         at = np.flatnonzero(enough)
-        whole = np.interp(np.arange(count), at, found[at])
-        found -= ndimage.median_filter(whole, size=round(NEARBY_MM / COLUMN_MM) | 1, mode="nearest")
-    return found.astype(np.float32)
+        whole = np.interp(np.arange(count), at, ratios[at])
+        ratios -= ndimage.median_filter(whole, size=round(NEARBY_MM / COLUMN_MM) | 1, mode="nearest")
+    return ratios.astype(np.float32)

@@ -1,4 +1,4 @@
-"""A change seen in a run, carried on over the rest of it, and what each way to go on would cost."""
+"""Extrapolation of a run's change over the rest of the run, and the expected cost of each response."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
 
 Advice = Literal["accept", "stop", "reprint"]
-"""How to go on with a run: as it is, stop, or stop and print again what was doubtful."""
+"""Response to a change: accept it, stop the run, or stop and print the doubtful pages again."""
 SLOPE_SDS: Final = 2.0
-"""A slope less sure than this counts as a step."""
+"""Least significance of a slope, in standard errors: below it, the change counts as a step."""
 LEAST_PAGES: Final = 12
-"""For a slope to be fitted."""
+"""Least number of pages to which a slope is fitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """A channel since it changed: a straight line, with the scatter of single pages about it."""
+    """Linear model of a channel since its change, with the scatter of single pages."""
 
     level: float
-    """At the last page."""
+    """Level at the last page."""
     slope: float
-    """A page; 0 where none is sure."""
+    """Change per page; 0 if it is not significant."""
     scatter: float
     """Standard deviation of pages about the line."""
 
     @classmethod
     def fitted(cls, pages: NDArray[np.integer], values: NDArray[np.floating]) -> Self:
-        """By least squares over the pages since the change seems to have begun; (n,) each, n at least 1."""
+        """Fit a line by least squares to the pages since the estimated start of the change; (n,) each, n at least 1."""
         level, slope = float(np.median(values)), 0.0
         off = values - level
         if values.size >= LEAST_PAGES and np.ptp(pages) > 0:
@@ -48,7 +48,7 @@ class Change:
         return cls(level=level, slope=slope, scatter=float(off.std()))
 
     def pages_to(self, tolerance: float) -> int | None:
-        """Pages until the level leaves +-tolerance: 0 if it has, None if it is not on its way."""
+        """Return the number of pages until the level leaves +-tolerance; 0: it has; None: it does not approach it."""
         if abs(self.level) >= tolerance:
             return 0
         if self.slope == 0:
@@ -56,7 +56,7 @@ class Change:
         return math.ceil((tolerance - math.copysign(1, self.slope) * self.level) / abs(self.slope))
 
     def outside(self, pages: NDArray[np.integer], tolerance: float) -> NDArray[np.float64]:
-        """Probability that pages (n,), counted from the last, are beyond +-tolerance."""
+        """Return the probability that pages (n,), counted from the last, are beyond +-tolerance."""
         level, scatter = self.level + self.slope * pages, max(self.scatter, 1e-9 * tolerance)
         beyond = special.ndtr((level - tolerance) / scatter) + special.ndtr(-(level + tolerance) / scatter)
         return np.asarray(beyond)
@@ -65,10 +65,10 @@ class Change:
 def expected_costs(
     change: Change, *, tolerance: float, pages_since: int, pages_left: int, costs: RunningCosts
 ) -> dict[Advice, float]:
-    """Expected cost of going on, of stopping now, and of stopping and printing doubtful pages again. [cent]
+    """Return the expected costs of going on, of stopping now, and of stopping and reprinting doubtful pages. [cent]
 
-    A misprint that is delivered costs c_m, a stop c_f, a page printed again c_f: the price of doubting a good one.
-    What drifts slowly is taken to pass page by page; stopping removes the cause.
+    A delivered misprint costs c_m, a stop c_f, and a reprinted page c_f, the cost of a false alarm. A slow drift
+    is assumed to pass page by page; stopping removes the cause.
     """
     miss, stop = costs.missed_misprint_cents, costs.false_alarm_cents
     printed = change.outside(-np.arange(pages_since), tolerance)

@@ -1,11 +1,11 @@
-"""What a run says that no page of it says: inks that drift, registers that wander, a streak that stays at one place.
+"""Monitoring of a run for what no single page shows: drifting inks and registers, and stationary streaks.
 
-Every page gives values for channels: amounts of ink, register, light, and the light of narrow columns. ``cusum`` sums
-up their small deviations; an alarm is fitted as a drift or a step, carried on over the rest of the run, and weighed:
-stop, reprint or go on, whichever is expected to cost least.
+Every page gives values for channels: amounts of ink, register, light, and the light of narrow columns. ``cusum``
+accumulates their small deviations; at an alarm, a drift or a step is fitted and extrapolated over the rest of the
+run, and the response of least expected cost is recommended: stop, reprint or go on.
 
-The null: a good run's pages are exchangeable in every channel. Then one run in so many raises a false alarm, by the
-stated rate, which is shared out evenly: half among the drift channels, half among the columns.
+Null hypothesis: a good run's pages are exchangeable in every channel. Runs then raise false alarms at the stated
+rate, half of which is divided evenly among the drift channels and half among the columns.
 """
 
 from __future__ import annotations
@@ -30,89 +30,89 @@ if TYPE_CHECKING:
 AnnouncementKind = Literal["drift", "step", "streak", "excursion"]
 
 RECENT: Final = 256
-"""Pages whose values are kept to fit what an alarm saw."""
+"""Number of last pages whose values are kept, to fit the change at an alarm."""
 LEAST_SHARE: Final = 0.1
-"""Of the tolerance: a change that is certain but smaller is not worth a word."""
+"""Least change that is announced, as a share of the tolerance, however certain it is."""
 NEWS_SHARE: Final = 0.25
-"""Of the tolerance: what was announced is announced again when it has grown by so much."""
-APART_MM: Final = 3.0
-"""Columns closer than this are one streak."""
+"""Growth after which an announced change is announced again, as a share of the tolerance."""
+STREAK_SEPARATION_MM: Final = 3.0
+"""Distance below which columns belong to one streak."""
 FARTHEST: Final = 1e6
-"""Beyond, a share or millimetres are a fault of reckoning, and no value."""
+"""Limit of valid values: a share, or millimetres, beyond it is a numerical fault."""
 UNKNOWN_PAGES_LEFT: Final = 1000
-"""assumed where nobody says how long the run is."""
+"""Number of pages assumed to remain if the run's length is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PageEvidence:
-    """What one page adds to its run."""
+    """Contribution of one page to the monitoring of its run."""
 
     values: Mapping[str, float] = field(default_factory=dict)
-    """By channel; channels of which the page says nothing are missing."""
+    """Values by channel; channels without a value on this page are missing."""
     columns: NDArray[np.float32] | None = None
-    """(columns,) light over what was expected, less what is alike nearby [-]; None: nothing is known."""
+    """(columns,) light relative to the expected, less the median of nearby columns [-]; None: unknown."""
     summary: NDArray[np.float64] | None = None
-    """``inspection.promise.summary_of``."""
+    """Summary for the test of the run, by ``inspection.promise.summary_of``."""
 
     @property
     def unsound(self) -> tuple[str, ...]:
-        """Channels whose value is there and yet no number that a page can have."""
+        """Channels whose value is present but not valid."""
         return tuple(name for name, value in self.values.items() if not abs(value) <= FARTHEST)
 
     def sound(self) -> PageEvidence:
-        """The same without them."""
+        """Return the same evidence without the values that are not valid."""
         left_out = self.unsound
         if not left_out:
             return self
-        kept = {name: value for name, value in self.values.items() if name not in left_out}
-        return replace(self, values=kept)
+        valid = {name: value for name, value in self.values.items() if name not in left_out}
+        return replace(self, values=valid)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Announcement:
-    """A change that the run shows."""
+    """A change of the run, announced to the operator."""
 
     kind: AnnouncementKind
     channel: str
     sheet: int
-    """At which it was announced."""
+    """Sheet at which it was announced."""
     since: int
-    """Sheet from which it seems to go back to."""
+    """Sheet at which the change is estimated to have begun."""
     level: float
-    """Now, off what was expected, in the channel's own unit: a share or millimetres."""
+    """Present deviation from the expected value, in the channel's own unit: a share or millimetres."""
     slope_a_page: float
     tolerance: float
     pages_to_tolerance: int | None
-    """Until the level leaves tolerance; 0: it has; None: it is not on its way."""
+    """Pages until the level leaves the tolerance; 0: it has; None: it does not approach it."""
     pages_left: int
     costs_cents: Mapping[Advice, float]
-    """Expected, of the three ways to go on."""
+    """Expected costs of the three responses."""
     action: Advice
-    """The cheapest."""
+    """Response of least expected cost."""
     x_mm: float | None
-    """Where across the page, of a streak."""
+    """Position across the page, for a streak."""
     text: str
-    """One line for people."""
+    """Message in one line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunMonitor:
-    """Evidence of one run so far; ``see`` every page in the order of the run. Its size does not grow."""
+    """Accumulated evidence of one run; call ``see`` with every page in order. Its memory does not grow."""
 
     channels: tuple[Channel, ...]
-    """Drifts, then columns."""
+    """Channels: drifts, then columns."""
     drifts: int
     costs: RunningCosts
     false_alarms: float
-    """Stated, a 100,000 pages."""
+    """Stated number of false alarms per 100,000 pages."""
     thresholds: NDArray[np.float64]
     """(channels,) [sd]"""
     ranks: SequentialRanks
     sums: Sums
     recent: NDArray[np.float32]
-    """(RECENT, channels) of the last pages, in turn."""
+    """(RECENT, channels) values of the last pages, as a ring buffer."""
     sheets: NDArray[np.int64]
-    """(RECENT,) their numbers; -1: none yet."""
+    """(RECENT,) numbers of these pages; -1: none yet."""
     standing: dict[int, Announcement]
 
     @classmethod
@@ -124,7 +124,10 @@ class RunMonitor:
         costs: RunningCosts,
         false_alarms: float = 1.0,
     ) -> Self:
-        """Before the first page. columns_mm: where columns lie on the page; false_alarms: a 100,000 pages."""
+        """Return the state before the first page.
+
+        columns_mm: positions of the columns on the page. false_alarms: stated number per 100,000 pages.
+        """
         drifts = drift_channels(sensors)
         columns = column_channels(columns_mm)
         channels = drifts + columns
@@ -146,28 +149,28 @@ class RunMonitor:
         )
 
     def see(self, sheet: int, evidence: PageEvidence, *, pages_left: int | None = None) -> list[Announcement]:
-        """Add a page; returns what is to be announced now. pages_left: after this page."""
+        """Add a page; return the changes to announce now. pages_left: number of pages after this one."""
         values = self._values(evidence)
         place = sheet % RECENT
         self.recent[place], self.sheets[place] = values, sheet
         self.sums.add(self.ranks.score(values), sheet)
-        found = []
+        candidates = []
         for side, channel in np.argwhere(self.sums.total >= self.thresholds).tolist():
             since = int(self.sums.since[side, channel])
-            found.append(
-                (channel, self._told(channel, self._change(channel, since), since, sheet, pages_left))
+            candidates.append(
+                (channel, self._announcement(channel, self._change(channel, since), since, sheet, pages_left))
             )
             self.sums.restart(side, channel, sheet)
-        return self._news(found)
+        return self._news(candidates)
 
     def excursion(
         self, sheet: int, name: str, level: float, *, pages_left: int | None = None
     ) -> list[Announcement]:
-        """What follows the press slowly has come to the end of what it may follow: that is evidence too."""
+        """Announce that an adapted amount has reached its bound (``line.following``), which is evidence too."""
         channel = next(i for i, one in enumerate(self.channels) if one.name == name)
         change = Change(level=level, slope=0.0, scatter=self._change(channel, 0).scatter)
-        told = self._told(channel, change, 0, sheet, pages_left, excursion=True)
-        return self._news([(channel, told)])
+        announcement = self._announcement(channel, change, 0, sheet, pages_left, excursion=True)
+        return self._news([(channel, announcement)])
 
     def _values(self, evidence: PageEvidence) -> NDArray[np.float32]:
         values = np.full(len(self.channels), np.nan)
@@ -178,12 +181,12 @@ class RunMonitor:
         return np.where(np.abs(values) <= FARTHEST, values, np.nan).astype(np.float32)
 
     def _change(self, channel: int, since: int) -> Change:
-        known = (self.sheets >= since) & np.isfinite(self.recent[:, channel])
-        if not known.any():
+        valid = (self.sheets >= since) & np.isfinite(self.recent[:, channel])
+        if not valid.any():
             return Change(level=0.0, slope=0.0, scatter=0.0)
-        return Change.fitted(self.sheets[known], self.recent[known, channel].astype(np.float64))
+        return Change.fitted(self.sheets[valid], self.recent[valid, channel].astype(np.float64))
 
-    def _told(
+    def _announcement(
         self,
         index: int,
         change: Change,
@@ -223,28 +226,28 @@ class RunMonitor:
             text=_worded(channel, kind, change, since, to_tolerance, action),
         )
 
-    def _news(self, found: list[tuple[int, Announcement]]) -> list[Announcement]:
-        """What is worth a word: strongest first, nothing that is known, one of columns that are one streak."""
+    def _news(self, candidates: list[tuple[int, Announcement]]) -> list[Announcement]:
+        """Select the changes to announce: largest first, without known ones, and one for the columns of one streak."""
         news: list[Announcement] = []
-        for index, told in sorted(found, key=lambda one: -abs(one[1].level) / one[1].tolerance):
-            if told.kind != "excursion" and abs(told.level) < LEAST_SHARE * told.tolerance:
+        for index, candidate in sorted(candidates, key=lambda one: -abs(one[1].level) / one[1].tolerance):
+            if candidate.kind != "excursion" and abs(candidate.level) < LEAST_SHARE * candidate.tolerance:
                 continue
-            before = [old for other, old in self.standing.items() if self._same(index, other)]
+            earlier = [old for other, old in self.standing.items() if self._same(index, other)]
             grown = all(
-                abs(told.level) - abs(old.level) >= NEWS_SHARE * told.tolerance
-                or (old.action == "accept" and told.action != "accept")
-                for old in before
+                abs(candidate.level) - abs(old.level) >= NEWS_SHARE * candidate.tolerance
+                or (old.action == "accept" and candidate.action != "accept")
+                for old in earlier
             )
             if grown:
-                self.standing[index] = told
-                news.append(told)
+                self.standing[index] = candidate
+                news.append(candidate)
         return news
 
     def _same(self, one: int, other: int) -> bool:
         x_mm, other_mm = self.channels[one].x_mm, self.channels[other].x_mm
         if x_mm is None or other_mm is None:
             return one == other
-        return abs(x_mm - other_mm) < APART_MM
+        return abs(x_mm - other_mm) < STREAK_SEPARATION_MM
 
 
 def _worded(

@@ -1,1 +1,1 @@
-"""From endless lines to sheets."""
+"""Detection and identification of sheets in a continuous stream of lines."""

@@ -1,4 +1,4 @@
-"""A scan's thumbnail laid on a page's: how alike they are, and where along the sheet it is too long or too short."""
+"""Registration of a scan's thumbnail to a page's: their similarity, and where the sheet is too long or too short."""
 
 from __future__ import annotations
 
@@ -18,50 +18,51 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 BAND_ROWS: Final = 24
-"""Rows of a band in which a displacement is measured, 20 mm: some lines of type."""
+"""Height of the bands in which a displacement is measured, 20 mm: some lines of type."""
 REACH: Final = 3
-"""Thumbnail pixels that a page may lie off its place either way, 2.5 mm."""
+"""Displacement of a page that is searched either way, in thumbnail pixels: 2.5 mm."""
 MARGIN: Final = 2
-"""Thumbnail pixels inside the sheet's edges that do not count: the edges move with the sheet, not with the print."""
+"""Margin inside the sheet's edges, in thumbnail pixels: the edges move with the sheet, not with the print."""
 CHANGE: Final = 0.05
-"""Likeness that a change of displacement by one row from band to band costs. [-]"""
+"""Penalty on a change of displacement by one row from band to band, in likeness. [-]"""
 SHARP: Final = 0.02
-"""How much less likely a row up and down must be for a band to tell its displacement, in mean likeness of bands. [-]"""
+"""Least sharpness of a band's maximum for its displacement to count, in mean likeness of bands. [-]"""
 BLANK: Final = 0.006
-"""Detail of a page without print, rms: clouds of the paper make 0.002, a line of type 0.015. [white]"""
+"""Detail of a page without print, rms: the paper's cloudiness gives 0.002, a line of type 0.015. [white]"""
 PAPER: Final = 0.6
-"""Light above which most of a line of bare paper lies. [white]"""
+"""Reflectance relative to white above which most of a line of bare paper lies. [white]"""
 FLOOR, BLUR, INK = 0.01, 0.25, 0.05
-"""What a good print's thumbnail differs by: in white; in thumbnail pixels of place; as a share of darkness."""
+"""Deviations of a good print's thumbnail: in white; in thumbnail pixels of displacement; as a share of
+darkness."""
 TAPE_STEP: Final = 0.05
 """Least difference of a tape from the page, rms across. [white]"""
 TAPE_EVEN: Final = 0.03
 """Greatest standard deviation across of a tape's light. [white]"""
 TAPE_LIGHTEST: Final = 0.9
-"""Bare paper is no tape. [white]"""
+"""Greatest light of a tape: lighter rows are bare paper. [white]"""
 HOPELESS: Final = -300.0
-"""Evidence of a quarter of the rows against a page after which no more is looked for. [nat]"""
+"""Log likelihood ratio, from a quarter of the rows, below which a page is given up. [nat]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """A scan laid on a page."""
+    """A scan registered to a page."""
 
     page: Thumbnail
     likeness: float
-    """Correlation of their detail, 1 for the very same. [-]"""
+    """Correlation of their detail, 1 for identical ones. [-]"""
     light: NDArray[np.float32]
-    """The scan, moved to where the page's thumbnail has it (rows, columns) [white]."""
+    """The scan, resampled on the page's thumbnail (rows, columns) [white]."""
     box: tuple[int, int, int, int]
-    """The page's inside: first and last row, first and last column, the last not included."""
+    """Interior of the page: first and last row, first and last column, the last excluded."""
     rows: NDArray[np.float64]
-    """Middles of the bands in which a displacement is known (n,)."""
+    """Centres of the bands whose displacement is known (n,)."""
     drop: NDArray[np.float64]
-    """How much too far down the print lies there. [rows]"""
+    """Downward displacement of the print there. [rows]"""
 
 
 def inside(page: Thumbnail, geometry: ScanGeometry) -> tuple[int, int, int, int]:
-    """The page's inside in its thumbnail: see ``Fit.box``."""
+    """Return the page's interior in its thumbnail: see ``Fit.box``."""
     lines, columns = geometry.on_page(page.width_mm, page.height_mm)
     rows, across = page.light.shape
     return (
@@ -73,7 +74,7 @@ def inside(page: Thumbnail, geometry: ScanGeometry) -> tuple[int, int, int, int]
 
 
 def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, longer: float = 0.0) -> Fit:
-    """Lay a scan's light (rows, columns) on a page. longer: how much longer the sheet is than the page. [rows]"""
+    """Register a scan's light (rows, columns) to a page. longer: the sheet's length less the page's. [rows]"""
     rows, box = len(page.light), inside(page, geometry)
     expected = page.light.astype(np.float32) / np.float32(STEPS)
     seen = seen[:rows] if len(seen) >= rows else np.pad(seen, ((0, rows - len(seen)), (0, 0)), mode="edge")
@@ -95,7 +96,7 @@ def lay(seen: NDArray[np.float32], page: Thumbnail, geometry: ScanGeometry, *, l
 
 
 def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool:
-    """Whether nothing is printed on light (rows, columns) inside a box, or on a smaller sheet within it."""
+    """Return whether nothing is printed on light (rows, columns) inside a box, or on a smaller sheet within it."""
     inner = light[box[0] : box[1], box[2] : box[3]]
     light_there = inner > PAPER
     rows, columns = (
@@ -111,7 +112,7 @@ def is_blank(light: NDArray[np.float32], box: tuple[int, int, int, int]) -> bool
 
 
 def evidence(fit: Fit, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
-    """Log P(scan | there) - log P(scan | the page that it is laid on); -inf if they differ in size.
+    """Return log P(scan | there) - log P(scan | the page of the fit); -inf if the two pages differ in size.
 
     taped (rows,): where a tape hides the print.
     """
@@ -122,7 +123,7 @@ def evidence(fit: Fit, there: Thumbnail, taped: NDArray[np.bool_]) -> float:
 
 
 def taped_rows(fit: Fit) -> NDArray[np.bool_]:
-    """Rows that are one even tone from edge to edge, darker than paper, where the page is not (rows,)."""
+    """Return the rows (rows,) that are one even tone across, darker than paper, and unlike the page."""
     top, bottom, left, right = fit.box
     seen = fit.light[top:bottom, left:right]
     expected = fit.page.light[top:bottom, left:right].astype(np.float32) / np.float32(STEPS)
@@ -145,10 +146,29 @@ def _displacements(
     box: tuple[int, int, int, int],
     reach: tuple[int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-    """Where bands of ``expected`` are found in ``seen``, detail both: their middles, how far down; right, and the tilt.
+    """Measure where bands of ``expected`` lie in ``seen``, both as detail.
 
-    Down is followed from band to band: the way of most likeness, changes costing some (Viterbi). A band of vertical
-    rules, or of nothing, so lies where its neighbours do, and is left out. reach: rows up and down.
+    The downward displacement is tracked from band to band by dynamic programming (Viterbi): the path of greatest
+    likeness, with a penalty on changes. A band of vertical rules, or of nothing, thereby follows its neighbours,
+    and is left out.
+
+    Parameters
+    ----------
+    seen, expected
+        (rows, columns) detail of the scan and of the page.
+    box
+        Interior of the page, as ``Fit.box``.
+    reach
+        Displacements searched, up and down. [rows]
+
+    Returns
+    -------
+    at, drop
+        Centres of the bands, and their downward displacements. [rows]
+    right
+        Displacement of the whole to the right. [columns]
+    tilt
+        Slope of the displacement across the page. [rows / column]
     """
     parts, up, middle = _parts(box), reach[0], (box[2] + box[3]) // 2
     padded = np.pad(seen, (reach, (REACH, REACH)))
@@ -162,12 +182,12 @@ def _displacements(
         ]
     )
     across = int(maps.sum(axis=(0, 1, 2)).argmax())
-    of_bands = maps.sum(axis=1)[:, :, max(across - 1, 0) : across + 2].max(axis=2)
-    way = _way(of_bands)
+    band_likeness = maps.sum(axis=1)[:, :, max(across - 1, 0) : across + 2].max(axis=2)
+    path = _best_path(band_likeness)
     whole = maps.sum(axis=(0, 1))[:, across]
     right = across - REACH + _vertex_at(maps.sum(axis=(0, 1))[int(whole.argmax())], across)
-    at, drop, tilts, worth = [], list[float](), list[float](), list[float]()
-    for (top, bottom), halves, likeness, row in zip(parts, maps, of_bands, way, strict=True):
+    at, drop, tilts, sharpnesses = [], list[float](), list[float](), list[float]()
+    for (top, bottom), halves, likeness, row in zip(parts, maps, band_likeness, path, strict=True):
         if not 0 < row < likeness.size - 1 or likeness[row] < likeness[row - 1 : row + 2].max():
             continue
         sharp = 2 * likeness[row] - likeness[row - 1] - likeness[row + 1]
@@ -177,15 +197,15 @@ def _displacements(
         drop.append(row - up + _vertex_at(likeness, row))
         left_half, right_half = halves[0, :, across], halves[-1, :, across]
         tilts.append(_vertex_at(right_half, row) - _vertex_at(left_half, row))
-        worth.append(float(sharp))
-    tilt = float(np.average(tilts, weights=worth)) if worth else 0.0
+        sharpnesses.append(float(sharp))
+    tilt = float(np.average(tilts, weights=sharpnesses)) if sharpnesses else 0.0
     return np.array(at), np.array(drop), right, tilt / ((box[3] - box[2]) / 2)
 
 
 def _likeness_map(
     tile: NDArray[np.float32], padded: NDArray[np.float32], top: int, left: int, reach: int
 ) -> NDArray[np.float32]:
-    """Likeness times energy of a tile at every displacement (down, right) within reach."""
+    """Return a tile's likeness times its energy at every displacement (down, right) within reach."""
     area = padded[top : top + len(tile) + reach, left : left + tile.shape[1] + 2 * REACH]
     energy = float((tile**2).sum())
     if energy < tile.size * BLANK**2:
@@ -194,8 +214,8 @@ def _likeness_map(
     return np.where(np.isfinite(likeness), likeness, 0).astype(np.float32) * np.float32(energy)
 
 
-def _way(of_bands: NDArray[np.float32]) -> list[int]:
-    """One place in each row of (bands, places), of the greatest sum less what changes from row to row cost."""
+def _best_path(of_bands: NDArray[np.float32]) -> list[int]:
+    """Return the path through (bands, places) of the greatest sum, less the penalties on its changes."""
     places = np.arange(of_bands.shape[1])
     change = CHANGE * float(of_bands.max(axis=1).mean()) * np.abs(places[:, None] - places)
     total, before = of_bands[0].astype(np.float64), []
@@ -203,14 +223,14 @@ def _way(of_bands: NDArray[np.float32]) -> list[int]:
         best = total[None, :] - change
         before.append(best.argmax(axis=1))
         total = best.max(axis=1) + band
-    way = [int(total.argmax())]
+    path = [int(total.argmax())]
     for arrived in reversed(before):
-        way.append(int(arrived[way[-1]]))
-    return way[::-1]
+        path.append(int(arrived[path[-1]]))
+    return path[::-1]
 
 
 def _vertex_at(values: NDArray[np.float32], place: int) -> float:
-    """Place of the maximum of a parabola through the values about ``place``, from it."""
+    """Return the offset from ``place`` of the vertex of a parabola through the values around it."""
     if not 0 < place < values.size - 1:
         return 0.0
     before, here, after = values[place - 1 : place + 2].tolist()

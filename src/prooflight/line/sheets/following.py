@@ -1,4 +1,4 @@
-"""Which page of the job a sheet shows, and what that says of the pages before it."""
+"""Identification of the page that a sheet shows, and of the sequence of pages."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 ALIKE: Final = 0.45
-"""Likeness from which a scan may show a page: 88 good prints of 44 designs in the press world reached 0.62 and more,
-and 0.40 at most on another design's page (their seed, 501, is in no study)."""
+"""Least likeness at which a scan may show a page: 88 good prints of 44 designs in the press world reached
+0.62 and more, and 0.40 at most on another design's page (their seed, 501, is in no study)."""
 MARGIN: Final = 30.0
-"""Evidence for another page that outweighs that this one is expected: about eight thumbnail pixels, two
-digits. [nat]"""
+"""Log likelihood ratio for another page that outweighs the expectation of this one: about eight thumbnail
+pixels, two digits. [nat]"""
 AHEAD: Final = 8
-"""Pages behind and before the expected one that are always thought of."""
+"""Number of pages on either side of the expected one that are always considered."""
 WIDE: Final = 512
-"""The same where the sheet is like none of those."""
+"""Number of pages on either side that are considered if the sheet resembles none of those."""
 TRIED: Final = 8
-"""Pages of the wide search whose likeness is looked at: those of the most similar signatures."""
+"""Number of pages of the wide search that are compared: those of the most similar signatures."""
 LIKENED: Final = 4
-"""Pages that a sheet is likened to where the look of the page due is not known."""
+"""Number of pages that a sheet is compared with if the thumbnail of the page due is unknown."""
 BLANK: Final = "a blank sheet"
-STRANGER: Final = "a sheet that is no page of the job"
+UNKNOWN_SHEET: Final = "a sheet that is no page of the job"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Match:
-    """What a sheet shows."""
+    """Identification of a sheet."""
 
     job_page: int | None
     taken_for: int | None = None
-    """The page in whose place it came, where nothing is known of that page's look."""
+    """The page in whose place it came, if that page's thumbnail is unknown."""
     blank: bool = False
     fit: Fit | None = None
-    """The scan laid on the page that it shows."""
+    """The scan registered to the page that it shows."""
     likeness: float = 0.0
-    """The greatest found, of the page it shows or not. [-]"""
+    """Greatest likeness to any compared page, whether the sheet shows it or not. [-]"""
     readings: tuple[Reading, ...] = ()
-    """What it may be in the job, the most likely first."""
+    """Hypotheses about its place in the job, the most likely first."""
 
 
 class Expected(Protocol):
@@ -62,12 +62,12 @@ class Expected(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, job_page: int, /) -> Thumbnail | None:
-        """Of one page; the same object for the same design; None: it is not known yet."""
+        """Return the thumbnail of one page, the same object for the same design; None: it is not known yet."""
         ...
 
 
 class Following:
-    """Where the run stands in its job."""
+    """Tracker of a run's position in its job."""
 
     def __init__(self, *, expected: Expected, geometry: ScanGeometry) -> None:
         self.expected, self._geometry = expected, geometry
@@ -79,20 +79,27 @@ class Following:
         return self.readings.best.due
 
     def known_near(self) -> list[Thumbnail]:
-        """Thumbnails of pages near the one due, that first, each once."""
+        """Return the thumbnails of pages near the one due, that one first, each once."""
         near = sorted(self._near(), key=lambda page: (page != self.due, abs(page - self.due)))
-        known = (self.expected[page] for page in near)
-        return list({id(page): page for page in known if page is not None}.values())
+        thumbnails = (self.expected[page] for page in near)
+        return list({id(page): page for page in thumbnails if page is not None}.values())
 
     def identify(self, light: NDArray[np.float32], *, longer: float, skipped: int = 0) -> Match:
-        """What a sheet shows; light (rows, columns) of its scan. longer: than its page. [rows]
+        """Identify what a sheet shows.
 
-        skipped: sheets for which there was room in the gap before it.
+        Parameters
+        ----------
+        light
+            (rows, columns) light of its scan.
+        longer
+            Excess of its length over the page's. [rows]
+        skipped
+            Number of sheets that the gap before it had room for.
         """
         near = self._designs(self._near(), lambda page: self.readings.cost(page, skipped=skipped))
         by_cost = sorted(near, key=lambda entry: entry[2])
         if self.due < len(self.expected) and not self._is_known(self.due):
-            # What is not known cannot be told from what is like it, unless the sheets before bear that out.
+            # An unknown page cannot be distinguished from one that resembles it: only the sequence decides.
             best = self._liken(light, by_cost[:LIKENED], longer)
             return self._read(best, skipped) if best.likeness >= ALIKE else self._stray(best)
         if not near:
@@ -101,7 +108,7 @@ class Following:
         if is_blank(light, inside(first, self._geometry)) and not self._is_blank(first):
             return self._stray(Match(job_page=None, blank=True))
         best = self._liken(light, by_cost[:1], longer)
-        # Where nobody knows how many pages passed, none is expected so much that it need only be alike.
+        # After an unknown number of pages, none is expected so strongly that likeness alone suffices.
         if best.likeness < ALIKE or self.readings.blind:
             best = max(best, self._liken(light, by_cost[1:], longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE or self.readings.blind:
@@ -109,10 +116,10 @@ class Following:
             best = max(best, self._liken(light, wide, longer), key=lambda match: match.likeness)
         if best.likeness < ALIKE or best.fit is None:
             return self._stray(best)
-        return self._read(self._weighed(light, best, best.fit, near, longer), skipped)
+        return self._read(self._best_supported(light, best, best.fit, near, longer), skipped)
 
     def _read(self, match: Match, skipped: int) -> Match:
-        """The same, read as what is the most likely in the job."""
+        """Return the match with its hypotheses, interpreted by the most likely one."""
         shown = match.job_page
         pages = {page for page in self._near() if self._same(page, match)} | ({shown} - {None})
         readings = self.readings.of_page(
@@ -121,9 +128,9 @@ class Following:
         return replace(match, job_page=readings[0].page, taken_for=readings[0].taken_for, readings=readings)
 
     def _stray(self, match: Match) -> Match:
-        """The same of a sheet that shows no page that is known."""
+        """Return the match of a sheet that shows no known page, with its hypotheses."""
         known = (lambda _page: True) if match.blank else self._is_known
-        readings = self.readings.of_stray(BLANK if match.blank else STRANGER, known=known)
+        readings = self.readings.of_stray(BLANK if match.blank else UNKNOWN_SHEET, known=known)
         return replace(match, job_page=None, fit=None, taken_for=readings[0].taken_for, readings=readings)
 
     def _same(self, page: int, match: Match) -> bool:
@@ -132,7 +139,7 @@ class Following:
     def _is_known(self, page: int) -> bool:
         return self.expected[page] is not None
 
-    def _weighed(
+    def _best_supported(
         self,
         light: NDArray[np.float32],
         best: Match,
@@ -140,7 +147,7 @@ class Following:
         near: list[tuple[int, Thumbnail, float]],
         longer: float,
     ) -> Match:
-        """The page that the evidence is for, of those near; ``best``, with its fit, is one that it is like."""
+        """Return the match of the nearby page with the greatest evidence; ``best``, with its fit, is the start."""
         chosen: tuple[int, Thumbnail, float] | None = None
         most = 0.0
         taped = taped_rows(fit)
@@ -148,9 +155,9 @@ class Following:
         for job_page, page, cost in near:
             if page is fit.page:
                 continue
-            said = evidence(fit, page, taped)
-            if said > MARGIN and said - cost + own > most:
-                chosen, most = (job_page, page, cost), said - cost + own
+            log_ratio = evidence(fit, page, taped)
+            if log_ratio > MARGIN and log_ratio - cost + own > most:
+                chosen, most = (job_page, page, cost), log_ratio - cost + own
         if chosen is None:
             return best
         other = self._liken(light, [chosen], longer)
@@ -170,7 +177,7 @@ class Following:
         return is_blank(page.light.astype(np.float32) / np.float32(STEPS), inside(page, self._geometry))
 
     def _near(self) -> list[int]:
-        """Pages that a sheet is laid on first."""
+        """Return the pages that a sheet is compared with first."""
         kept, last = self.readings.kept, self.readings.last
         pages = set(range(self.due - AHEAD, self.due + AHEAD + 1)) | {one.due for one in kept}
         pages |= {page for one in kept for page, _ in one.waiting}
@@ -179,7 +186,7 @@ class Following:
         return sorted(page for page in pages if 0 <= page < len(self.expected))
 
     def _wide(self, light: NDArray[np.float32]) -> list[int]:
-        """Pages further away whose signature is most like the scan's."""
+        """Return the pages further away whose signature is most similar to the scan's."""
         of_scan = signature(light)
         around = range(max(self.due - WIDE, 0), min(self.due + WIDE + 1, len(self.expected)))
         similar = [
@@ -192,26 +199,27 @@ class Following:
     def _designs(
         self, pages: Iterable[int], cost: Callable[[int], float]
     ) -> list[tuple[int, Thumbnail, float]]:
-        """Every known design among pages once, as the page that costs least: page, thumbnail, cost."""
-        found: dict[int, tuple[int, Thumbnail, float]] = {}
+        """Return every known design among the pages once, as its page of least cost: page, thumbnail, cost."""
+        cheapest: dict[int, tuple[int, Thumbnail, float]] = {}
         for job_page in pages:
             page = self.expected[job_page]
             if page is None:
                 continue
             costs = cost(job_page)
-            if id(page) not in found or costs < found[id(page)][2]:
-                found[id(page)] = (job_page, page, costs)
-        return list(found.values())
+            if id(page) not in cheapest or costs < cheapest[id(page)][2]:
+                cheapest[id(page)] = (job_page, page, costs)
+        return list(cheapest.values())
 
     def arrived(self, match: Match, first_line: int) -> tuple[list[Fault], list[MissingPage]]:
-        """Go on behind a sheet: faults of order that it shows, and pages now said to be missing."""
+        """Advance past a sheet; return the faults of order that it shows, and the pages now reported missing."""
         fault = match.readings[0].fault
         faults = [] if fault is None else [Fault(kind=fault[0], first_line=first_line, detail=fault[1])]
         return faults, _missing(self.readings.go_on(match.readings), first_line)
 
     def hidden(self, first_line: int) -> tuple[int | None, list[MissingPage]]:
-        """Go on behind a sheet of which nobody can see what it shows; the page it is taken for, None: nobody can tell,
-        and pages now said to be missing.
+        """Advance past a sheet whose page cannot be seen.
+
+        Return the page that it is taken for, None if that is unknown, and the pages now reported missing.
         """
         if self.readings.blind or self.due >= len(self.expected):
             return None, []
@@ -219,12 +227,12 @@ class Following:
         return readings[0].taken_for, _missing(self.readings.go_on(readings), first_line)
 
     def ended(self, first_line: int) -> list[MissingPage]:
-        """No more lines come: pages that were passed over and have not come."""
+        """Return the pages that were skipped and have not come, at the end of the lines."""
         return _missing(self.readings.ended(), first_line)
 
 
-def _missing(gone: Iterable[tuple[int, str]], first_line: int) -> list[MissingPage]:
+def _missing(absent: Iterable[tuple[int, str]], first_line: int) -> list[MissingPage]:
     return [
         MissingPage(job_page=page, faults=(Fault(kind="missing", first_line=first_line, detail=why),))
-        for page, why in gone
+        for page, why in absent
     ]

@@ -1,4 +1,4 @@
-"""What is said of the sheets that passed, and of those that did not."""
+"""Records of the sheets that passed, and of pages that did not come."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ FaultKind = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """Something that went wrong on the way from the press to the lines; not a misprint.
+    """A fault of the paper path or of the camera's lines; not a misprint.
 
-    slip: the sheet came early or late against those before it. stretch: it is longer or shorter than it should be.
-    lost-lines, extra-lines: the camera lost lines, its count jumps or goes back, or the sheet lacks lines or has too
-    many at one place. blank: nothing is printed on it. repeated: a page that had passed already. missing: pages before
-    this one have not come. out-of-order: a page came later than its turn. splice: a tape lies across the sheet.
-    unknown: it is no page of the job, or less than a sheet.
+    slip: the sheet came early or late relative to those before it. stretch: it is longer or shorter than it
+    should be. lost-lines, extra-lines: the camera lost lines, its count jumps or goes back, or the sheet lacks
+    lines or has too many at one place. blank: nothing is printed on it. repeated: a page that had passed already.
+    missing: pages before this one have not come. out-of-order: a page came later than its turn. splice: a tape
+    lies across the sheet. unknown: it is no page of the job, or less than a sheet.
     """
 
     kind: FaultKind
     first_line: int
-    """Where it begins, in the camera's count."""
+    """First line of the fault, in the camera's count."""
     detail: str
-    """For a person."""
+    """Message for a person."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,24 +55,25 @@ class SeenPage:
     last_line_time_s: float
     """When the scan's last line was read, by the source's clock."""
     job_page: int | None
-    """Which of ``expected`` it shows; None: none of them."""
+    """Index in ``expected`` of the page that it shows; None: it shows none of them."""
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
-    """The page in whose place it came, where it could not be told which it shows: ``job_page`` is None then."""
+    """The page in whose place it came, if its content could not be identified: ``job_page`` is None then."""
     unseen: tuple[Unseen, ...] = ()
-    """Of the scan's lines, those that the camera lost."""
+    """Lines of the scan that the camera lost."""
     begun_within: bool = False
-    """Whether the lines began within it: what lies before was never seen. It is torn then."""
+    """Whether the lines began within it, so that its first part was never seen. It is torn then."""
     torn: bool = False
-    """Whether lines were lost within the sheet, and nobody knows how many."""
+    """Whether an unknown number of lines was lost within the sheet."""
     cut_short: bool = False
-    """Whether that is because the lines ended before the sheet did; else the page's look was not known."""
+    """Whether the lines ended before the sheet did, so that it could not be identified; if not, the thumbnail
+    of its page was unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingPage:
-    """A page of the job that has not come, said when the pages behind it have."""
+    """A page of the job that has not come, reported when pages after it have."""
 
     job_page: int
-    """Which of ``expected``."""
+    """Index in ``expected`` of the page."""
     faults: tuple[Fault, ...]

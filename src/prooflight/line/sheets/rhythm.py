@@ -1,4 +1,4 @@
-"""Whether sheets come when they should, from the gaps between them."""
+"""Detection of early and late sheets from the gaps between them."""
 
 from __future__ import annotations
 
@@ -7,37 +7,38 @@ from itertools import accumulate
 from typing import Final
 
 FEWEST: Final = 3
-"""Gaps to be seen before a sheet is called late."""
+"""Number of gaps that must be seen before a sheet is reported late."""
 GAPS: Final = 33
-"""Gaps whose mean is the usual one: good sheets' shifts cancel in it but for the first and the last."""
+"""Number of gaps whose mean is the usual gap: good sheets' displacements cancel in it but for the first and
+the last."""
 PLACES: Final = 6
-"""Sheets whose mean place is where sheets lie."""
+"""Number of sheets whose mean position is the expected position."""
 
 
 class Rhythm:
-    """The usual gap, and how far sheets lie from where it would put them.
+    """Estimate of the usual gap, and of each sheet's displacement from the position that it predicts.
 
-    A sheet's place is the sum of what gaps had over the usual one, so that its own shift counts and not that of the
-    sheet before. A belt that slipped leaves all sheets behind it in a new place; a sheet alone off its place is
-    followed by one back in the old.
+    A sheet's position is the sum of the gaps' excesses over the usual one, so that its own displacement counts
+    and not that of the sheet before. After a slip of the belt all sheets lie at a new position; a single
+    displaced sheet is followed by one at the old position.
     """
 
     def __init__(self, *, tolerance: float) -> None:
-        """tolerance: how far off a sheet in time may lie. [lines]"""
+        """tolerance: greatest displacement of a sheet in time. [lines]"""
         self._tolerance = tolerance
         self._gaps: deque[float] = deque(maxlen=GAPS)
         self._places: deque[float] = deque([0.0], maxlen=PLACES)
         self._left: deque[float] | None = None
 
     def room(self, gap: float, sheet: float) -> int:
-        """For how many sheets of so many lines there was room in a gap. [lines]"""
+        """Return the number of sheets, ``sheet`` lines long, that a gap of ``gap`` lines had room for."""
         usual = self._usual(gap, sheet)
         return max(round((gap - usual) / (sheet + usual)), 0)
 
     def beat(self, gap: float, sheet: float) -> float:
-        """How late the sheet of so many lines behind a gap is; negative: it is early. [lines]
+        """Return how late the sheet of so many lines after a gap is; negative: it is early. [lines]
 
-        0: it is in time, or nobody can tell yet.
+        0: it is in time, or too few gaps were seen to tell.
         """
         usual, skipped = self._usual(gap, sheet), self.room(gap, sheet)
         over = gap - usual - skipped * (sheet + usual)
@@ -64,7 +65,10 @@ class Rhythm:
         return _mean(self._gaps) if self._gaps else min(gap, sheet / 2)
 
     def _limit(self) -> float:
-        """How far off is late: the usual gap errs by the first and last sheet's shifts, the mean place by a share."""
+        """Return the limit of displacement.
+
+        The usual gap errs by the first and last sheet's displacements, the mean position by a share.
+        """
         return self._tolerance * (1 + 1 / len(self._places) + 3 / len(self._gaps))
 
 

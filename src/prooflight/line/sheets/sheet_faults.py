@@ -1,4 +1,4 @@
-"""What happened to a sheet on its way: too long or too short, in one place or all over; a tape across it."""
+"""Detection of faults of a sheet: a wrong length, at one place or overall, and a tape across it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ if TYPE_CHECKING:
     from prooflight.line.sheets.fitting import Fit
 
 LENGTH_SHARE, LENGTH_LINES = 0.0008, 2.5
-"""A good sheet's length errs by less: 0.03 % of scale in the press world, warp, and its edges to a line each."""
+"""Bound of a good sheet's error of length: 0.03 % of scale in the press world, warp, and a line for each
+edge."""
 MOST_STRETCH: Final = 0.013
-"""What is more is no stretch, whatever it looks like."""
+"""Greatest change of length that counts as stretch, as a share; beyond it lines were lost or are too many."""
 TAPE_MM: Final = 4.0, 80.0
 """Least and greatest height of a splice's tape."""
 
 
 def length_fault(fit: Fit, *, longer_lines: float, page_lines: int, start_line: int) -> Fault | None:
-    """Why a sheet is so much longer than its page; None: it is not. start_line: the camera's count at its edge."""
+    """Return the fault of a sheet's length; None: it has none. start_line: the camera's count at its edge."""
     if abs(longer_lines) <= LENGTH_SHARE * page_lines + LENGTH_LINES:
         return None
     step = _step(fit.rows, fit.drop)
@@ -42,7 +43,7 @@ def length_fault(fit: Fit, *, longer_lines: float, page_lines: int, start_line: 
 
 
 def splice_fault(fit: Fit, *, start_line: int, line_pitch_mm: float) -> Fault | None:
-    """A tape that lies across the whole sheet; None: there is none."""
+    """Return the fault of a tape across the whole sheet; None: there is none."""
     rows = _longest(taped_rows(fit))
     height_mm = (rows[1] - rows[0]) * SHRINK * line_pitch_mm
     if not TAPE_MM[0] <= height_mm <= TAPE_MM[1]:
@@ -54,17 +55,17 @@ def splice_fault(fit: Fit, *, start_line: int, line_pitch_mm: float) -> Fault | 
 
 
 def _straight(rows: NDArray[np.float64], drop: NDArray[np.float64]) -> float:
-    """What is left of displacements after a straight line, sum of squares. [rows^2]"""
+    """Return the residual sum of squares of displacements about a straight line. [rows^2]"""
     if rows.size < 2:
         return 0.0
     return float(np.sum((drop - np.polyval(np.polyfit(rows, drop, 1), rows)) ** 2))
 
 
 def _step(rows: NDArray[np.float64], drop: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Where one step explains displacements best, and what is left after it; None: too few to tell."""
+    """Return the place of the best-fitting step, and its residual sum of squares; None: too few points."""
     if rows.size < 4:
         return None
-    left = [
+    candidates = [
         (
             float(
                 np.sum((drop[:cut] - drop[:cut].mean()) ** 2) + np.sum((drop[cut:] - drop[cut:].mean()) ** 2)
@@ -73,12 +74,12 @@ def _step(rows: NDArray[np.float64], drop: NDArray[np.float64]) -> tuple[float, 
         )
         for cut in range(1, rows.size)
     ]
-    rest, where = min(left)
-    return where, rest
+    residual, where = min(candidates)
+    return where, residual
 
 
 def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
-    """First and behind the last of the longest run of set flags."""
+    """Return the first index of the longest run of set flags, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     if not edges.size:
         return 0, 0

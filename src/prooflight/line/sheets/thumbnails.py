@@ -1,4 +1,4 @@
-"""Pages and scans small enough to compare with many pages of a job."""
+"""Thumbnails of pages and scans, small enough for comparison with many pages of a job."""
 
 from __future__ import annotations
 
@@ -19,22 +19,25 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 ROWS_AT_ONCE: Final = 8
-"""Of a prediction, which as a whole fits no cache."""
+"""Number of thumbnail rows computed at once: a whole prediction fits no cache."""
 CELL: Final = 16
-"""Thumbnail pixels in a cell of a signature, 13 mm: a shift of 1 mm hardly changes it."""
+"""Width of a signature's cells in thumbnail pixels, 13 mm: a shift of 1 mm hardly changes them."""
 
 
 class Shrinker:
-    """Camera lines -> light of 8 x 8 pixel means as a share of paper white, sensors averaged, columns evened out."""
+    """Reduction of camera lines to light, as means of 8 x 8 pixels.
+
+    Light is a share of paper white, averaged over sensors, with the columns' gains equalised.
+    """
 
     def __init__(self, press: Press) -> None:
         sensors = press.sensors
         self.columns = press.geometry.pixels // SHRINK
-        worth = [
+        scales = [
             1 / (sensor.column_gain * (sensor.white_dn * SHRINK**2 * len(sensors))) for sensor in sensors
         ]
         used = self.columns * SHRINK
-        self._scale = np.ascontiguousarray(np.stack(worth)[:, :used], dtype=np.float32)
+        self._scale = np.ascontiguousarray(np.stack(scales)[:, :used], dtype=np.float32)
         dark = [
             scale * sensor.column_offset_dn[:used] for scale, sensor in zip(self._scale, sensors, strict=True)
         ]
@@ -42,36 +45,40 @@ class Shrinker:
             np.sum(dark, axis=0, dtype=np.float64).reshape(self.columns, SHRINK).sum(axis=1) * SHRINK
         ).astype(np.float32)
         self._sums = np.zeros((len(sensors), press.geometry.pixels), np.uint32)
-        self._held = 0
+        self._pending = 0
 
     def rows(self, lines: NDArray[np.uint16]) -> NDArray[np.float32]:
-        """Rows that are complete with these lines (sensors, n, pixels) [DN]: (rows, columns). The rest is kept."""
-        rows, left = divmod(self._held + lines.shape[1], SHRINK)
+        """Return the rows that are complete with these lines, and store the remaining lines.
+
+        lines: (sensors, n, pixels) [DN]. Returns (rows, columns).
+        """
+        rows, left = divmod(self._pending + lines.shape[1], SHRINK)
         light = np.tile(-self._dark, (rows, 1))
         for sensor, sums, scale in zip(lines, self._sums, self._scale, strict=True):
-            shrink(np.ascontiguousarray(sensor), self._held, sums, scale, light)
-        self._held = left
+            shrink(np.ascontiguousarray(sensor), self._pending, sums, scale, light)
+        self._pending = left
         return light
 
     def picture(self, lines: NDArray[np.uint16]) -> NDArray[np.float32]:
-        """The same of a whole scan; nothing is kept."""
+        """Return the rows of a whole scan; nothing is stored."""
         return self.rows(lines[:, : lines.shape[1] // SHRINK * SHRINK])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Thumbnail:
-    """A page of the job where it should lie."""
+    """Thumbnail of a page of the job at its nominal position."""
 
     light: NDArray[np.uint8]
     """(rows, columns) in 1/200 of paper white; the first rows are lead-in, as in a scan."""
     width_mm: float
     height_mm: float
     signature: NDArray[np.float32] = field(repr=False)
-    """What a shifted scan shares with it: mean and detail of 13 mm cells, of length 1."""
+    """Features that are insensitive to a shift of the scan: mean and detail of 13 mm cells, normalised to
+    length 1."""
 
 
 def signature(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Of light (rows, columns): see ``Thumbnail.signature``."""
+    """Return the signature of light (rows, columns): see ``Thumbnail.signature``."""
     rows, columns = (max(extent // CELL, 1) for extent in light.shape)
     mean = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
     busy = cv2.resize(np.abs(detail(light)), (columns, rows), interpolation=cv2.INTER_AREA)
@@ -81,7 +88,7 @@ def signature(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def thumbnail_of(page: Page, prediction: Prediction, press: Press) -> Thumbnail:
-    """Of a page as it lies in the press, from its prediction in its place."""
+    """Return the thumbnail of a page in the press, from its prediction at its nominal position."""
     expected, shrinker = prediction.expected_dn, Shrinker(press)
     light = np.empty((expected.shape[1] // SHRINK, shrinker.columns), np.float32)
     for row in range(0, len(light), ROWS_AT_ONCE):

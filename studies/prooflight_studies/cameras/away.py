@@ -1,4 +1,4 @@
-"""A camera that is unplugged for long while a job is watched: what the run takes of memory, and how it goes on."""
+"""A camera that is unplugged for long while a job is watched: memory of the run, and how it resumes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from prooflight_studies.cameras.rig import Rig
 
 SHEETS_BEFORE: Final = 40
-"""For the run to have all the memory that it takes while its camera sends."""
+"""Sheets before the camera is unplugged, so that the run has allocated the memory it needs."""
 SHEETS_AFTER: Final = 20
 SAMPLES: Final = 60
-"""Of memory, while the camera is away."""
+"""Number of samples of memory while the camera is away."""
 
 
 def away_figures(rig: Rig, *, minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
-    """One absence of so many minutes, while the press, and so its encoder, stands."""
+    """Measure one absence of ``minutes``, while the press, and so its encoder, stands still."""
     usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
     turning = Turning()
     with plugged_in(rig.played) as (peer,):

@@ -1,4 +1,7 @@
-"""Cameras that die, hang, are taken by another, and return, while a job is watched: how soon that is said."""
+"""Cameras that fail, hang, are taken by another program, and return, while a job is watched.
+
+The time until each is reported is measured.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +28,19 @@ if TYPE_CHECKING:
     from prooflight_studies.cameras.rig import Rig
 
 KINDS: Final = ("unplugged", "frozen", "hung")
-"""The camera is gone; it answers nothing; it answers, and sends nothing."""
+"""Kinds of failure: the camera is missing; it does not answer; it answers, but sends nothing."""
 LINE_HZ: Final = 1000.0
 AWAY_S: Final = 1.0
-"""From the notice to the camera's return."""
+"""Time from the notice to the camera's return."""
 BETWEEN_SHEETS: Final = 3
 LONGEST_S: Final = 60.0
 TAKEN_S: Final = 1.5
-"""For which another program holds the camera."""
+"""Time for which another program holds the camera."""
 
 
 @dataclass(slots=True)
 class Turning:
-    """The encoder of a press that runs: it tells its camera how far it has gone."""
+    """Encoder of a running press, which reports its position to the camera."""
 
     begun_s: float = field(default_factory=time.monotonic)
     peer: Peer | None = None
@@ -45,11 +48,11 @@ class Turning:
     ended: threading.Event = field(default_factory=threading.Event)
 
     def line(self) -> int:
-        """That passes now."""
+        """Return the line that passes now."""
         return round((time.monotonic() - self.begun_s) * LINE_HZ)
 
     def run(self) -> None:
-        """Until ``ended``."""
+        """Report the position until ``ended`` is set."""
         while not self.ended.wait(0.1):
             with self.guard:
                 if self.peer is not None:
@@ -57,7 +60,7 @@ class Turning:
 
 
 def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Each death by itself, and the sheets of all."""
+    """Return the figures of each failure, and of the sheets of all."""
     usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
     rows: list[dict[str, Any]] = []
     turning = Turning()
@@ -141,7 +144,7 @@ def _death(
 
 
 def watched(rig: Rig) -> tuple[subprocess.Popen[str], queue.Queue[tuple[float, dict[str, Any]]]]:
-    """A run whose camera waits for its encoder, and what it tells, with when it was told."""
+    """Start a run whose camera waits for its encoder; return it with a queue of its messages and their times."""
     process = rig.watch(
         *("--source", f"camera:{ID}", "--sheets", 100_000),
         *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
@@ -163,7 +166,7 @@ def until(
     notice: str = "",
     sheets_more: int = 0,
 ) -> tuple[float, str]:
-    """When a notice was told, or so many more sheets; all sheets told until then are added."""
+    """Wait for a notice, or for so many more sheets, and return its time; all sheets until then are added."""
     wanted = len(sheets) + sheets_more
     while True:
         at_s, row = said.get(timeout=LONGEST_S)
@@ -176,7 +179,7 @@ def until(
 
 
 def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Another program takes control of viva's simulated camera, holds it for a while and lets go."""
+    """Let another program take control of viva's simulated camera, hold it for a while and release it."""
     import viva_genicam
     from viva_genicam.testing import FakeGigeCamera
 

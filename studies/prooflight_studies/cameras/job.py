@@ -1,4 +1,4 @@
-"""A job watched over the wire by each library, and the same lines from a file: to the byte, verdict by verdict."""
+"""A job watched over the wire by each library, and the same lines from a file: lines to the byte, and verdicts."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     from prooflight_studies.cameras.rig import Rig
 
 WATCHED_HZ: Final = 1000.0
-"""Lines a second while sheets are judged: two sheets a second, which any machine keeps up with."""
+"""Line rate while sheets are judged: two sheets a second, which any machine keeps up with."""
 RECORDED_HZ: Final = 8000.0
 EMULATED_LINES: Final = 64
 EMULATED_HZ: Final = 50.0
 """Blocks a second of pylon's emulator."""
 OVER_THE_WIRE: Final = {"aravis": "aravis:PL01", "viva": "viva:127.0.0.1"}
-"""Libraries that read Aravis' simulated camera, and as what they find it."""
+"""Libraries that read Aravis' simulated camera, and the name by which they find it."""
 
 
 def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """A row of each library."""
+    """Return a row for each library."""
     os.environ["PYLON_CAMEMU"] = "1"  # pylon looks at it once, when it is first asked for cameras
     lacks = {one.name: one.lacks for one in BACKENDS}
     progress("the job from a file")
@@ -57,12 +57,12 @@ def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[
 
 
 def from_file(rig: Rig, sheets: int, *watch: object) -> list[tuple[Any, ...]]:
-    """Verdicts on so many sheets, the prints over and over."""
+    """Return the verdicts on so many sheets, the prints repeated."""
     return [verdict(row) for row in told_from_file(rig, sheets, *watch)]
 
 
 def told_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
-    """All that is told of these."""
+    """Return all messages on these sheets."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "lines.raw")
         with path.open("wb") as file:
@@ -96,7 +96,7 @@ def _row(rig: Rig, camera: str, sheets: int, wanted: list[tuple[Any, ...]]) -> d
 
 
 def _exact(source: CameraLines | SeveralCameras, played: np.ndarray, count: int) -> dict[str, Any]:
-    """How many lines came, how many of them are not what was played, and what was said to be lost."""
+    """Return the numbers of lines that came, of those that differ from the played ones, and of reported faults."""
     lines = other = faults = 0
     first = None
     for block in source.blocks():
@@ -113,7 +113,7 @@ def _exact(source: CameraLines | SeveralCameras, played: np.ndarray, count: int)
 
 
 def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
-    """The emulator of pylon plays a file a block, 8 bits a pixel: the upper bits of each number."""
+    """Play lines through pylon's emulator: a file a block, 8 bits a pixel, the upper bits of each number."""
     lines = (rig.lines >> 4).astype(np.uint8)
     lines = lines[: len(lines) // EMULATED_LINES * EMULATED_LINES]
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""How fast lines are read over loopback without a loss, and what that costs this process. Wants a quiet machine."""
+"""Speed at which lines are read over loopback without a loss, and its cost in this process. Needs an idle machine."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 PIXELS: Final = 2048
 BLOCK_LINES: Final = 256
-"""A block of 1 MiB."""
+"""Lines of a block of 1 MiB."""
 PLAYED_LINES: Final = 4096
 PACKET_BYTES: Final = 9000
 RATES_MB_S: Final = (17.0, 34.0, 75.0, 150.0, 200.0)
-"""34: three sensors of the prototype, 2048 pixels of 2 bytes at 2770 lines/s each."""
+"""Data rates. 34 MB/s is that of three sensors of the prototype: 2048 pixels of 2 bytes at 2770 lines/s each."""
 PROTOTYPE_MB_S: Final = 34.0
 
 
 def speed_rows(
     *, seconds: float, rates_mb_s: tuple[float, ...], seed: int, progress: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """A row of each library and rate; what the camera's own process costs is apart."""
+    """Return a row for each library and rate, without the cost of the camera's own process."""
     lines = stream(seed, "camera-losses", 2).integers(1, 4096, (PLAYED_LINES, PIXELS), np.uint16)
     lacks = {one.name: one.lacks for one in BACKENDS}
     rows = []

@@ -1,4 +1,4 @@
-"""Two cameras with a fraction of a line between them and clocks of their own, kept in step over a long run."""
+"""Two cameras with a fraction of a line between them and clocks of their own, synchronised over a long run."""
 
 from __future__ import annotations
 
@@ -31,9 +31,12 @@ CLOCK_PPM: Final = 50.0
 BLOCK_LINES: Final = 64
 LINE_HZ: Final = 2770.0
 LOST_OF: Final = 500
-"""One block in so many does not come, of either camera."""
+"""One block in this many is lost, of either camera."""
 MEASURED_OF: Final = 4
-"""Of so many sheets one is asked how far apart both saw it; the lines of all are compared with those played."""
+"""On one sheet in this many the offset between the cameras is measured.
+
+The lines of all sheets are compared with those played.
+"""
 DESIGNS: Final = 8
 CAMERAS: Final = f"""
 [[camera]]
@@ -45,7 +48,7 @@ offset_lines = [{OFFSET_LINES}]
 
 
 def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Lay the two side by side, and measure on every sheet how far apart both saw it."""
+    """Align the two cameras, and measure the remaining offset between them."""
     progress("building a press of two cameras")
     text = PressFile.preset(TWO_SENSORS).text + CAMERAS
     press_file = PressFile(Path("two-cameras.toml"), text)
@@ -133,7 +136,7 @@ def _blocks(
     sheets: int,
     rng: np.random.Generator,
 ) -> Iterator[tuple[float, int, Grab]]:
-    """A camera's blocks in the order and at the time of their arrival, by its own clock and the way's delays."""
+    """Yield a camera's blocks in order and at the time of their arrival, by its own clock and random delays."""
     rate = 1 + (CLOCK_PPM * 1e-6 if sensor else 0.0)
     empty = np.zeros((later, PIXELS), np.uint16)
     rest, number, arrived_s = empty, 0, 0.0

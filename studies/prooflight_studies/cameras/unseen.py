@@ -1,4 +1,4 @@
-"""Lines that were lost, before detectors that know nothing of it: none calls a misprint what is none for it."""
+"""Lost lines before detectors that ignore them: no detector may call a misprint what is none without the loss."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 RUNS: Final = (1, 3, 32, 64)
-"""Lines that are lost at once: a packet's, a block's."""
+"""Numbers of lines that are lost at once: a packet's, a block's."""
 DETECTORS: Final = ("chi-square", "bayes", "ours")
 
 
 def unseen_rows(
     press_at: Path, *, prints: int, seed: int, progress: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """A row of each detector and world: the same prints with and without a run of lost lines."""
+    """Return a row for each detector and world: the same prints with and without a run of lost lines."""
     press = Press.load(press_at)
     pieces = Pieces(seed=DESIGN_SEED + 7, dpi=press.dpi)
     pages = [press.geometry.lay(pieces.page(index)) for index in range(prints)]

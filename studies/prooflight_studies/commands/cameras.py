@@ -1,4 +1,4 @@
-"""``prooflight study cameras``: cameras on loopback, their losses, deaths and speed."""
+"""``prooflight study cameras``: cameras on loopback, their losses, failures and speed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def cameras(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Cameras on loopback, part by part: to the byte, lost, dead and back, in step, how fast; writes cameras.md."""
+    """Measure cameras on loopback, part by part: lines, losses, failures, synchronisation, speed; writes cameras.md."""
     from prooflight_studies.cameras.study import PARTS, Plan, Study
 
     for one in part or ():

@@ -1,4 +1,4 @@
-"""``prooflight study console``: how soon a verdict is seen, and what the console costs."""
+"""``prooflight study console``: the delay until a verdict is shown, and the cost of the console."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def console(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """From a verdict to its being seen, with 50 live pages; real inspection beside them; memory; pages.
+    """Measure the delay from a verdict to its display on 50 live pages, their load on an inspection, and memory.
 
     Writes console.md.
     """

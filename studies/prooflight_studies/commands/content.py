@@ -14,7 +14,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 
 class Part(StrEnum):
-    """Of the study."""
+    """Parts of the study."""
 
     CODES = "codes"
     TEXT = "text"
@@ -34,7 +34,7 @@ def content(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Codes of eight symbologies, or numbers of 6 to 10 pt, good and wrong: what is caught; writes content.md."""
+    """Print codes of eight symbologies, or numbers of 6 to 10 pt, and count what is caught; writes content.md."""
     if part is Part.TEXT:
         _text(out, seed=seed, sheets=sheets, pitches_mm=pitch, cache=cache, quick=quick, json=json)
         return

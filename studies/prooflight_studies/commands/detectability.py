@@ -1,4 +1,4 @@
-"""``prooflight study detectability``: what would be caught on the pages of a job, before they are printed."""
+"""``prooflight study detectability``: defects that would be caught on a job's pages, before they are printed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def detectability(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
+    """Map the least spot, streak and density change that is caught, and verify the maps; writes detectability.md."""
     from prooflight.pages.job import parse_pages
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source

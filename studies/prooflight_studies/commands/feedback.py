@@ -1,4 +1,4 @@
-"""``prooflight study feedback``: a press calibrated anew by what people say of its sheets."""
+"""``prooflight study feedback``: a press recalibrated by labels that people give its sheets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def feedback(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Promised and realised false alarms of a press that drifted, before and after words; writes feedback.md."""
+    """Compare target and realised false alarms of a drifted press before and after feedback; writes feedback.md."""
     from prooflight_studies.feedback.pool import PoolPlan
     from prooflight_studies.feedback.study import run_feedback_study
 

@@ -1,4 +1,4 @@
-"""``prooflight study gate``: a bad sheet never reaches the good tray, measured."""
+"""``prooflight study gate``: how often a bad sheet reaches the good tray."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def gate(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Misprints, failures of camera, link, controller and watch, and where every sheet went; writes gate.md."""
+    """Count where every sheet went under failures of camera, link, controller and watch; writes gate.md."""
     from prooflight_studies.gate.study import PARTS, run_gate_study
 
     for one in part or ():

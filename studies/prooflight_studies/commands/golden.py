@@ -30,7 +30,7 @@ def golden(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
+    """Inspect scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
     from prooflight_studies.golden.study import plain, run_golden_study
 
     rows = run_golden_study(

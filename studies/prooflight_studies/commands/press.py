@@ -1,4 +1,4 @@
-"""``prooflight study press``: our detector in the press world."""
+"""``prooflight study press``, ``ranking``, ``stress``: our detector in the press world."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def press(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md.
+    """Measure costs, misses, positions, kinds and false-alarm rates of our detector; writes press.md.
 
     A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
     """
@@ -85,7 +85,7 @@ def ranking(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The ranking that is shipped, taught and judged by folds; writes ranking.md."""
+    """Train the shipped ranking and evaluate it by cross-validation; writes ranking.md."""
     from prooflight.detectors.matched_filter import shipped
     from prooflight_studies.ranking.rows import RankingPlan
     from prooflight_studies.ranking.study import run_ranking_study
@@ -130,7 +130,7 @@ def stress(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """What no detector was taught by: alarms before and after learning, misprints of other kinds; writes stress.md."""
+    """Evaluate on untrained nuisances, before and after learning, and on untrained misprints; writes stress.md."""
     from dataclasses import replace
 
     from prooflight_studies.harness.folder import Folder

@@ -23,7 +23,7 @@ def resolution(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Real PDFs printed at 600 and 1200 dpi, expected from coarser rasters: false alarms; writes resolution.md."""
+    """Print real PDFs at 600 and 1200 dpi, and inspect them against coarser rasters; writes resolution.md."""
     from prooflight.press.artefact import Press
     from prooflight_studies.resolution.study import run_resolution_study
 

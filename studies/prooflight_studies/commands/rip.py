@@ -1,4 +1,4 @@
-"""``prooflight study rip``: our RIP and Ghostscript beside the specification."""
+"""``prooflight study rip``: our RIP and Ghostscript compared with the specification."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 
 def rip(out: Results = Path("docs/results"), quick: Quick = False, json: Json = False) -> None:
-    """Small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
+    """Rasterise small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
     from prooflight_studies.rip.study import run_rip_study
 
     found = run_rip_study(out, most=4 if quick else None, progress=show.steps(quiet=json))

@@ -1,4 +1,4 @@
-"""``prooflight study running``: the running press in real time, through faults, and what creeps."""
+"""``prooflight study running``: the running press in real time, under faults and slow drift."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def running(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The running press measured part by part, going on where it was; writes running.md after each part."""
+    """Measure the running press part by part, resuming an interrupted study; writes running.md after each part."""
     from prooflight_studies.running.study import PARTS, Plan, Study
 
     for one in part or ():

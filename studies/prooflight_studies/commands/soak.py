@@ -19,7 +19,7 @@ def soak(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """An hour of pages with random faults, as fast as possible: what is said of them; writes soak.md."""
+    """Play an hour of pages with random faults, as fast as possible, and check the reports; writes soak.md."""
     from prooflight_studies.soak.study import run_soak_study
 
     found = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))

@@ -27,7 +27,7 @@ def misprints(
     seed: Annotated[int, typer.Option(help="Of the misprints.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """All twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
+    """Draw all twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
     from prooflight.commissioning.appearance import appearance_srgb
     from prooflight.inks.built_in import built_in_inks
     from prooflight_studies.misprints.sheet import draw_misprint_sheet
@@ -47,7 +47,7 @@ def corpus(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The composed page designs that studies use, beside real pages; writes corpus.md and its pictures."""
+    """Measure the composed page designs of the studies, and real pages; writes corpus.md and its pictures."""
     from prooflight_studies.corpus.sheet import run_corpus_study
 
     out.mkdir(parents=True, exist_ok=True)
@@ -62,7 +62,7 @@ def worlds(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Fast scans of the press world against exact ones through the full spectral path; writes worlds.md."""
+    """Compare fast scans of the press world with exact ones by the full spectral path; writes worlds.md."""
     from prooflight_studies.worlds.study import run_world_study
 
     out.mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ def registration(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """How well pages are found in press-world scans; writes registration.md."""
+    """Measure the accuracy of registration in press-world scans; writes registration.md."""
     from prooflight.commissioning.build import build_press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.registration.study import CROP_PIXELS, run_register_study
@@ -105,7 +105,7 @@ def calibration(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Tables learned from scans of printed charts, beside the truth; writes calibration.md."""
+    """Compare tables learned from scans of printed charts with the truth; writes calibration.md."""
     from prooflight_studies.calibration.study import run_calibration_study
 
     out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What a page costs a browser: first contentful paint, bytes without pictures, requests, and what axe-core finds."""
+"""Load of each page on a browser: first contentful paint, bytes without pictures, requests, axe-core's violations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PAGES: Final = {
     "/setup/tokens": "form",
     "/setup/audit": "table",
 }
-"""And what is there when each is whole."""
+"""Paths of the pages, and a selector that matches when each is complete."""
 LOADS, QUICK_LOADS = 7, 1
 SHEETS: Final = 400
 MOST_BYTES: Final = 300_000
@@ -52,9 +52,9 @@ def measure_loads(
     quick: bool,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Of every page, loaded with an empty cache each time. RequestError: no browser is installed.
+    """Measure every page, loaded with an empty cache each time. RequestError: no browser is installed.
 
-    made: a sheet by its number, and whether it is an alarm. facts: of a run of so many sheets.
+    made: returns a sheet by its number and whether it is an alarm. facts: returns those of a run of so many sheets.
     """
     if find_spec("playwright") is None or not CHROMIUM.exists():
         raise RequestError(

@@ -1,4 +1,4 @@
-"""From a verdict to its being seen: sheets are recorded as by a press, many look on, and the console is watched."""
+"""Delay from a verdict to its display: sheets are recorded as by a press, and many clients watch."""
 
 from __future__ import annotations
 
@@ -38,42 +38,42 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 RATE_HZ: Final = 5.0
-"""Sheets a second: the paper's press."""
+"""Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0
 QUICK_S: Final = 8.0
 CLIENTS, QUICK_CLIENTS = 50, 8
 FIRST_ALARM: Final = 40
-"""Sheet of the watched part that is the first misprint; then one in ``ALARM_EVERY``."""
+"""Index in the watched part of the first misprint; then one in ``ALARM_EVERY``."""
 ALARM_EVERY: Final = 25
 ALARM_S: Final = 1.0
-"""The issue's bound from a verdict to its alarm."""
+"""Required bound on the delay from a verdict to its alarm."""
 AFTER_S: Final = 3.0
-"""For what still comes when the last sheet was recorded."""
+"""Time after the last sheet for messages that are still on their way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Of the console's process in one part of the study."""
+    """Load of the console's process in one part of the study."""
 
     seconds: float
     cpu_percent: float | None
-    """Of one core; None: this system does not tell."""
+    """CPU load, of one core; None: this system does not report it."""
     first_mb: float | None
     last_mb: float | None
-    """Memory at its beginning and end."""
+    """Memory at the beginning and end of the part."""
     sheets: int
     record_ms: float
-    """Longest that whoever inspects waited to hand a sheet to the journal."""
+    """Longest time that the inspection waited to hand a sheet to the journal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delay:
-    """From verdict to somebody."""
+    """Delay from a verdict to one kind of client."""
 
     who: str
     sheets: int
     missing: int
-    """Sheets that never came."""
+    """Number of sheets that never arrived."""
     median_s: float
     p99_s: float
     greatest_s: float
@@ -81,7 +81,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsoleFigures:
-    """What was measured."""
+    """Results of the live part."""
 
     alone: Load
     watched: Load
@@ -90,10 +90,10 @@ class ConsoleFigures:
     lost: tuple[str, ...]
     delays: tuple[Delay, ...]
     alarm_s: float | None
-    """From the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
+    """Delay from the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
     cores: int
     load: float
-    """Of the machine when the study began, a core: above 0.5 others worked as well."""
+    """Load of the machine, a core, when the study began: above 0.5 other programs were running."""
 
 
 def run_console_study(
@@ -102,7 +102,7 @@ def run_console_study(
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> ConsoleFigures:
-    """Serve, record, look, measure; writes ``console.md``."""
+    """Serve, record sheets, connect clients and measure; writes ``console.md``."""
     load = os.getloadavg()[0] / (os.cpu_count() or 1)
     alone_s, watched_s = (QUICK_S, QUICK_S * 2) if quick else (ALONE_S, WATCHED_S)
     clients = QUICK_CLIENTS if quick else CLIENTS
@@ -161,9 +161,9 @@ def run_console_study(
 def run_console_part(
     results: Path, part: str, *, plan: Beside | None, quick: bool, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure ``beside``, ``hour`` or ``pages`` and keep the others; RequestError: the rest was never measured.
+    """Measure ``beside``, ``hour`` or ``pages`` and keep the others.
 
-    plan: what is watched; None: of ``pages``.
+    plan: what is measured; None for ``pages``. RequestError: the rest was never measured.
     """
     known = _known(results)
     if "alone" not in known:
@@ -182,7 +182,7 @@ def run_console_part(
 
 
 def _known(results: Path) -> dict[str, Any]:
-    """Figures that were measured before."""
+    """Return the figures that were measured before."""
     try:
         found = json.loads((results / "console.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -191,16 +191,16 @@ def _known(results: Path) -> dict[str, Any]:
 
 
 class _Press:
-    """Records sheets at a press's rate, and notes when."""
+    """Recorder of sheets at a press's rate, which notes their times."""
 
     def __init__(self, recorder: Recorder, *, pid: int) -> None:
         self._recorder, self._pid = recorder, pid
         self._number = 0
         self.told: dict[int, float] = {}
-        """When each verdict was made; Unix time. [s]"""
+        """Time of each verdict; Unix time. [s]"""
 
     def go_on(self, seconds: float, *, alarms: bool) -> Load:
-        """Record for so long."""
+        """Record sheets for ``seconds``."""
         count = int(seconds * RATE_HZ)
         begun, used, memory = time.monotonic(), cpu_s(self._pid), megabytes(self._pid)
         longest = 0.0
@@ -240,7 +240,7 @@ def _delay(who: str, told: dict[int, float], seen: list[tuple[int, float]], *, t
 
 
 def _sheet(number: int, *, alarm: bool) -> PageRecord:
-    """As long a row as a real one's; nothing was looked at."""
+    """Return a record as long as a real one's; no sheet was inspected."""
     names = ("gain", "register-x", "register-y")
     nuisance = {f"{name}-{ink}": 0.02 * math.sin(number) for name in names for ink in INK_NAMES}
     verdict = Verdict(

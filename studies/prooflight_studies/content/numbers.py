@@ -1,4 +1,4 @@
-"""Numbers on prints of the press world: whether a wrong digit alarms, by the ranking alone and with glyphs weighed."""
+"""Numbers on prints of the press world: whether a wrong digit alarms, by the ranking alone and with the glyph test."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ if TYPE_CHECKING:
 
 PITCHES_MM: Final = (0.254, 0.127)
 SHEETS: Final = 168
-"""Of each size: 504 wrong digits, a third of each kind."""
+"""Number of sheets of each size: 504 wrong digits, a third of each kind."""
 SHEETS_A_DAY: Final = 4
 QUICK: Final = 4
 QUICK_DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
 TAUGHT_BY: Final = 70_001
-"""Seed of the designs by which `press build` teaches a press."""
+"""Seed of the designs on which `press build` trains a press."""
 NEAR_MM: Final = 1.0
-"""By which a place that the verdict names may lie off the wrong digit."""
+"""Tolerance between the position that the verdict reports and the wrong digit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextFound:
-    """What the page says of numbers."""
+    """Results of the part on numbers."""
 
     seed: int
     sheets: int
-    """Of each size, at each pitch."""
+    """Number of sheets of each size, at each pitch."""
     pitches_mm: list[float]
     promise: float
-    """One good page in 1 / promise may alarm."""
+    """Target false-alarm rate: one good page in 1 / promise may alarm."""
     caught: list[dict[str, float | int | str]]
-    """By pitch, size and what is wrong."""
+    """Counts by pitch, size and kind of error."""
     good: list[dict[str, float | int | str]]
-    """By pitch."""
+    """Counts by pitch."""
     margins: list[dict[str, float]]
-    """By pitch: S of good prints and of wrong ones."""
+    """Glyph score S of good prints and of wrong ones, by pitch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +81,16 @@ class TextPiece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextWork:
-    """Prints a day's sheets, each once well and once with each kind of wrong digit, and inspects them."""
+    """Inspection of a day's sheets, each printed once well and once with each kind of wrong digit."""
 
     press: Path
     seed: int
 
     def __call__(self, piece: TextPiece) -> Rows:
-        """Columns: points, wrong (an index of ``WRONGS``; -1: good), before, after, near, named, s."""
+        """Return the rows of a day.
+
+        Columns: points, wrong (an index of ``WRONGS``; -1: good), before, after, near, named, s.
+        """
         bench = _Bench.at(self.press)
         at = POINTS.index(piece.points)
         session = Session.draw(
@@ -112,7 +115,7 @@ class TextWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Bench:
-    """A press with its detector as it is, and as it would be did it not weigh glyphs."""
+    """A press with its detector as it is, and with the same detector without the glyph test."""
 
     press: Press
     inspector: Inspector
@@ -164,7 +167,7 @@ def _bench(path: Path) -> _Bench:
 
 
 def without_glyphs(ours: CalibratedDetector) -> CalibratedDetector:
-    """The same that promises as much and weighs no glyphs."""
+    """Return the same detector with the same false-alarm rate, but without the glyph test."""
     return CalibratedDetector.calibrated(
         ours.model,
         ours.own,
@@ -177,7 +180,7 @@ def without_glyphs(ours: CalibratedDetector) -> CalibratedDetector:
 
 
 def _near(done: Inspection, page: Page, printed: Page) -> bool:
-    """Whether the first place of a verdict is where the raster was changed."""
+    """Return whether the first region of a verdict is where the raster was changed."""
     if not done.verdict.regions:
         return False
     rows, columns = np.nonzero((page.cmyk != printed.cmyk).any(axis=-1))
@@ -203,7 +206,7 @@ def run_text_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> TextFound:
-    """Teach a press at each pitch, print so many sheets of numbers of each size, and count alarms."""
+    """Train a press at each pitch, print sheets of numbers of each size, and count alarms."""
     sheets, designs = (QUICK, QUICK_DESIGNS) if quick else (sheets, DESIGNS)
     every: list[tuple[float, Rows]] = []
     for pitch_mm in pitches_mm[:1] if quick else pitches_mm:
@@ -233,7 +236,7 @@ def _taught(
     processes: int | None,
     progress: Callable[[str], None],
 ) -> Path:
-    """A press as `press build` makes it, at a pitch; kept."""
+    """Return the path of a press that is trained as by `press build` at a pitch; cached."""
     facts = {"pitch_mm": pitch_mm, "designs": designs, "algorithms": ALGORITHMS}
     path = cache / f"taught-{digest_of(facts)[:16]}.press"
     if not path.exists():
@@ -253,7 +256,7 @@ def _taught(
 
 
 def text_found(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextFound:
-    """Counts of rows by pitch."""
+    """Count rows by pitch."""
     return TextFound(
         seed=seed,
         sheets=sheets,

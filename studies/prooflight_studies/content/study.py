@@ -1,4 +1,4 @@
-"""Codes on prints of the press world: whether they read, what damage they stand, and what reading costs."""
+"""Codes on prints of the press world: whether they are read, the damage they tolerate, and the cost of reading."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 PITCHES_MM: Final = (0.105, 0.127)
 SHEETS: Final = 40
-"""500 codes and some at each pitch, 15 a sheet less those that no cell has room for."""
+"""Number of sheets: a little over 500 codes at each pitch, 15 a sheet less those that fit no cell."""
 SHEETS_A_DAY: Final = 6
 QUICK: Final = 2
 SPECIMEN_SEED: Final = 1
@@ -51,7 +51,7 @@ NAMES: Final = {
     "DataMatrix": "Data Matrix",
 }
 WORN: Final = 1.5
-"""A grade below C is a warning."""
+"""Grade below which a code is a warning: C."""
 READ_GOAL: Final = 0.998
 COST_GOAL_MS: Final = 5.0
 
@@ -64,9 +64,9 @@ class Row:
     symbology: str
     module_mm: float
     found: bool
-    """In the lines that the camera must see of the page."""
+    """Whether the code was found in the lines that the camera must see of the page."""
     asked: bool
-    """Whether inspection asks scans for it."""
+    """Whether inspection reads it on scans."""
     damage: Damage | None
     right: bool = False
     misread: bool = False
@@ -75,18 +75,18 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Of one sheet, on one core. [ms]"""
+    """Processor time for one sheet, on one core. [ms]"""
 
     finding_ms: float
-    """Once a design."""
+    """Time to find the codes, once a design."""
     reading_ms: float
-    """Every sheet; of all its codes."""
+    """Time to read all its codes, every sheet."""
     codes: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What the page says."""
+    """Results of the study, as the page shows them."""
 
     seed: int
     sheets: int
@@ -94,13 +94,13 @@ class Found:
     read_goal: float
     cost_goal_ms: float
     read: list[dict[str, float | int | str]]
-    """By pitch and symbology, of good prints."""
+    """Good prints by pitch and symbology."""
     totals: list[dict[str, float | int | str]]
-    """By pitch."""
+    """Good prints by pitch."""
     too_fine: list[dict[str, float | int | str]]
-    """By pitch and module."""
+    """Good prints by pitch and module."""
     damaged: list[dict[str, float | int | str]]
-    """By pitch and damage."""
+    """Damaged prints by pitch and damage."""
     finding_ms: float
     reading_ms_a_code: float
     reading_ms_a_page: float
@@ -130,20 +130,20 @@ def run_content_study(
 
 
 def write_text(out: Path, found: TextFound) -> None:
-    """Write what was found of numbers into content.md, beside what it says of codes."""
+    """Write the results on numbers into content.md, next to those on codes."""
     of_codes = _kept(out, lambda name: name not in ("study", "text"))
     write_page(out / "content.md", "content", {"totals": []} | of_codes | {"text": plain(found)})
 
 
 def _kept(out: Path, wanted: Callable[[str], bool]) -> dict[str, Any]:
-    """Of the page's results as they lie in ``out``, those that are wanted; none where there are none."""
+    """Return the wanted part of the results that are stored in ``out``; none where there are none."""
     path = out / "content.json"
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return {name: value for name, value in kept.items() if wanted(name)}
 
 
 def _sheet(press: Press, pitch_mm: float, number: int, *, seed: int) -> tuple[list[Row], Cost]:
-    """One sheet, printed well and damaged on the same press day."""
+    """Print one sheet well and damaged on the same press day, and read its codes."""
     rng = stream(seed, "content-sheet", number)
     page, placed = code_sheet(number, dpi=press.dpi, rng=rng)
     spoilt, damages = damaged(page, placed, rng=rng)
@@ -178,7 +178,7 @@ def _printed(page: Page, press: Press, session: Session, rng: np.random.Generato
 
 
 def _known(placed: Placed, codes: Iterable[PageCode], page: Page) -> int | None:
-    """Which of the codes that were found on the page it is; None: it was not found."""
+    """Return the index of the found code that a placed one is; None: it was not found."""
     middle = [(part.start + part.stop) / 2 * page.pixel_mm for part in (placed.columns, placed.rows)]
     for at, code in enumerate(codes):
         x, y, width, height = code.box_mm

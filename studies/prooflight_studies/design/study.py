@@ -1,4 +1,4 @@
-"""What a camera's parts buy (paper, section 5.3): errors per 10,000 pages against hardware; writes ``design.md``."""
+"""Value of a camera's parts (paper, section 5.3): errors per 10,000 pages against hardware; writes ``design.md``."""
 
 from __future__ import annotations
 
@@ -38,30 +38,31 @@ if TYPE_CHECKING:
     from prooflight_studies.design.choices import Choice, Prices
 
 COARSER: Final = 5.0
-"""Pixels so many times as wide as each design's own: a study in minutes, and designs keep their proportions."""
+"""Factor on the pixel width of each design: the study takes minutes, and designs keep their proportions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """A design, ready to be studied."""
+    """A design with its camera and press."""
 
     choice: Choice
     camera: Camera
-    """With its own pixels."""
+    """Camera with its own pixels."""
     press: Press
-    """With coarser ones."""
+    """Press with coarser pixels."""
 
     @property
     def pixels_per_page(self) -> float:
-        """Of all sensors over A4's length and the camera's field. [-]"""
+        """Pixels of all sensors over A4's length and the camera's field. [-]"""
         lines = A4_LENGTH_MM / self.camera.line_pitch_mm
         return lines * self.camera.sensors[0].pixels * len(self.camera.sensors)
 
 
 def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = None) -> list[Plan]:
-    """The ideal and the press world; fewer page designs in the latter, where scans cost five times as much.
+    """Return the plans of the ideal and the press world.
 
-    more: how many times as many page designs. world: one alone. RequestError: there is no such world.
+    The latter has fewer page designs, as its scans cost five times as much. more: factor on the number of page designs.
+    world: one alone. RequestError: there is no such world.
     """
     pilot, learn, tune, test = (2, 12, 8, 12) if quick else (4, 30 * more, 20 * more, 40 * more)
     a_day = 4 if quick else 10
@@ -79,7 +80,7 @@ def candidates(
     coarser: float = COARSER,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Candidate]:
-    """Every design built, before any is studied. PressFileError, RequestError: one of them cannot be."""
+    """Build every design, before any is studied. PressFileError, RequestError: one of them cannot be built."""
     if not coarser > 0:
         raise RequestError("--coarser", f"{coarser:g} is no factor", remedy="give 1 or more")
     files = [choice.press_file(base) for choice in chosen]
@@ -114,7 +115,7 @@ def run_design_study(
     """Study every design in every plan's world and write ``design.md`` and its picture into ``results``.
 
     All designs see the same page designs, misprints and press days, and are judged at the press file's costs. cache:
-    where rows are kept; what was studied once is not studied again. RequestError: there is no such detector.
+    folder of rows, from which results are reused. RequestError: there is no such detector.
     """
     if detector not in DETECTORS:
         remedy = f"choose one of {', '.join(DETECTORS)}"
@@ -158,7 +159,7 @@ def run_design_study(
 
 
 def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
-    """How many days' scans are made; the pilot's few days pass unsaid."""
+    """Return a progress callback for the days of scans; the pilot's few days are not reported."""
 
     def tell(done: int, days: int) -> None:
         if step == "scans":

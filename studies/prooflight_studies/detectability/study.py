@@ -1,7 +1,7 @@
 """The smallest spot, the faintest streak and density change that a press would catch on each page of a job.
 
-How strong a defect must be on each page is learned from prints with such defects; what is so strong where follows in
-closed form; and that is verified by further prints with defects just so strong.
+The strength at which a defect is caught on a page is learned from prints with such defects; the amounts with this
+strength follow in closed form; and they are verified on further prints with defects of these amounts.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 
 HALF: Final = 0.5
 LEARNED, VERIFIED = range(2)
-"""Uses of a print; no press day is of both."""
+"""Uses of a print; no press day is for both."""
 LEARNING: Final = 160
-"""Prints with each defect, over all pages, from which it is learned how strong it must be."""
+"""Number of prints with each defect, over all pages, from which the necessary strength is learned."""
 TRIALS: Final = 12
-"""Of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
+"""Number of prints of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class JobPages:
     job: JobSource
 
     def page(self, index: int) -> Page:
-        """Page ``index`` + 1."""
+        """Return page ``index`` + 1."""
         return opened(self.job).page(index + 1)
 
 
@@ -78,7 +78,7 @@ def run_detectability_study(
 ) -> JobReach:
     """Write ``detectability.md`` and a picture of each page into ``results``.
 
-    pages: numbers of the job's; None: all. RequestError: the press was not taught our detector, or alarms at good
+    pages: numbers of the job's; None: all. RequestError: our detector was not trained for the press, or alarms on good
     prints of all these pages.
     """
     ours = press.ours
@@ -151,7 +151,7 @@ def run_detectability_study(
 class _Bench:
     """One page, every print of it on a press day of its own.
 
-    day: gives the press day of a print by its use, ``LEARNED`` or ``VERIFIED``, and its number: no day is of both.
+    day: returns the press day of a print by its use, ``LEARNED`` or ``VERIFIED``, and its number: no day is for both.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class _Bench:
         self.telling = self._telling(rng)
 
     def _telling(self, rng: np.random.Generator) -> Telling | None:
-        """From the first of a few good prints that does not alarm; None if all do."""
+        """Return the strengths from the first of a few good prints that does not alarm; None if all do."""
         for turn in range(PRINTS):
             analysis, statistics = self._analysed(self.page, self.day(LEARNED, turn), rng)
             looked_up(self.ours.model, statistics, self.known.page_features)
@@ -178,7 +178,7 @@ class _Bench:
     def learned(
         self, wanted: Mapping[str, Psychometric], prints: int, rng: np.random.Generator
     ) -> dict[str, Psychometric]:
-        """What is known after so many prints of this page with each defect."""
+        """Return the posterior after ``prints`` prints of this page with each defect."""
         assert self.telling is not None
         found = dict(wanted)
         for turn in range(prints):
@@ -193,7 +193,7 @@ class _Bench:
         return found
 
     def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
-        """Prints with a defect just as strong as should be caught, on days on which nothing was learned."""
+        """Count the prints that are caught, with a defect just as strong as should be, on days without learning."""
         caught = made = 0
         for turn in range(trials):
             printed = self.page if defect == "none" else DRAWN[defect](self.page, of_page, rng)

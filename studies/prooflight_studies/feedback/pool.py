@@ -1,4 +1,7 @@
-"""Sheets of a press that is not the one it was taught by, printed and scored once: weeks are drawn from these."""
+"""Pool of sheets of a press that differs from the one it was trained on, printed and scored once.
+
+Weeks of production are drawn from the pool.
+"""
 
 from __future__ import annotations
 
@@ -35,36 +38,36 @@ if TYPE_CHECKING:
 
 PROMISED: Final = 0.01
 TIMES: Final = 1.5
-"""As much as the press world's amounts do good prints of this press vary."""
+"""Factor on the press world's amounts by which good prints of this press vary."""
 BLACK_OF_FOUR: Final = 0.5
-"""Of its designs have type in a black of four inks; of those that taught it none has."""
+"""Share of its designs with type in a black of four inks; the training designs have none."""
 TEACHING_OFFSET: Final = 500
-"""Seed of the designs and days that teach the press, beyond the study's."""
+"""Offset from the study's seed to that of the designs and days on which the press is trained."""
 SCENE: Final = 64
-"""Number of this study's scene, apart from those of others of the same seed."""
+"""Number of this study's scene, distinct from those of other studies of the same seed."""
 RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoolPlan:
-    """How much is printed."""
+    """Size of the pool."""
 
     seed: int
     days: int = 70
     designs_a_day: int = 20
     misprint_every: int = 4
-    """One design in so many is also printed wrong; kinds take turns."""
+    """One design in this many is also printed wrong; kinds take turns."""
     teaching: int = DESIGNS
-    """Designs that make the press ready."""
+    """Number of designs on which the press is trained."""
 
     @classmethod
     def quick(cls, seed: int) -> PoolPlan:
-        """To see that all of it works."""
+        """Return a small plan that exercises the whole study."""
         return cls(seed=seed, days=8, designs_a_day=6, misprint_every=2, teaching=24)
 
     @property
     def of_days(self) -> list[Day]:
-        """Each with its designs."""
+        """Press days with their designs."""
         return in_days("test", range(self.days * self.designs_a_day), self.designs_a_day)
 
 
@@ -74,32 +77,32 @@ class Pool:
 
     score: NDArray[np.float64]
     day: NDArray[np.int64]
-    """First design of the day on which it was printed."""
+    """First design of the day on which each sheet was printed."""
     kind: NDArray[np.str_]
-    """Of the misprint; "": a good print."""
+    """Kind of the misprint; "": a good print."""
     severity: NDArray[np.float64]
     threshold: float
-    """That the press was taught."""
+    """Threshold of the press as trained."""
     promise: str
-    """What it promises, in words."""
+    """Target false-alarm rate of the press, in words."""
     minutes: float
-    """That printing and scoring took, of one core."""
+    """Time that printing and scoring took, of one core."""
 
     @property
     def good(self) -> NDArray[np.bool_]:
-        """Which are good prints."""
+        """Mask of the good prints."""
         return self.kind == ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoolWork:
-    """Prints of a day's designs -> score, day, kind and severity of each, by the press's own detector."""
+    """Prints of a day's designs with score, day, kind and severity of each, by the press's own detector."""
 
     scene: Scene
     every: int
 
     def __call__(self, day: Day, /) -> dict[str, NDArray[Any]]:
-        """``Work``."""
+        """Return the rows of a day."""
         bench, taught = self.scene.day(day), _detector(self.scene.press)
         station = _press(self.scene.press).station(threads=1)
         columns: dict[str, list[Any]] = defaultdict(list)
@@ -130,7 +133,7 @@ def printed_pool(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Pool:
-    """Teach the press, print what it was not taught by, score it; cache: where presses and rows are kept."""
+    """Train the press, print sheets unlike its training set, and score them; cache: folder of presses and rows."""
     path = _taught(plan, cache, progress)
     press = Press.load(path)
     scene = Scene(
@@ -169,7 +172,7 @@ def printed_pool(
 
 
 def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
-    """The press as it is delivered, which is kept."""
+    """Return the path of the press as it is delivered; cached."""
     press = build_press(at_pitch(PressFile.prototype(), REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     facts = {
         "worlds": worlds_digest(),

@@ -1,4 +1,4 @@
-"""Twenty weeks of a press that is not the one it was taught by: calibrated anew by a sample, and by alarms alone."""
+"""Twenty weeks of a press that differs from the one it was trained on, recalibrated by a sample and by alarms alone."""
 
 from __future__ import annotations
 
@@ -26,53 +26,53 @@ WEEKS: Final = 20
 DAYS_A_WEEK: Final = 5
 SHEETS_A_DAY: Final = 250
 SAMPLE: Final = 0.02
-"""Of the sheets that pass, about which people are asked."""
+"""Share of the passed sheets that are sampled for review."""
 MISPRINT_RATE: Final = 0.01
 TOLD: Final = (100, 150, 200, 300)
-"""Sampled good pages that were told, after which it is calibrated anew."""
+"""Numbers of sampled good pages that are labelled before the press is recalibrated."""
 HISTORIES: Final = 200
-"""Of twenty weeks, each with other days to calibrate and to judge."""
+"""Number of simulated twenty weeks, each with other days to calibrate and to judge."""
 GOAL_TOLD: Final = 300
 GOAL_FACTOR: Final = 1.5
 MIDDLE: Final = 0.9
-"""Of histories, between the bounds that are given."""
+"""Share of histories between the stated bounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """One threshold on days that no word came from."""
+    """Rates of one threshold on days without labels."""
 
     realised: float
-    """Of good sheets, the share that alarms. [-]"""
+    """False-alarm rate: share of good sheets that alarm. [-]"""
     caught: float
-    """Of misprints. [-]"""
+    """Share of misprints that alarm. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One way to set the threshold, over all histories."""
+    """One method to set the threshold, over all histories."""
 
     way: str
     told: int | None
-    """Sampled good pages; None: not by these."""
+    """Number of sampled good pages; None: the method does not use these."""
     sheets: float
-    """That had been printed by then, in the mean."""
+    """Mean number of sheets that had been printed by then."""
     threshold: float
-    """The median."""
+    """Median of the threshold."""
     realised: float
-    """In the mean: what the theorem bounds. [-]"""
+    """Mean of the realised false-alarm rate, which the theorem bounds. [-]"""
     low: float
-    """The middle ``MIDDLE`` of histories. [-]"""
+    """Lower end of the middle ``MIDDLE`` of histories; ``high`` is the upper. [-]"""
     high: float
     within: float
-    """Share of histories whose realised rate is within ``GOAL_FACTOR`` of the promise."""
+    """Share of histories whose realised rate is within ``GOAL_FACTOR`` of the target."""
     caught: float
     histories: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What the page says."""
+    """Results of the study, as the page shows them."""
 
     seed: int
     quick: bool
@@ -94,18 +94,18 @@ class Found:
     taught: str
     rows: list[Row]
     alone: Row
-    """By the words on alarms alone, at that moment."""
+    """Calibration by the labels of alarms alone, at that moment."""
     goal: Row
-    """At ``GOAL_TOLD`` pages, or as many as there were."""
+    """Row at ``GOAL_TOLD`` pages, or as many as there were."""
     refused_below: int
-    """Sampled good pages below which the product refuses."""
+    """Number of sampled good pages below which the product refuses to recalibrate."""
     missed_covered: float
-    """Share of histories in which the interval of the misprints missed holds their true number."""
+    """Share of histories in which the interval of the missed misprints contains their true number."""
     missed_true: float
-    """In the mean over histories."""
+    """Mean over histories of the true number."""
     missed_estimate: float
     rate_covered: float
-    """The same of the realised false-alarm rate of the sheets that passed the press."""
+    """The same share for the realised false-alarm rate of the sheets that passed the press."""
 
 
 def run_feedback_study(
@@ -117,7 +117,7 @@ def run_feedback_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Found:
-    """Print the pool, live through the weeks, and write feedback.md."""
+    """Print the pool, simulate the weeks, and write feedback.md."""
     pool = printed_pool(plan, cache, processes=processes, progress=progress)
     histories = 20 if quick else HISTORIES
     lived = []
@@ -132,25 +132,25 @@ def run_feedback_study(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Twenty weeks."""
+    """One simulation of twenty weeks."""
 
     before: Judged
     by_told: dict[int, tuple[float, int, Judged]]
-    """Threshold, sheets printed by then, and what it does; of ``TOLD`` as far as it came."""
+    """Threshold, sheets printed by then, and its rates, for each of ``TOLD`` that was reached."""
     alone: dict[int, tuple[float, int, Judged]]
-    """The same moments, by the confirmed alarms alone."""
+    """The same at the same moments, by the confirmed false alarms alone."""
     naive: list[tuple[float, Judged]]
-    """By these too, anew after each week, of that week's at the threshold then in force."""
+    """Threshold and rates after each week, from the false alarms of that week at the threshold then in force."""
     every: tuple[float, Judged]
-    """Had people told every good print of those days, each design once: what no sample can beat."""
+    """Threshold and rates if every good print of those days were labelled, each design once: a bound for any sample."""
     missed: tuple[float, float, float, float]
     """True number of misprints that passed in all weeks, the estimate, and its interval."""
     rate: tuple[float, float, float, float]
-    """The same of good sheets that alarmed, as a share."""
+    """The same for the share of good sheets that alarmed."""
 
 
 def history(pool: Pool, rng: np.random.Generator) -> History:
-    """One draw of days and of what people are asked; judged on days of the pool that take no part in it."""
+    """Draw days and reviewed sheets once, and judge on days of the pool that take no part in the calibration."""
     days = rng.permutation(np.unique(pool.day))
     lives, judges = days[: len(days) // 2], days[len(days) // 2 :]
     judge = _judge(pool, np.isin(pool.day, judges))
@@ -198,7 +198,7 @@ def _judge(pool: Pool, here: NDArray[np.bool_]) -> Callable[[float], Judged]:
 
 
 def _sheets(pool: Pool, day: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """A day's sheets: its good prints over and over, and misprints of that day as rarely as they come."""
+    """Draw a day's sheets: its good prints repeatedly, and misprints of that day at their rate."""
     here = pool.day == day
     good, wrong = np.flatnonzero(here & pool.good), np.flatnonzero(here & ~pool.good)
     drawn = rng.choice(good, SHEETS_A_DAY)
@@ -215,7 +215,7 @@ def _recalibrated(
     alarm: NDArray[np.bool_],
     judge: Callable[[float], Judged],
 ) -> tuple[float, int, Judged]:
-    """As `press recalibrate` does, with every question answered."""
+    """Recalibrate as `press recalibrate` does, with every question answered."""
     which = np.flatnonzero(told)
     passed = ~alarm[which]
     pages = ToldPages(
@@ -238,7 +238,10 @@ def _every(score: NDArray[np.float64], judge: Callable[[float], Judged]) -> tupl
 
 
 def _by_count(score: NDArray[np.float64]) -> float:
-    """Split-conformal, all of equal weight; with too few for the promise the rarest that they can promise."""
+    """Return the split-conformal threshold, all weights equal.
+
+    With too few scores it is that of the lowest rate that they can support.
+    """
     rate = max(PROMISED, 1 / (score.size + 1))
     return conformal_threshold(score, np.arange(score.size), false_alarm_rate=rate)
 
@@ -246,7 +249,10 @@ def _by_count(score: NDArray[np.float64]) -> float:
 def _naive(
     pool: Pool, score: NDArray[np.float64], good: NDArray[np.bool_], judge: Callable[[float], Judged]
 ) -> list[tuple[float, Judged]]:
-    """After each week: split-conformal on that week's confirmed false alarms alone; with too few it stays."""
+    """Return the split-conformal threshold after each week, from that week's confirmed false alarms alone.
+
+    With too few of them the threshold stays.
+    """
     threshold, found = pool.threshold, []
     for week in range(WEEKS):
         at = slice(week * DAYS_A_WEEK * SHEETS_A_DAY, (week + 1) * DAYS_A_WEEK * SHEETS_A_DAY)
@@ -329,7 +335,7 @@ def _covered(rows: NDArray[Any]) -> float:
 
 
 def _least() -> int:
-    """How many sampled good pages the product asks for: it refuses one fewer."""
+    """Return the least number of sampled good pages that the product accepts; it refuses one fewer."""
     count = 1
     while True:
         pages = ToldPages(

@@ -1,4 +1,7 @@
-"""Rows of the press study -> who is caught: each fifth of the designs judged by what other fifths taught and set."""
+"""Verdicts on the rows of the press study.
+
+Each fifth of the designs is judged by models that are trained and tuned on other fifths.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +29,17 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 PARTS: Final = 5
-"""Of the press days: in turn one is judged, the next sets thresholds, the other three teach."""
+"""Number of parts of the press days.
+
+In turn one is judged, the next sets thresholds, and the other three are for training.
+"""
 EVERY: Final = -1
-"""Part of pages that set the thresholds of every part."""
+"""Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
 OURS: Final = "ours"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
-"""What the forests without some statistics are compared with."""
+"""Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "places away from edges": ("flat", "calm", "swell", "double"),
     "the page's own scatter": ("apart", "line", "wave", "echo", "excess"),
@@ -45,25 +51,25 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "registration": ("place",),
     "planes far out of register": ("moved",),
 }
-"""First words of statistics that are left out together."""
+"""First words of the statistics that are left out as a group."""
 TREES: Final = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodResult:
-    """One method on every page, each part by itself."""
+    """Results of one method on every page, each part by itself."""
 
     name: str
     scored: Scored
     part: NDArray[np.int64]
     alarms: NDArray[np.bool_]
-    """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
+    """Alarms at the thresholds that cost least on the tuning designs. (ALPHAS, pages)"""
     promised: NDArray[np.bool_]
-    """(pages,) above the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``."""
+    """Alarms at the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``. (pages,)"""
 
     @property
     def area(self) -> float:
-        """Mean over parts of the area under the curve."""
+        """Mean over parts of the area under the ROC curve."""
         return float(np.mean([area_under_roc(one) for one in self.parts()]))
 
     @property
@@ -72,27 +78,27 @@ class MethodResult:
         return float(np.mean([caught_at(one, FALSE_ALARM_RATE) for one in self.parts()]))
 
     def parts(self) -> Iterator[Scored]:
-        """The pages of each part."""
+        """Yield the pages of each part."""
         for index in np.unique(self.part):
             here = self.part == index
             yield self.scored.pages(here)
 
     def at(self, alarms: NDArray[np.bool_]) -> Scored:
-        """Pages whose score is whether they alarmed."""
+        """Return the pages with their alarms, 0 or 1, as scores."""
         return replace(self.scored, score=alarms.astype(np.float64))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdicts:
-    """All methods on all pages; and ours, as each part taught it."""
+    """Results of all methods on all pages, and the matched filter as trained for each part."""
 
     methods: dict[str, MethodResult]
     detectors: list[DetectorModel]
-    """With the threshold of the promise."""
+    """The models of the parts, with the threshold of the target false-alarm rate."""
     kinds: NDArray[np.str_]
-    """(pages,) what ours takes each page for."""
+    """Kind that the matched filter assigns to each page. (pages,)"""
     boxes: NDArray[np.float32]
-    """(pages, 4) where ours says it is. [mm]"""
+    """Position that the matched filter reports for each page. (pages, 4) [mm]"""
 
 
 def judged(
@@ -107,10 +113,10 @@ def judged(
     processes: int | None = 1,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
-    """Every page of every part.
+    """Judge every page of every part.
 
-    teaching: pages of designs that are not judged and teach every part. good: good pages of designs that are not judged
-    and set every part's thresholds, together with the part next to it.
+    teaching: pages of designs that are not judged and on which every part is trained. good: good pages of designs that
+    are not judged and that set every part's thresholds, together with the part next to it.
     """
     pages, another = Pages.of(rows), rows["another"]
     part, day = parts_of(rows), rows["day"]
@@ -149,21 +155,21 @@ def judged(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PartSaid:
-    """What one part's judging gives."""
+    """Result of judging one part."""
 
     found: DetectorModel
     scores: dict[str, NDArray[np.float64]]
-    """Of each method, on the pages of this part and of the one that sets its thresholds."""
+    """Scores of each method, on the pages of this part and of those that set its thresholds."""
     kinds: NDArray[np.str_]
     boxes: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PartWork:
-    """Number of a part -> what it says; may travel to another process."""
+    """Judgement of one part, by its number; picklable, so that it can run in another process."""
 
     rows: Rows
-    """Of the pages that are judged, the first of ``pages``."""
+    """Rows of the pages that are judged, the first of ``pages``."""
     pages: Pages
     another: NDArray[np.bool_]
     part: NDArray[np.int64]
@@ -174,7 +180,7 @@ class _PartWork:
     ablations: bool
 
     def test_and_tune(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which pages a part judges, and which set its thresholds."""
+        """Return masks of the pages that a part judges and of those that set its thresholds."""
         return self.part == index, (self.part == (index + 1) % PARTS) | (self.part == EVERY)
 
     def __call__(self, index: int) -> _PartSaid:
@@ -201,27 +207,29 @@ class _PartWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kept:
-    """A promise that designs of their own made, and what came of it."""
+    """A target false-alarm rate whose threshold separate designs set, and the observed alarms."""
 
     rate: float
     designs: int
-    """That made it: printed once, well; they taught nothing."""
+    """Number of the designs that set the threshold: printed once, well; not used for training."""
     alarms: NDArray[np.bool_]
-    """(pages,) of those that each part judges, good and bad; of further good pages, each by one part in turn."""
+    """Alarms on the pages that each part judges, good and bad, or on further good pages, by one part in turn.
+    (pages,)
+    """
 
 
 def parts_of(rows: Rows) -> NDArray[np.int64]:
-    """Which part each row is in: days take turns."""
+    """Return the part that each row is in; days take turns."""
     return np.asarray(np.unique(rows["day"], return_inverse=True)[1] % PARTS)
 
 
 def kept_promises(
     verdicts: Verdicts, good: Rows, trial: Rows, *, calibration: Mapping[float, int]
 ) -> tuple[list[Kept], list[Kept]]:
-    """Each part's detector with thresholds that good pages of further designs set, on what that part judges.
+    """Apply thresholds that good pages of further designs set to each part's detector, on what that part judges.
 
-    The second list: on good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: designs by
-    the rate that they promise; the first so many of ``good``.
+    The second list is for good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: number
+    of designs by target false-alarm rate; the first of ``good`` are taken.
     """
     pages, ours = Pages.of(good), verdicts.methods[OURS]
     scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
@@ -243,7 +251,7 @@ def kept_promises(
 
 
 def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
-    """Alarms (pages,) where each design's pages meet the threshold that the good pages of all other designs set."""
+    """Return alarms (pages,) with each design's threshold set by the good pages of all other designs."""
     alarms = np.zeros(scored.bad.shape, bool)
     for design in np.unique(scored.design):
         here = scored.design == design
@@ -254,7 +262,7 @@ def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
 
 
 def kinds_said(found: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
-    """The kind that ours gives to each of some pages."""
+    """Return the kind that the matched filter assigns to each of some pages."""
     said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
     return np.where(rows["another"][which], "wrong-page", said)
 
@@ -265,7 +273,7 @@ def places_said(
     page_features: NDArray[np.floating],
     boxes: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Where each page's most telling statistic with a place has it, (pages, 4) [mm]; NaN: nowhere."""
+    """Return the box of each page's most significant statistic that has one, (pages, 4) [mm]; NaN: there is none."""
     deviations = found.deviations(values, page_features)
     placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
     best = np.where(placed, deviations, -np.inf).argmax(axis=1)
@@ -298,7 +306,7 @@ def _rankings(
 def _without(
     learn: Pages, other: Pages, names: list[str], scatter: Scatter, rng: np.random.Generator, trees: int
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """The forest of families without some of the statistics, or without what a page's content foretells."""
+    """Yield scores of the forest of families without some of the statistics, or without the page's content."""
     weight = even(learn.bad)
     firsts = [Statistic.parse(name).word for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}

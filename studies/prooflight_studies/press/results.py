@@ -1,4 +1,4 @@
-"""The press study's findings -> the figures of its page."""
+"""Figures of the press study's page from its findings."""
 
 from __future__ import annotations
 
@@ -31,46 +31,46 @@ if TYPE_CHECKING:
     from prooflight_studies.press.judging import MethodResult
 
 NEAR_MM: Final = 5.0
-"""A place that is said lies right if its middle is no further from the misprint (assumed: what a person sees)."""
+"""Tolerance of a reported position: greatest distance of its middle from the misprint (assumed: what a person sees)."""
 SIGMA_OFF: Final = 1.3
 ALARMED: Final = 0.5
 REAL_PROMISE: Final = 0.05
-"""What so few real pages can promise with more than one of them above the threshold."""
+"""Target rate on real pages; for so few pages a lower one would not let more than one exceed the threshold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How many of how many."""
+    """A count out of a total."""
 
     count: int
     of: int
 
     @classmethod
     def where(cls, alarm: NDArray[np.bool_]) -> Share:
-        """Those that are true."""
+        """Count the true elements."""
         return cls(count=int(alarm.sum()), of=alarm.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """One way to judge."""
+    """Figures of one method."""
 
     name: str
     good: int
     bad: int
     costs: list[Interval]
-    """c at each of ``ALPHAS``, and the rates there."""
+    """Cost c at each of ``ALPHAS``; the counts at these thresholds follow."""
     alarms: list[int]
     missed: list[int]
     promised_alarms: int
     promised_missed: int
-    """At the promised 1 %."""
+    """Good pages that alarm and misprints that are missed at the target rate of 1 %."""
     caught: float
     area: float
 
     @classmethod
     def of(cls, name: str, one: MethodResult, rng: np.random.Generator) -> Method:
-        """rng: draws the press days of the intervals."""
+        """Compute the figures of a method; rng: resamples the press days for the intervals."""
         bad = one.scored.bad
         return cls(
             name=name,
@@ -91,20 +91,20 @@ class Method:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """What was promised, and what came."""
+    """A target false-alarm rate and the observed alarms."""
 
     rate: float
     basis: str
     pages: int
     alarms: int
     caught: Share | None
-    """Misprints; None: there were none."""
+    """Share of misprints that are caught; None: there were none."""
 
     @classmethod
     def of(
         cls, rate: float, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
     ) -> Promise:
-        """alarms: of good pages; caught: alarms of misprints."""
+        """Count alarms; alarms: of good pages; caught: alarms of misprints."""
         return cls(
             rate=rate,
             basis=basis,
@@ -115,7 +115,7 @@ class Promise:
 
 
 def press_results(found: PressFindings) -> dict[str, Any]:
-    """All figures of the page."""
+    """Return all figures of the page."""
     rows, verdicts, plan = found.main, found.verdicts, found.plan
     ours = verdicts.methods[OURS]
     rng = stream(plan.seed, "press-bootstrap")
@@ -144,7 +144,7 @@ def press_results(found: PressFindings) -> dict[str, Any]:
 
 
 def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
-    """Caught by kind and severity third."""
+    """Return the misprints caught by kind and severity third."""
     kind = rows["kind"]
     third = thirds(rows["severity"])
     kinds = []
@@ -158,7 +158,7 @@ def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
 def _places_and_kinds(
     rows: Rows, alarm: NDArray[np.bool_], kinds: NDArray[np.str_], boxes: NDArray[np.float32]
 ) -> dict[str, Any]:
-    """How often place and kind of what was caught are right."""
+    """Return how often position and kind of caught misprints are right."""
     scope = {entry["kind"]: entry["scope"] for entry in worlds()["misprint"]}
     local = np.array([scope.get(kind) == "local" for kind in rows["kind"].tolist()])
     caught = alarm & (rows["kind"] != "")
@@ -185,7 +185,7 @@ def _places_and_kinds(
 
 
 def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Whether the middle of each box (n, 4) lies within ``NEAR_MM`` of one of the places (n, m, 4). [mm]"""
+    """Return whether the middle of each box (n, 4) is within ``NEAR_MM`` of one of the places (n, m, 4). [mm]"""
     middle = boxes[:, None, :2] + boxes[:, None, 2:] / 2
     low, high = places[..., :2], places[..., :2] + places[..., 2:]
     with np.errstate(invalid="ignore"):
@@ -218,7 +218,7 @@ def _promises(found: PressFindings) -> Iterator[Promise]:
 
 
 def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
-    """Real pages beside composed ones, and what they promise each other."""
+    """Return the figures of real pages and of composed ones, and the alarms of real pages calibrated on each other."""
     rng = stream(seed, "press-bootstrap-real")
     bad = real.scored.bad
     rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))

@@ -1,4 +1,7 @@
-"""Our detector in the press world, with and without each of its parts; writes a page of results. It resumes."""
+"""Evaluation of our detector in the press world, with and without each of its parts; writes a page of results.
+
+An interrupted study resumes.
+"""
 
 from __future__ import annotations
 
@@ -50,9 +53,9 @@ if TYPE_CHECKING:
     from prooflight_studies.press.judging import Verdicts
 
 SCHEMA: Final = 2
-"""Of the rows; a change of what is measured makes kept results void."""
+"""Version of the rows; a change of the measurement invalidates cached results."""
 LOOSER: Final = 1.5
-"""How much more good prints vary where a press is worse than it was taken for."""
+"""Factor on the variation of good prints where a press is worse than assumed."""
 
 
 def run_press_study(
@@ -68,10 +71,10 @@ def run_press_study(
     pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
-    """Scan, learn, tune, test, and write ``PressFindings.page`` into ``results``.
+    """Scan, train, tune, test, and write ``PressFindings.page`` into ``results``.
 
-    press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
-    that was interrupted goes on. real: pages of real documents beside the composed designs.
+    press_file: of two sensors, the first of which is the ideal world's. cache: folder of rows, from which an
+    interrupted study resumes. real: pages of real documents, in addition to the composed designs.
     """
     started = time.perf_counter()
     plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
@@ -113,7 +116,7 @@ def run_press_study(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Bench:
-    """Where work is done and kept."""
+    """Press, plan and cache folder of the work."""
 
     press: Press
     cache: Path
@@ -121,17 +124,17 @@ class _Bench:
     processes: int | None
     progress: Callable[[str], None]
     minutes: list[float] = field(default_factory=list)
-    """That each scene's rows took of one process, whenever they were made."""
+    """Minutes of one process that each scene's rows took, whenever they were computed."""
 
     def kept(self, press: Press) -> Path:
-        """A press as a file for workers."""
+        """Save a press to a file for the workers and return its path."""
         path = self.cache / f"{press.digest[:16]}.press"
         path.parent.mkdir(parents=True, exist_ok=True)
         press.save(path)
         return path
 
     def digest(self, scene: Scene) -> str:
-        """Of all that a scene's rows depend on beside their day: a scene that grows keeps its rows."""
+        """Return the digest of all that a scene's rows depend on except their day, so that a scene can grow."""
         facts = {
             "schema": SCHEMA,
             "worlds": worlds_digest(),
@@ -142,12 +145,12 @@ class _Bench:
         return digest_of(facts)
 
     def scatter(self, scene: Scene, days: list[Day], what: str) -> Scatter:
-        """How statistics scatter, from good prints."""
+        """Learn the scatter of statistics from good prints."""
         drawn = self._rows(ScatterWork(scene=scene), scene, days, "scatter", what)
         return learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
     def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
-        """What every scan of a scene says."""
+        """Return the statistics of every scan of a scene."""
         return self._rows(StatisticsWork(scene=scene, scatter=scatter), scene, days, "said", what)
 
     def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
@@ -159,13 +162,13 @@ class _Bench:
         return rows
 
     def told(self, what: str) -> Callable[[int, int], None]:
-        """Progress of a list of pieces."""
+        """Return a progress callback for a list of pieces."""
         return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Scans:
-    """What every scan of each scene says, and how statistics scatter in either world."""
+    """Statistics of every scan of each scene, and the scatter of statistics in either world."""
 
     scatter: Scatter
     main: Rows
@@ -180,7 +183,7 @@ class _Scans:
 
 
 def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
-    """All scenes, one after the other; no two have a number, and so a day, in common."""
+    """Scan all scenes, one after the other; no two have a number, and so a day, in common."""
     press, plan = bench.press, bench.plan
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
     scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
@@ -220,7 +223,7 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
-    """Press days of the real pages that are no wider than the press sees."""
+    """Return press days of the real pages that are no wider than the press sees."""
     fits = [press.geometry.sees(min(size)) for size in real.sizes_mm]
     days = [
         replace(day, designs=tuple(index for index in day.designs if fits[index]))
@@ -230,7 +233,7 @@ def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
 
 
 def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:
-    """Alarms on good pages of a press that varies more, before and after its own good pages were learned."""
+    """Return alarms on good pages of a press that varies more, before and after its own good pages were learned."""
     found, pages = verdicts.detectors[0], Pages.of(rows)
     score = certain_score(found, pages, rows["another"])
     known = np.unique(pages.design)[: plan.looser_known]
@@ -245,7 +248,7 @@ def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArra
 
 
 def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> MethodResult:
-    """Real pages by the first part's detector and thresholds."""
+    """Return the result on real pages of the first part's detector and thresholds."""
     found, pages = verdicts.detectors[0], Pages.of(rows)
     part = parts_of(main)
     tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))

@@ -1,4 +1,4 @@
-"""The ranking that is shipped: learned from every lesson, judged by folds of press days that had not taught it."""
+"""The shipped ranking: trained on all rows, and evaluated by cross-validation over press days."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ if TYPE_CHECKING:
 FOLDS: Final = 4
 TREES: Final = 240
 LEFT_OUT_TREES: Final = 120
-"""Of rankings that are made to see what a kind that nobody taught is worth."""
+"""Number of trees of rankings that measure the value of training on a kind."""
 RATES: Final = (0.01, 0.02, 0.05)
 OF_A_PRESS: Final = len(Plan.of(DESIGNS).calibrate)
-"""Good pages that make a ranking fit for a press: as many as `press build` prints for that ..."""
+"""Number of good pages that calibrate a ranking for a press, as many as `press build` prints for that."""
 SIZES: Final = (20, 40, 80, OF_A_PRESS, 320)
-"""... and others, of a press that learned from its real pages."""
+"""Numbers of good pages for calibration; the others are for a press that learned from its real pages."""
 PARTS: Final = 6
-"""Of the rows that a fold judges, each judged by a model that other good pages made fit."""
+"""Number of parts of a fold's rows, each judged by a model that is calibrated on other good pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Taught:
-    """All rows of all lessons, in one order."""
+    """All rows of all presses, in one order."""
 
     pages: Pages
     day: NDArray[np.int64]
     another: NDArray[np.bool_]
     severity: NDArray[np.float64]
     floor_mm2: NDArray[np.float64]
-    """``FloorFinding.area_mm2`` of each."""
+    """``FloorFinding.area_mm2`` of each row."""
     names: list[str]
     scatter: Scatter
-    """Of the first press: each press has its own when it is made ready."""
+    """Scatter of the first press; each press has its own after its calibration."""
 
     @classmethod
     def of(cls, every: list[Lesson]) -> Taught:
-        """Presses are numbered in their order."""
+        """Concatenate the rows; presses are numbered in their order."""
         sets = [(number, rows) for number, lesson in enumerate(every) for rows in lesson.rows]
         pages = Pages.of(sets[0][1], sets[0][0])
         for number, rows in sets[1:]:
@@ -73,11 +73,11 @@ class Taught:
 
     @property
     def fold(self) -> NDArray[np.int64]:
-        """Which each row is judged in: press days take turns."""
+        """Return the fold in which each row is judged; press days take turns."""
         return np.asarray(np.unique(self.day, return_inverse=True)[1] % FOLDS)
 
     def model(self, which: NDArray[np.bool_], rng: np.random.Generator, trees: int) -> Any:
-        """What some rows teach."""
+        """Train a model on some rows."""
         return learn_model(
             self.pages.rows(which),
             names=self.names,
@@ -90,28 +90,28 @@ class Taught:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JudgedFold:
-    """Rows that one fold judges: their scores and kinds."""
+    """Rows that one fold judges, with their scores and kinds."""
 
     rows: NDArray[np.int64]
     score: NDArray[np.float64]
-    """(sizes, rows) by detectors that ``SIZES`` of good pages made fit; of one size where a kind did not teach."""
+    """Scores by detectors calibrated on ``SIZES`` good pages, (sizes, rows); of one size where a kind was left out."""
     kind: NDArray[np.str_]
-    """By the detector of ``OF_A_PRESS``."""
+    """Kinds by the detector of ``OF_A_PRESS``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoldWork:
-    """Number of a fold, and the kind that is kept from teaching ("": none) -> what it says of its rows.
+    """Judgement of a fold, given its number and the kind that is left out of training ("": none).
 
-    What it says is what a press's own detector would: each part of a press's rows is judged by the model made fit by as
-    many of its good pages of the other folds as a press has. More of them would make other scores.
+    Scores are those of a press's own detector: each part of a press's rows is judged by the model calibrated on as many
+    of its good pages of the other folds as a press has. More of them would give other scores.
     """
 
     taught: Taught
     seed: int
 
     def __call__(self, task: tuple[int, str]) -> JudgedFold:
-        """Rows of one fold."""
+        """Judge the rows of one fold."""
         index, without = task
         taught, pages = self.taught, self.taught.pages
         mine = taught.fold == index
@@ -148,9 +148,9 @@ def run_ranking_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
-    """Teach, judge, and write ``ranking.md`` into ``results``; ship: where the ranking goes, if it is to be shipped.
+    """Train, evaluate, and write ``ranking.md`` into ``results``; ship: path for the ranking, if it is to be shipped.
 
-    left_out: whether each kind is also judged by a ranking that it did not teach.
+    left_out: whether each kind is also judged by a ranking that was trained without it.
     """
     plan = plan or RankingPlan()
     taught = Taught.of(lessons(plan, cache, processes=processes, progress=progress))
@@ -203,7 +203,7 @@ def run_ranking_study(
 
 
 def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
-    """Folds put together, in the order of their rows."""
+    """Concatenate folds in the order of their rows."""
     rows = np.concatenate([one.rows for one in folds])
     order = np.argsort(rows)
     return JudgedFold(
@@ -214,7 +214,7 @@ def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
 
 
 def _design(pages: Pages) -> NDArray[np.int64]:
-    """A number a design and press."""
+    """Return a number for each design and press."""
     return np.asarray(pages.design + 10_000_000 * pages.press)
 
 
@@ -234,7 +234,7 @@ def _kind(
     said: NDArray[np.str_],
     untaught: list[JudgedFold],
 ) -> dict[str, Any]:
-    """One kind at 1 % of the good pages judged: caught, named right, and caught where it did not teach."""
+    """Return the figures of one kind at 1 % false alarms: caught, named right, and caught without training on it."""
     pages = taught.pages
     threshold = np.quantile(scores[~pages.bad], 1 - RATES[0], method="higher")
     mine = pages.kind == kind

@@ -1,4 +1,4 @@
-"""Rows of the registration study -> the figures of its page: how well pages are found."""
+"""Figures of the registration study's page from its rows: accuracy of the registration of pages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GOALS: Final = (
     ("with the local field", "content_rms", 0.12),
     ("99th percentile", "content_p99", 0.3),
 )
-"""In words, in ``summary``, and the limit. [pixels]"""
+"""Name, key in ``summary``, and limit. [pixels]"""
 PANEL_INCH: Final = (5.2, 3.9)
 COLOURS: Final = ("#2b6cb0", "#c05621", "#2f855a")
 
@@ -45,7 +45,7 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def summary(rows: NDArray[np.float64]) -> dict[str, float]:
-    """Root mean squares over scans that were found; p99 is the median and the mean over scans."""
+    """Return root mean squares over registered scans; p99 is the mean over scans of each scan's 99th percentile."""
     kept = rows[_column(rows, "found") > 0]
     measures: dict[str, float] = {"scans": len(rows), "found": len(kept)}
     for area in ("content", "all"):
@@ -57,7 +57,7 @@ def summary(rows: NDArray[np.float64]) -> dict[str, float]:
 def register_results(
     whole: NDArray[np.float64], crops: NDArray[np.float64], *, seed: int, facts: str
 ) -> dict[str, Any]:
-    """All figures of the page, from rows of ``COLUMNS``; facts: of camera and raster, in words."""
+    """Return all figures of the page, from rows of ``COLUMNS``; facts: camera and raster, in words."""
     condition, white = _column(whole, "condition"), _column(whole, "white")
     good = condition == 0
     groups = {
@@ -91,7 +91,7 @@ def register_results(
 
 
 def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
-    """The picture of the errors of whole pages, from rows of ``COLUMNS``."""
+    """Draw the errors of whole pages, from rows of ``COLUMNS``."""
     condition, found = _column(whole, "condition"), _column(whole, "found") > 0
     rms = _column(whole, "content_rms")
     shown = (condition == 0) & found
@@ -114,9 +114,10 @@ def _draw_registration(
     good: NDArray[np.float64],
     real: NDArray[np.bool_],
 ) -> None:
-    """Left: shares of scans (n,) of each name below an error; right: good prints' errors by how white the page is.
+    """Draw shares of scans below an error (left), and good prints' errors by the white of the page (right).
 
-    errors, good: rms with the local field, where there is content [pixels]; white (n,): shares; real (n,): real pages.
+    errors (n,) by name, good (n,): rms with the local field, where there is content [pixels]; white (n,): shares; real
+    (n,): whether it is a real page.
     """
     figure = new_figure(2 * PANEL_INCH[0], PANEL_INCH[1], pads_inch=(0.1, 0.1))
     left, right = figure.subplots(1, 2)

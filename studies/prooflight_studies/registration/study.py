@@ -1,4 +1,4 @@
-"""How well pages are found: press-world scans whose place is known; writes ``registration.md``."""
+"""Accuracy of registration on press-world scans with a known position; writes ``registration.md``."""
 
 from __future__ import annotations
 
@@ -34,42 +34,45 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 SCHEMA: Final = 3
-"""Of the rows kept between runs: goes up whenever code that makes them changes what they would say."""
+"""Version of the cached rows; raise it whenever code changes the values of rows."""
 CONDITIONS: Final = ("good", "missing plane", "missing block", "far off", "another page")
 SEED: Final = 6
-"""Of the page in docs/results."""
+"""Seed of the page in docs/results."""
 DESIGNS, PRINTS, REAL = 100, 5, 30
-"""Designs, good prints of each, and how many designs are real pages where there are any."""
+"""Designs, good prints of each, and number of designs that are real pages where there are any."""
 CROP_MM: Final = 60.0
-"""Side of the pages of the count of silent errors, cut from designs: 5,000 whole pages would take a day."""
+"""Side of the crops from designs in the count of silent errors: 5,000 whole pages would take a day."""
 CROPS_A_DESIGN: Final = 25
 CROP_PIXELS: Final = 640
-"""Of a line that sees a cutting and its margins."""
+"""Pixels of a line that sees a crop and its margins."""
 SILENT_PIXELS: Final = 1.0
 GRID_MM: Final = 3.0
 EDGE_SHARE: Final = 0.02
-"""A place has content where the signal's slope is at least this, rms over 3 mm. [white/pixel]"""
+"""Least slope of the signal, rms over 3 mm, at which a point has content. [white/pixel]"""
 BLOCK_SHARE: Final = (0.2, 0.5)
 """Side of a missing block, as a share of the page's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """What is left between where a page is said to lie and where it lies. [pixels]"""
+    """Error of a reported position of a page, relative to the true one. [pixels]"""
 
     global_rms: float
-    """Of the part that is linear over the page."""
+    """Rms of the part that is linear over the page."""
     rms: float
     p99: float
-    """Of the components' sizes."""
+    """99th percentile of the components' magnitudes."""
     worst: float
 
     mean: float
-    """Of the displacement as a whole, its length."""
+    """Length of the mean displacement."""
 
     @classmethod
     def of(cls, error: NDArray[np.float64], points: NDArray[np.float64], counts: NDArray[np.bool_]) -> Errors:
-        """Errors (n, 2) [pixels] at points (n, 2); counts (n, 2): which count across and along."""
+        """Compute errors from differences (n, 2) [pixels] at points (n, 2).
+
+        counts (n, 2): which points count across and along.
+        """
         model = np.hstack([np.ones((len(points), 1)), points - points.mean(axis=0)])
         linear, kept, mean = [], [], []
         for axis in range(2):
@@ -93,7 +96,7 @@ class Errors:
 def errors(
     where: Placement, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
 ) -> tuple[Errors, Errors]:
-    """Over the page, and over where it has content (points, 2)."""
+    """Return the errors over the page, and over the points with content (points, 2)."""
     x, y = _grid(page)
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
     said, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
@@ -111,9 +114,9 @@ def _grid(page: Page) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> NDArray[np.bool_]:
-    """Whether print tells of a displacement across, or along, about each point of the grid: (n, 2).
+    """Return whether the print shows a displacement across, or along, about each point of the grid: (n, 2).
 
-    Points next to the sheet's edge do not count: what is seen there is the sheet.
+    Points next to the sheet's edge do not count: the signal there is the sheet's.
     """
     sensor, geometry = press.sensors[0], press.geometry
     light = (expected_dn - sensor.column_offset_dn) / sensor.column_gain / sensor.white_dn
@@ -136,7 +139,7 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One design, and what is done with it."""
+    """One design, and whether it is a real page and is cropped."""
 
     design: int
     real: bool
@@ -145,7 +148,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FindDesign:
-    """Prints of one design, scanned and looked for; sent to worker processes."""
+    """Registration of prints of one design; sent to worker processes."""
 
     press: Press
     composed: Corpus
@@ -154,13 +157,13 @@ class FindDesign:
     prints: int
 
     def page(self, task: Task) -> Page:
-        """The design as it enters the press; to be cut, where the press sees a cutting only."""
+        """Return the design as it enters the press; a design to be cropped is not placed on a sheet."""
         source = self.real if task.real and self.real is not None else self.composed
         page = source.page(task.design)
         return page if task.crops else self.press.geometry.lay(page)
 
     def __call__(self, task: Task) -> Rows:
-        """One row a scan."""
+        """Return one row for each scan."""
         rng = stream(self.seed, "registration-prints", task.design, int(task.real), int(task.crops))
         try:
             page = self.page(task)
@@ -219,7 +222,7 @@ class FindDesign:
     def _printed(
         self, page: Page, other: Page, session: Session, condition: int, rng: np.random.Generator
     ) -> tuple[Page, Print]:
-        """What is printed instead of the page, and how."""
+        """Return the page that is printed under a condition, and its print."""
         print_ = Print.draw(session, self.press, page, rng)
         name = CONDITIONS[condition]
         if name == "missing plane":
@@ -240,7 +243,7 @@ def _cut(page: Page, rng: np.random.Generator) -> Page:
 
 
 def _without_plane(page: Page, rng: np.random.Generator) -> Page:
-    """Without one of the inks that cover at least a thousandth of the page."""
+    """Remove one of the inks that cover at least a thousandth of the page."""
     used = np.flatnonzero(page.cmyk[::4, ::4].reshape(-1, 4).mean(axis=0) > 0.255)
     cmyk = page.cmyk.copy()
     if used.size:
@@ -260,7 +263,7 @@ def _without_block(page: Page, rng: np.random.Generator) -> Page:
 
 
 def _far_off(rng: np.random.Generator) -> Placement:
-    """A misprint ``wrong-page``: off by 1.8 to 12 mm, or turned by 0.3 to 1 degree."""
+    """Draw a misprint ``wrong-page``: off by 1.8 to 12 mm, or rotated by 0.3 to 1 degree."""
     if rng.random() < 0.5:
         return Placement(skew_deg=float(rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)))
     far, way = 1.8 * (12 / 1.8) ** rng.random(), rng.uniform(0, 2 * np.pi)
@@ -268,9 +271,10 @@ def _far_off(rng: np.random.Generator) -> Placement:
 
 
 def whole_task(number: int, real_pages: int) -> Task:
-    """The study's design ``number``: of any ten three are real pages, so that a study cut short is one in small.
+    """Return the study's design ``number``.
 
-    Every other real page, from the second on, where there are enough: the rest served development.
+    Three of any ten are real pages, so that a shortened study is a sample of the whole. Every other real page is used,
+    from the second on, where there are enough: the rest served development.
     """
     of_ten = (0, 3, 6)
     before = 3 * (number // 10) + sum(one < number % 10 for one in of_ten)
@@ -298,12 +302,12 @@ def run_register_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
-    """Find prints of ``designs`` designs, and cuttings of ``crop_designs``; writes ``registration.md`` and returns it.
+    """Register prints of ``designs`` designs and crops of ``crop_designs``; writes ``registration.md`` and returns it.
 
-    crop_press: the same press with a line as long as a cutting of 60 mm and its margins. pages: real pages, of which
-    three are among any ten designs. cache: where rows are kept, so that a study goes on where it was, or begins small
-    and grows; their digest covers press, world, number of pages, seed and ``SCHEMA``, not the code, which
-    must raise that. A real page wider than the press sees is left out.
+    crop_press: the same press with a line as long as a crop of 60 mm and its margins. pages: real pages, of which three
+    are among any ten designs. cache: folder of rows, so that a study resumes, or starts small and grows; their digest
+    covers press, world, number of pages, seed and ``SCHEMA``, not the code, which must raise that. A real page wider
+    than the press sees is left out.
     """
     dpi = press.dpi
     real = None if pages is None else Folder(path=pages, dpi=dpi)

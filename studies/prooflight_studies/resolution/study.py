@@ -1,7 +1,7 @@
-"""PDFs printed by presses whose resolution is their own, inspected against rasters drawn coarsely and finely.
+"""PDFs printed by presses at a resolution of their own, inspected against rasters drawn coarsely and finely.
 
-Everywhere else a simulated press prints the very raster from which its prints are foretold. A real press draws a PDF
-itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
+Everywhere else a simulated press prints the same raster from which its prints are predicted. A real press rasterises a
+PDF itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 PRINTED_DPI: Final = (0, 600, 1200)
-"""0: the raster itself, drawn as finely as it was expected."""
+"""Resolutions of the prints; 0: the raster itself, drawn as finely as it was expected."""
 FINER: Final = (1, 2)
 WITH_MISPRINTS: Final = 1200
 PAGES_A_DAY: Final = 4
 QUICK: Final = 4
 OTHER_PAGES: Final = ("wrong-page",)
-"""Kinds that take another page; each job here has one."""
+"""Kinds that need another page; each job here has only one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,21 +52,21 @@ class Row:
 
     page: str
     printed_dpi: int
-    """0: the raster itself."""
+    """Resolution of the print; 0: the raster itself."""
     finer: int
-    """How many times as finely as the raster it was drawn."""
+    """Factor by which the raster was drawn more finely."""
     misprint: str
-    """Its kind; empty: a good print."""
+    """Kind of the misprint; empty: a good print."""
     severity: float
     alarm: bool
     p_value: float
     said: ScannedPage
-    """What the scan said, for a press that learns from it."""
+    """Values of the scan, from which a press can learn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What the page says."""
+    """Results of the study, as the page shows them."""
 
     seed: int
     press: str
@@ -75,10 +75,13 @@ class Found:
     pages: int
     days: int
     rows: list[dict[str, Any]]
-    """By printed resolution and raster."""
+    """Counts by printed resolution and raster."""
     learned: list[dict[str, Any]]
-    """By printed resolution: of prints expected from the finely drawn raster, judged by the press once it has learned
-    from the good prints of the other half of the pages."""
+    """Counts by printed resolution, after recalibration.
+
+    They are of prints expected from the finely drawn raster, judged by the press after it learned from the good prints
+    of the other half of the pages.
+    """
     worst: list[dict[str, Any]]
     """Pages whose good prints alarm although they were drawn finely."""
 
@@ -95,7 +98,7 @@ def run_resolution_study(
 ) -> Found:
     """Print the first pages of a folder's PDFs and inspect them; writes resolution.md.
 
-    most: so many pages. RequestError: the press has no detector of ours, or no PDF fits it.
+    most: greatest number of pages. RequestError: the press has no detector of ours, or no PDF fits it.
     """
     if press.ours is None:
         raise RequestError(
@@ -121,7 +124,7 @@ def run_resolution_study(
 
 
 def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
-    """A PDF's first page by resolution (0: the press's) and how finely it was drawn; None: it does not fit."""
+    """Return a PDF's first page by resolution (0: the press's) and factor of drawing; None: it does not fit."""
     try:
         with PdfJob(pdf) as job:
             width_mm, _ = job.page_sizes_mm[0]
@@ -144,7 +147,10 @@ def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
 def _of_page(
     name: str, rasters: dict[tuple[int, int], Page], inspector: Inspector, *, number: int, seed: int
 ) -> Iterator[Row]:
-    """Good prints at every resolution, and a misprint at one, against each raster; prints are the same for each."""
+    """Yield good prints at every resolution, and a misprint at one, against each raster.
+
+    The prints are the same for each raster.
+    """
     press = inspector.press
     session = Session.draw(
         amounts_of(press), press, stream(seed, "resolution-session", number // PAGES_A_DAY)
@@ -222,7 +228,7 @@ def _row(
 
 
 def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
-    """``Found.learned``; empty where half of the pages are too few to learn from."""
+    """Return ``Found.learned``; empty where half of the pages are too few to learn from."""
     pages = sorted({row.page for row in rows})
     halves = set(pages[::2]), set(pages[1::2])
     if min(map(len, halves)) < FEWEST_REAL:

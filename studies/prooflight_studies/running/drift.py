@@ -1,4 +1,4 @@
-"""What creeps: a density that drifts, a streak that grows, a lamp that ages; print after print of the press world."""
+"""Slow changes, print after print of the press world: a density that drifts, a streak that grows, a lamp that ages."""
 
 from __future__ import annotations
 
@@ -31,38 +31,38 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 WELL_KNOWN: Final = 0.5
-"""Share of an ink's amount that pages must tell on which its drift is watched."""
+"""Least share of an ink's amount that a page must determine for its drift to be monitored on it."""
 DRIFT_A_PAGE: Final = 0.0005
-"""0.05 % of the density."""
+"""Drift a page: 0.05 % of the density."""
 TOLERANCE: Final = 0.07
-"""Where worlds.toml's misprint `density` begins."""
+"""Least amount of worlds.toml's misprint `density`."""
 GATE_INK: Final = 0.02
-"""Where worlds.toml's misprint `streak` begins, of a whole ink."""
+"""Least amount of worlds.toml's misprint `streak`, as a share of a whole ink."""
 STREAK_A_PAGE: Final = 0.0002
 STREAK_MM: Final = 0.5
 LAMP_A_PAGE: Final = 0.0001
-"""A lamp that loses 1 % in 100 pages, much faster than lamps do."""
+"""Loss of light a page: a lamp that loses 1 % in 100 pages, much faster than lamps do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Creep:
-    """What changes, by sheet."""
+    """Slow changes, by sheet."""
 
     gain: float = 0.0
-    """Of one ink, a page."""
+    """Change of one ink's gain, a page."""
     ink: int = 0
-    """Which; C, M, Y, K."""
+    """Index of that ink; C, M, Y, K."""
     streak: float = 0.0
-    """Of black ink in a column, a page."""
+    """Black ink added in a column, a page."""
     lamp: float = 0.0
-    """Light lost, a page."""
+    """Share of the light lost, a page."""
     good_pages: int = 0
-    """Before it begins."""
+    """Number of pages before the change begins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CreepRun:
-    """One run of one press on one day: print, look, add up."""
+    """Run of one press on one day: print, analyse, accumulate."""
 
     press: Press
     pages: tuple[Page, ...]
@@ -70,7 +70,7 @@ class CreepRun:
 
     @classmethod
     def of(cls, press: Press, pages: Iterable[Page], *, ink: int | None = None, most: int = 6) -> CreepRun:
-        """Designs made ready; of an ink, only those on which the press's sensors can tell it from the others."""
+        """Prepare designs; for an ink, only those on which the press's sensors distinguish it from the others."""
         geometry, sensors = press.geometry, press.sensors
         found = []
         for page in pages:
@@ -95,7 +95,7 @@ class CreepRun:
         stop: Callable[[Announcement], bool],
         follow: bool = True,
     ) -> dict[str, Any]:
-        """Until an announcement that ``stop`` knows; what was true then."""
+        """Run until an announcement for which ``stop`` is true; return the true state at that moment."""
         press, rng = self.press, stream(seed, "drift-prints")
         session = Session.draw(amounts_of(press), press, stream(seed, "drift-session"))
         monitor = RunMonitor.begin(
@@ -155,7 +155,7 @@ class CreepRun:
 
 
 def streaked(page: Page, share: float, rng: np.random.Generator) -> Any:
-    """The page's raster with so much more black in a column, a third of the way across, dithered."""
+    """Return the page's raster with this share of black added in a column, a third of the way across, dithered."""
     cmyk = page.cmyk.copy()
     middle, half = cmyk.shape[1] // 3, max(round(STREAK_MM / page.pixel_mm / 2), 1)
     column = cmyk[:, middle - half : middle + half, 3]
@@ -167,7 +167,7 @@ def streaked(page: Page, share: float, rng: np.random.Generator) -> Any:
 def drift_row(
     run: CreepRun, *, ink: int, seeds: range, good_pages: int, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """How soon a drift of one ink is announced, beside the first print that is out of tolerance."""
+    """Return how soon a drift of one ink is announced, and the first print that is out of tolerance."""
     rows, name = [], INK_NAMES[ink]
     for seed in seeds:
         creep = Creep(gain=DRIFT_A_PAGE, ink=ink, good_pages=good_pages)
@@ -198,7 +198,7 @@ def drift_row(
 
 
 def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) -> dict[str, Any]:
-    """At how much ink a streak that grows is announced, while a lamp that ages is followed."""
+    """Return the ink at which a growing streak is announced, while an ageing lamp is tracked."""
     rows = []
     for seed in seeds:
         creep = Creep(streak=STREAK_A_PAGE, lamp=LAMP_A_PAGE, good_pages=40)

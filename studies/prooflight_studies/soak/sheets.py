@@ -1,4 +1,4 @@
-"""What the soak plays: prints of whole designs and of forms that differ in three words; and the faults."""
+"""Input of the soak: prints of whole designs and of forms that differ in three words, and the faults."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.drum import Turn
 
 WORDS: Final = 3
-"""By which the forms of one template differ."""
+"""Number of words by which the forms of one template differ."""
 FIELD_MM: Final = (34.0, 6.0)
 LETTERS: Final = "ABCDEFGHKLMNPRSTUVWXYZ"
 TYPE_PT: Final = 11.0
@@ -37,7 +37,7 @@ TYPE_PT: Final = 11.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SoakRing:
-    """A job printed once in the press world, and two sheets that are none of it."""
+    """A job printed once in the press world, and two sheets that are not part of it."""
 
     thumbnails: tuple[Thumbnail, ...]
     scans: tuple[NDArray[np.uint16], ...]
@@ -46,7 +46,7 @@ class SoakRing:
 
 
 class RepeatedJob:
-    """A job's thumbnails, printed over and over until so many sheets have passed; ``following.Expected``."""
+    """A job's thumbnails, repeated for so many sheets; ``following.Expected``."""
 
     def __init__(self, designs: Sequence[Thumbnail | None], sheets: int) -> None:
         self._designs, self._sheets = designs, sheets
@@ -116,7 +116,7 @@ def _extent(page: Page) -> tuple[float, float]:
 
 
 def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random.Generator) -> Page:
-    """A form with its own words in white fields."""
+    """Return a form with its own words in white fields."""
     cmyk = empty.cmyk.copy()
     for x_mm, y_mm in places_mm:
         field = Sheet(width_mm=FIELD_MM[0], height_mm=FIELD_MM[1], dpi=empty.dpi)
@@ -129,7 +129,10 @@ def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random
 
 
 def drawn_faults(sheets: int, *, every: int, apart: int, rng: np.random.Generator) -> dict[int, DrumFault]:
-    """Faults of all kinds, evenly, about every so many sheets and at least ``apart`` sheets from each other."""
+    """Draw faults of all kinds, evenly, one in ``every`` sheets on average.
+
+    They are at least ``apart`` sheets from each other.
+    """
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
     faults, sheet = dict[int, DrumFault](), apart
     while True:
@@ -141,17 +144,19 @@ def drawn_faults(sheets: int, *, every: int, apart: int, rng: np.random.Generato
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passed:
-    """A sheet that passes the camera, as it is in truth."""
+    """True state of a sheet that passes the camera."""
 
     page: int | None
-    """None: none of the job's."""
+    """Page of the job; None: the sheet is not part of it."""
     fault: int | None
-    """Index of the fault, among those drawn, that concerns it; None: none does."""
+    """Index of the fault, among those drawn, that concerns the sheet; None: none does."""
 
 
 def truth(passing: list[Turn], faults: dict[int, DrumFault]) -> list[Passed]:
-    """Sheets that pass, one an entry. A fault concerns its own sheet, both of two that changed places, the second of a
-    page that came twice, and the one behind a page that did not come.
+    """Return the sheets that pass, one an entry.
+
+    A fault concerns its own sheet, both of two sheets that changed places, the second print of a repeated page, and the
+    sheet after a missing page.
     """
     number = {sheet: index for index, sheet in enumerate(faults)}
     of_fault = {id(fault): number[sheet] for sheet, fault in faults.items()}

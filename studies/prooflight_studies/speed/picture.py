@@ -1,4 +1,4 @@
-"""The speeds of one run: ``docs/performance.md`` and its picture."""
+"""Page and picture of the speeds of one run: ``docs/performance.md``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VECTORS: Final = ("avx512bw", "avx2", "sse4.2", "neon")
 
 
 def machine() -> str:
-    """Cores and vector instructions, without names."""
+    """Return cores and vector instructions, without names."""
     features = binding.get_host_cpu_features()
     vectors = next((name for name in VECTORS if features.get(name)), "no vector instructions known")
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
@@ -48,7 +48,7 @@ def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder
 
 
 def _drawn(rows: Sequence[SpeedRow]) -> Figure:
-    """Bars on a logarithmic axis: photo pages beside baselines, then growth."""
+    """Draw bars on a logarithmic axis: photo pages with their baselines, then growth."""
     kept = [row for row in rows if row.name.endswith(", photo")]
     grown = [row for row in rows if row.name.startswith("growth")]
     figure = Figure(figsize=(8, 7.5), dpi=110, layout="constrained")

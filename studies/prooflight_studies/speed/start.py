@@ -1,4 +1,4 @@
-"""How soon a warm installation says its first verdict, from the start of the process."""
+"""Time from the start of the process to the first verdict of a warm installation."""
 
 from __future__ import annotations
 
@@ -38,9 +38,10 @@ print(done.verdict.verdict)
 
 
 def start_seconds(press: Press, page: Page) -> list[float]:
-    """Wall-clock from starting Python to the first verdict on ``page``, of starts after one that warms the caches. [s]
+    """Return wall-clock times from starting Python to the first verdict on ``page``. [s]
 
-    The press is loaded from its file, the page and its scan from arrays. RuntimeError: no verdict came.
+    They are of starts after one that warms the caches. The press is loaded from its file, the page and its scan from
+    arrays. RuntimeError: no verdict came.
     """
     found = []
     with tempfile.TemporaryDirectory() as name:

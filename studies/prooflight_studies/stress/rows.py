@@ -1,4 +1,4 @@
-"""Rows of stress: good prints under every nuisance, and every misprint, each beside the same good print without."""
+"""Rows of stress: good prints under every nuisance, and every misprint, each with the same good print without."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
     from prooflight_studies.stress.marks import Compose
 
 COPY = 0
-"""Of a scene: every row of a design is of one and the same print."""
+"""Copy number: every row of a design is of the same print."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressWork:
-    """A good copy of a day's designs, the same under nuisances, the same with misprints -> a row each.
+    """Measurement of a day's designs: a good copy, the same under nuisances, and the same with misprints, a row each.
 
-    All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
+    All designs of a day are in memory at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
     Columns: design, kind (of the misprint, with its variant; "" where good), severity, nuisance ("" where none), day,
-    values (statistics,), boxes (statistics, 4) [mm], portrait, another, glyphs, places (PLACES, 4) [mm, NaN: none].
-    Beside them ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names``
-    of the statistics.
+    values (statistics,), boxes (statistics, 4) [mm], portrait (the page features), another, glyphs, places (PLACES, 4)
+    [mm, NaN: none]. Columns ``unmade_kind`` and ``unmade_design`` have an entry for each misprint that cannot be on its
+    page, and ``names`` has those of the statistics.
     """
 
     scene: Scene
-    """In the press world."""
+    """Scene in the press world."""
     scatter: Scatter
     stress: Stress
     nuisances: tuple[str, ...]
@@ -55,10 +55,10 @@ class StressWork:
     wrong_under: tuple[str, ...] = ()
     """Nuisances, "" for none, under each of which every design is printed once wrong, of the scene's kind in turn."""
     press_file: PressFile | None = None
-    """That the scene's press was built from, for what a lamp does."""
+    """Press file that the scene's press was built from, for the effect of a lamp."""
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench, table = self.scene.day(day), _Table(day=day)
         designs = {index: bench.design(index) for index in day.designs}
         for name in ("", *self.nuisances):
@@ -82,7 +82,7 @@ class StressWork:
         return table.rows()
 
     def _composing(self, bench: PressDay, index: int) -> Compose | None:
-        """Composes a design as the press takes it; None: designs here are not composed."""
+        """Return a function that composes a design as the press takes it; None: designs here are not composed."""
         pages = self.scene.pages
         if not isinstance(pages, Corpus):
             return None
@@ -96,7 +96,7 @@ class StressWork:
         designs: Mapping[int, tuple[Printed, PreparedPage]],
         name: str,
     ) -> None:
-        """One misprint of each design, the same whatever the nuisance."""
+        """Add one misprint of each design, the same whatever the nuisance."""
         for index, (good, known) in designs.items():
             rng, kind = self.scene.rng(index, 1), self.scene.kind(index, 1)
             others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
@@ -145,7 +145,7 @@ class StressWork:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Table:
-    """Rows as they are made."""
+    """Rows while they are collected."""
 
     day: Day
     columns: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))

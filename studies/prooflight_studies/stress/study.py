@@ -1,7 +1,8 @@
-"""What no detector was taught by: alarms under every nuisance before and after its good pages were learned, misprints
-of kinds that nobody taught, and what a nuisance costs in misprints caught.
+"""Stress study: alarms under nuisances before and after learning, and misprints of kinds without training.
 
-The press is what `press build` makes; what it learns is what `press learn` learns.
+It measures false alarms under every nuisance before and after its good pages were learned, misprints of untrained
+kinds, and the misprints that a nuisance hides. The press is made as `press build` makes it; it learns as `press learn`
+does.
 """
 
 from __future__ import annotations
@@ -54,39 +55,39 @@ if TYPE_CHECKING:
 SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
 MOST_UNTOLD, OFTEN_TOLD = 0.03, 0.95
-"""False alarms of a run that need not be told, and how often more of them must be."""
+"""False-alarm rate of a run that need not be reported, and share of runs above it that must be."""
 COSTLY: Final = "formation_half"
-"""Under which misprints are printed as well."""
+"""Nuisance under which misprints are printed as well."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StressPlan:
-    """How many designs; no two sets share a design or a press day."""
+    """Numbers of designs; no two sets share a design or a press day."""
 
     seed: int = 53
     learn: int = 40
-    """Good pages of a press under a nuisance that are learned from, on days of their own."""
+    """Number of good pages of a press under a nuisance that are learned, on days of their own."""
     per_day: int = 4
     runs: int = 10
-    """Of so many ..."""
+    """Number of runs under every nuisance."""
     per_run: int = 30
-    """... good pages each under every nuisance, each on one press day."""
+    """Number of good pages of each run, printed on one press day."""
     marks: int = 120
-    """Designs on which every misprint is drawn that nobody taught."""
+    """Number of designs on which every misprint is drawn that no detector is trained on."""
     wrong: int = 300
-    """Designs printed wrong with and without ``COSTLY``."""
+    """Number of designs printed wrong with and without ``COSTLY``."""
     good: int = 2240
-    """Further designs, printed once, well."""
+    """Number of further designs, printed once, well."""
     rounds: int = 5
-    """In which every real page is printed once well and once wrong."""
+    """Number of rounds in which every real page is printed once well and once wrong."""
 
     def days(self, first: int, count: int, per_day: int) -> list[Day]:
-        """Press days on which designs ``first`` and further are printed."""
+        """Return the press days on which ``count`` designs from ``first`` on are printed."""
         return in_days("stress", range(first, first + count), per_day)
 
     @property
     def sets(self) -> dict[str, list[Day]]:
-        """The days of every set."""
+        """Press days of every set."""
         return {
             "learn": self.days(0, self.learn, self.per_day),
             "judge": self.days(10_000, self.runs * self.per_run, self.per_run),
@@ -106,9 +107,9 @@ def run_stress_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
-    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: where rows are kept.
+    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: folder of rows.
 
-    real: pages of real documents, beside the composed designs.
+    real: pages of real documents, in addition to the composed designs.
     """
     plan, stress = plan or StressPlan(), load_stress(stress_file)
     press_file = at_pitch(PressFile.preset(TWO_SENSORS), REDUCED_PITCH_MM)
@@ -152,13 +153,13 @@ def run_stress_study(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Bench:
-    """Where rows are made and kept: what they depend on, and not by which ranking they are judged."""
+    """Computation and cache of rows, with all that they depend on; the ranking that judges them is none of it."""
 
     press: Press
-    """Not taught."""
+    """Press, untrained."""
     press_file: PressFile
     scatter: Scatter
-    """That its statistics are told by."""
+    """Scatter that its statistics are normalised by."""
     stress: Stress
     plan: StressPlan
     cache: Path
@@ -166,7 +167,7 @@ class _Bench:
     progress: Callable[[str], None]
 
     def rows(self) -> dict[str, Rows]:
-        """Of every set of the plan, on composed designs."""
+        """Return the rows of every set of the plan, on composed designs."""
         scene = self._scene(Corpus(seed=self.plan.seed, dpi=self.press.dpi), SCENE)
         plain = StressWork(
             scene=scene,
@@ -187,7 +188,10 @@ class _Bench:
         return {name: self._made(works[name], days, name) for name, days in self.plan.sets.items()}
 
     def real_rows(self, real: Folder) -> Rows:
-        """Of real pages that are no wider than the press sees, each printed once well and once wrong a round."""
+        """Return rows of the real pages that the press sees in full width.
+
+        Each is printed once well and once wrong in every round.
+        """
         pages = Rounds(folder=real)
         fits = [self.press.geometry.sees(min(size)) for size in real.sizes_mm]
         designs = [index for index in range(self.plan.rounds * len(fits)) if fits[index % len(fits)]]
@@ -223,17 +227,17 @@ class _Bench:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rounds:
-    """The pages of a folder over and over: each round they are designs of their own."""
+    """Pages of a folder, repeated: in each round they are new designs."""
 
     folder: Folder
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
+        """Return design ``index``, from 0."""
         return replace(self.folder.page(index % len(self.folder)), name=design_name(index))
 
 
 def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
-    """What comes of the rows, by the detector as it was built and as each nuisance's good pages made it fit."""
+    """Judge the rows by the detector as built, and as recalibrated on each nuisance's good pages."""
     learn, judge, wrong = every["learn"], every["judge"], every["wrong"]
     fits = {name: _fit(ours, learn, name) for name in np.unique(learn["nuisance"]).tolist() if name}
     nuisances = []
@@ -271,7 +275,7 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
 
 
 def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetector:
-    """As `press learn` makes it fit by those good pages."""
+    """Calibrate on those good pages as `press learn` does."""
     here = rows["nuisance"] == nuisance
     return fit_for(
         ours.model,
@@ -307,7 +311,7 @@ def _of_all_tests(
 def _judged_runs(
     ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
 ) -> tuple[NDArray[np.bool_], list[int | None]]:
-    """Which pages alarm; and of each run, after how many it says that its promise does not hold (None: it does not)."""
+    """Return which pages alarm, and for each run the page at which the test rejects exchangeability (None: never)."""
     found: list[int | None] = []
     pages, (ranking, score) = Pages.of(rows).rows(here), _scores(ours, rows, here)
     said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), ranking)
@@ -348,7 +352,7 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
 
 
 def _plain(every: dict[str, Rows]) -> Rows:
-    """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
+    """Return all good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
     scores = "glyphs", "floor_mm2", "widening"
     columns = ("design", "day", "kind", "severity", "values", "portrait", "another", *scores)
     parts = []
@@ -359,10 +363,10 @@ def _plain(every: dict[str, Rows]) -> Rows:
 
 
 def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
-    """False alarms, misses, kinds named and c(1) of the detector as it was built.
+    """Return false alarms, misses, kinds named and c(1) of the detector as it was built.
 
-    Named is what the ranking names; what glyphs or floor alone say is none of the twelve kinds. c(1) is at the
-    threshold that costs least on the good pages and misprints that the ranking was judged by.
+    Kinds are those named by the ranking; the verdicts of glyphs or floor alone name none of the twelve kinds. c(1) is
+    at the threshold that costs least on the good pages and misprints on which the ranking was evaluated.
     """
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
@@ -403,5 +407,5 @@ def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
 
 
 def _unmade(rows: Rows) -> dict[str, int]:
-    """Of each kind, on how many pages it could not be."""
+    """Return for each kind the number of pages on which it could not be."""
     return dict(sorted(Counter(rows["unmade_kind"].tolist()).items()))

@@ -1,4 +1,4 @@
-"""Zones on prints of the press world: their price as foretold and as it came, what ignored zones hide, the promise."""
+"""Zones on prints of the press world: predicted and observed cost, hidden defects, and false-alarm rate."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 PIXELS: Final = 400
-"""Of the camera: the paper's rig with a shorter line."""
+"""Pixels of the camera: the paper's rig with a shorter line."""
 PAGE_MM: Final = (38.0, 54.0)
 PAGES: Final = 5
 ZONES_A_PAGE: Final = 12
@@ -46,21 +46,21 @@ DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
 QUICK_TRIALS: Final = 4
 CAME: Final = 2
-"""Prints at the foretold strength, of each sort in each zone."""
+"""Number of prints at the predicted strength, of each sort in each zone."""
 GOOD: Final = 40
-"""Fresh good prints of a page, with each set of zones."""
+"""Number of fresh good prints of a page, with each set of zones."""
 BESIDE_MM: Final = (0.6, 3.0)
-"""How far beside an ignored zone a defect's middle may lie, beyond its own reach and the strip of 0.5 mm."""
+"""Distance of a defect's middle from an ignored zone, beyond its own reach and the strip of 0.5 mm."""
 LEAST_PRINTED: Final = 0.25
-"""Share of a piece that must be printed."""
+"""Least share of a piece that must be printed."""
 STRONG: Final = {"spot": 2.0, "streak": 60.0, "density": 60.0}
-"""Defects put into ignored zones, and beside them."""
+"""Defects put into ignored zones, and next to them."""
 QUICK: Final = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tally:
-    """Of prints, how many alarmed."""
+    """Numbers of prints and of those that alarmed."""
 
     prints: int
     alarms: int
@@ -68,27 +68,30 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageRows:
-    """What one page gave; by sort of defect."""
+    """Results of one page, by sort of defect."""
 
     careful_zones: int
     ignored_zones: int
     foretold: list[dict[str, Any]]
-    """A row a careful zone and sort: least before and after, prints and alarms at the foretold strength."""
+    """Rows for each careful zone and sort.
+
+    They hold the least strength before and after, and prints and alarms at the predicted strength.
+    """
     rest: list[dict[str, Any]]
     inside: dict[str, Tally]
-    """Defects within ignored zones, with the zones in force ..."""
+    """Defects within ignored zones, with the zones in force."""
     inside_bare: dict[str, Tally]
-    """... and without."""
+    """The same defects without the zones."""
     beside: list[dict[str, Any]]
-    """A row a print: sort, caught without zones, caught with them."""
+    """Rows for each print: sort, caught without zones, caught with them."""
     good: dict[str, Tally]
-    """Fresh good prints by kind of zones."""
+    """Fresh good prints by kind of zones; ``good_bare``: without the zones."""
     good_bare: dict[str, Tally]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What the page says."""
+    """Results of the study, as the page shows them."""
 
     seed: int
     quick: bool
@@ -102,7 +105,7 @@ class Found:
     careful_zones: int
     ignored_zones: int
     price: list[dict[str, Any]]
-    """By sort, of careful zones: medians before and after, foretold, and what came."""
+    """Cost of careful zones by sort: medians before and after, as predicted, and observed alarms."""
     rest: list[dict[str, Any]]
     inside: list[dict[str, Any]]
     beside: list[dict[str, Any]]
@@ -113,7 +116,7 @@ class Found:
 def run_zones_study(
     out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
 ) -> Found:
-    """Price careful and ignored zones on pages, then print; writes zones.md."""
+    """Compute the cost of careful and ignored zones on pages, then print; writes zones.md."""
     progress("making a press")
     press = build_press(PressFile.prototype(), seed=SPECIMEN_SEED, pixels=PIXELS)
     press = trained(press, Pieces(corpus=Corpus(seed=seed + 1, dpi=press.dpi)), designs=DESIGNS, seed=seed)
@@ -136,7 +139,7 @@ class Pieces:
     corpus: Corpus
 
     def page(self, index: int) -> Page:
-        """The middle of design ``index``, or another piece of it where that is almost bare."""
+        """Return the middle of design ``index``, or another piece of it where that is almost bare."""
         whole = self.corpus.page(index)
         size = [round(extent / whole.pixel_mm) for extent in reversed(PAGE_MM)]
         most, best = -1.0, whole.cmyk
@@ -156,7 +159,7 @@ class Pieces:
 
 
 def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
-    """Zones spread over a page, each somewhere in a cell of its own."""
+    """Return zones spread over a page, each at a random position in a cell of its own."""
     found = []
     columns, rows = 3, ZONES_A_PAGE // 3
     cell = PAGE_MM[0] / columns, PAGE_MM[1] / rows
@@ -171,7 +174,7 @@ def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
 
 
 def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> PageRows:
-    """One page with careful zones, and with ignored ones; one design of the corpus that taught nothing."""
+    """Measure one page with careful zones, and with ignored ones; its design took no part in training."""
     page = Pieces(corpus=Corpus(seed=seed + 2, dpi=press.dpi)).page(index)
     rng = stream(seed, "zones-study", index)
     with tempfile.TemporaryDirectory() as folder:
@@ -226,7 +229,7 @@ class Bench:
         self.seed, self._next = seed, 0
 
     def alarms(self, page: Page, rng: np.random.Generator) -> tuple[bool, bool]:
-        """Whether one more print of it alarms with zones, and without."""
+        """Return whether one more print of a page alarms with zones, and without."""
         scan = self.prints.printed(page, rng)
         with_zones = self.zoned.inspect(scan)
         if self.bare is None:
@@ -234,12 +237,12 @@ class Bench:
         return _alarmed(with_zones), _alarmed(self.bare.inspect(scan))
 
     def good(self, count: int, *, first: int) -> tuple[Tally, Tally]:
-        """Fresh good prints, with zones and without."""
+        """Count alarms on fresh good prints, with zones and without."""
         said = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
         return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*said, strict=True))  # type: ignore[return-value]
 
     def foretold(self, price: Any, *, came: int) -> Iterator[dict[str, Any]]:
-        """Of every careful zone and sort, what was foretold and what came of prints at that strength."""
+        """Yield the predicted cost of every careful zone and sort, and the alarms of prints at that strength."""
         by_name = {area.name: area for area in self.areas}
         for priced in price.areas:
             if priced.kind != "careful":
@@ -258,7 +261,7 @@ class Bench:
                 }
 
     def inside(self, sort: str) -> tuple[Tally, Tally]:
-        """Strong defects wholly in every ignored zone: with zones, and without."""
+        """Count alarms on strong defects wholly in every ignored zone: with zones, and without."""
         reach = STRONG["spot"] / 2 if sort == "spot" else 0.0
         wholly = [
             Area(name=area.name, kind=area.kind, holds=partial(_within, area=area, reach=reach))
@@ -272,7 +275,7 @@ class Bench:
         )
 
     def beside(self, sort: str) -> Iterator[dict[str, Any]]:
-        """Strong defects close beside every ignored zone."""
+        """Yield the alarms on strong defects close to every ignored zone."""
         others = [area for area in self.areas if area.kind == "ignore"]
         for area in others:
             near = Area(
@@ -308,7 +311,7 @@ class Bench:
 def _within(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, reach: float
 ) -> NDArray[np.bool_]:
-    """An area without the strip of this width inside its edges."""
+    """Return an area without the strip of this width inside its edges."""
     found = area.holds(x, y)
     for dx in (-reach, 0.0, reach):
         for dy in (-reach, 0.0, reach):
@@ -319,7 +322,7 @@ def _within(
 def _beside(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, sort: str, others: list[Area]
 ) -> NDArray[np.bool_]:
-    """A frame about a zone, where neither it nor another is; streaks run through it up and down."""
+    """Return a frame about a zone, outside of it and of other zones; streaks run through it up and down."""
     reach = STRONG["spot"] / 2 if sort == "spot" else 0.5
     inner, outer = (BESIDE_MM[0] + reach, BESIDE_MM[1] + reach)
     near = np.zeros((y.size, x.size), bool)
@@ -338,7 +341,7 @@ def _alarmed(inspection: Inspection) -> bool:
 
 
 def without_zones(page: MatchedFilterPage, inspection: Inspection) -> bool:
-    """Whether the same scan alarms by the page as a whole at the press's own threshold."""
+    """Return whether the same scan alarms by the page as a whole at the press's own threshold."""
     return page.whole_score(inspection) > page.detector.calibrated.threshold
 
 
@@ -347,7 +350,7 @@ def _finite(value: float) -> float | None:
 
 
 def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> Found:
-    """Rows of all pages, added up."""
+    """Combine the rows of all pages."""
     foretold = [row for one in rows for row in one.foretold]
     beside = [row for one in rows for row in one.beside]
 
@@ -413,7 +416,10 @@ def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = 
 
 
 def _medians(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Medians of what is caught before and after; null: not in half of the zones. And in how many at all."""
+    """Return medians of the least caught strength before and after, and the number of zones with one.
+
+    null: not caught in half of the zones.
+    """
     told: dict[str, Any] = {"zones": len(rows)}
     for name in ("before", "after"):
         values = [np.inf if row[name] is None else row[name] for row in rows]

@@ -122,7 +122,7 @@ def print_charts(
     progress: Callable[[str], None],
 ) -> list[list[Printed]]:
     """Print, scan and read every page of a chart, ``prints`` times."""
-    found = []
+    printed = []
     for number in range(prints):
         pages = []
         for page_number in range(1, placed.pages + 1):
@@ -134,8 +134,8 @@ def print_charts(
             write_scan(path, fast_scan(page, press, session, done, rng=rng), facts={})
             pages.append(Printed(scan=read_scan(path, placed), done=done))
             path.unlink()
-        found.append(pages)
-    return found
+        printed.append(pages)
+    return printed
 
 
 def true_dn(
@@ -268,6 +268,6 @@ def run_calibration_study(
                             **errors,  # type: ignore[arg-type]
                         )
                     )
-    found = {"seed": seed, "dpi": dpi, "worlds": worlds_digest(), "goal_sigma": GOAL_SIGMA, "rows": rows}
-    write_page(results / "calibration.md", "calibration", found)
+    figures = {"seed": seed, "dpi": dpi, "worlds": worlds_digest(), "goal_sigma": GOAL_SIGMA, "rows": rows}
+    write_page(results / "calibration.md", "calibration", figures)
     return rows

@@ -18,7 +18,7 @@ from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.job import from_file
 from prooflight_studies.cameras.peer import ID, alone, plugged_in
-from prooflight_studies.cameras.rig import told, verdict
+from prooflight_studies.cameras.rig import next_message, verdict
 
 if TYPE_CHECKING:
     import subprocess
@@ -56,7 +56,7 @@ class Turning:
         while not self.ended.wait(0.1):
             with self.guard:
                 if self.peer is not None:
-                    self.peer.told("encoder", self.line())
+                    self.peer.send("encoder", self.line())
 
 
 def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -65,17 +65,17 @@ def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> 
     rows: list[dict[str, Any]] = []
     turning = Turning()
     with plugged_in(rig.played) as (peer,):
-        process, said = watched(rig)
+        process, messages = watched(rig)
         encoder = threading.Thread(target=turning.run, daemon=True)
         sheets: list[dict[str, Any]] = []
-        until(said, sheets, sheets_more=BETWEEN_SHEETS)
+        until(messages, sheets, sheets_more=BETWEEN_SHEETS)
         turning.begun_s, turning.peer = time.monotonic(), peer
         encoder.start()
         for number in range(deaths):
             kind = KINDS[number % len(KINDS)]
             progress(f"death {number + 1} of {deaths}: {kind}")
-            rows.append(_death(kind, peer, turning, said, sheets))
-            until(said, sheets, sheets_more=BETWEEN_SHEETS)
+            rows.append(_death(kind, peer, turning, messages, sheets))
+            until(messages, sheets, sheets_more=BETWEEN_SHEETS)
         turning.ended.set()
         encoder.join()
         process.send_signal(signal.SIGINT)
@@ -103,7 +103,7 @@ def _death(
     kind: str,
     peer: Peer,
     turning: Turning,
-    said: queue.Queue[tuple[float, dict[str, Any]]],
+    messages: queue.Queue[tuple[float, dict[str, Any]]],
     sheets: list[dict[str, Any]],
 ) -> dict[str, Any]:
     before = len(sheets)
@@ -116,8 +116,8 @@ def _death(
             turning.peer = None
             peer.freeze()
         else:
-            peer.told("lost", 1.0)
-    noticed_s, text = until(said, sheets, notice="camera-away")
+            peer.send("lost", 1.0)
+    noticed_s, text = until(messages, sheets, notice="camera-away")
     time.sleep(AWAY_S)
     with turning.guard:
         if kind == "unplugged":
@@ -125,13 +125,13 @@ def _death(
         elif kind == "frozen":
             peer.thaw()
         else:
-            peer.told("lost", 0.0)
-        peer.told("at", turning.line())
-        peer.told("encoder", turning.line())
+            peer.send("lost", 0.0)
+        peer.send("at", turning.line())
+        peer.send("encoder", turning.line())
         turning.peer = peer
     returned_s = time.monotonic()
-    back_s, _ = until(said, sheets, notice="camera-back")
-    until(said, sheets, sheets_more=1)
+    back_s, _ = until(messages, sheets, notice="camera-back")
+    until(messages, sheets, sheets_more=1)
     own = sheets[before:]
     return {
         "kind": kind,
@@ -149,18 +149,18 @@ def watched(rig: Rig) -> tuple[subprocess.Popen[str], queue.Queue[tuple[float, d
         *("--source", f"camera:{ID}", "--sheets", 100_000),
         *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
     )
-    said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
-    threading.Thread(target=_read, args=(process, said), daemon=True).start()
-    return process, said
+    messages: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
+    threading.Thread(target=_read, args=(process, messages), daemon=True).start()
+    return process, messages
 
 
-def _read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
-    while (row := told(process)) is not None:
-        said.put((time.monotonic(), row))
+def _read(process: subprocess.Popen[str], messages: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
+    while (row := next_message(process)) is not None:
+        messages.put((time.monotonic(), row))
 
 
 def until(
-    said: queue.Queue[tuple[float, dict[str, Any]]],
+    messages: queue.Queue[tuple[float, dict[str, Any]]],
     sheets: list[dict[str, Any]],
     *,
     notice: str = "",
@@ -169,7 +169,7 @@ def until(
     """Wait for a notice, or for so many more sheets, and return its time; all sheets until then are added."""
     wanted = len(sheets) + sheets_more
     while True:
-        at_s, row = said.get(timeout=LONGEST_S)
+        at_s, row = messages.get(timeout=LONGEST_S)
         if "verdict" in row:
             sheets.append(row)
             if not notice and len(sheets) >= wanted:
@@ -184,16 +184,16 @@ def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[s
     from viva_genicam.testing import FakeGigeCamera
 
     rows = []
-    asked = CameraSettings()
+    settings = CameraSettings()
     for number in range(times):
         progress(f"taken by another program, {number + 1} of {times}")
         with alone(), FakeGigeCamera(width=512, height=64, fps=20) as camera:
-            said: queue.Queue[tuple[float, str, str]] = queue.Queue()
+            messages: queue.Queue[tuple[float, str, str]] = queue.Queue()
             source = CameraLines(
-                lambda: ready(found_camera("viva:127.0.0.1"), asked, where="the study"),
+                lambda: ready(found_camera("viva:127.0.0.1"), settings, where="the study"),
                 name="camera",
-                settings=asked,
-                tell=partial(_noted, said),
+                settings=settings,
+                tell=partial(_noted, messages),
             )
             came = threading.Event()
             thread = threading.Thread(target=_heard, args=(source, came), daemon=True)
@@ -202,19 +202,19 @@ def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[s
             begun_s = time.monotonic()
             camera.revoke_control()
             other = viva_genicam.connect_gige(camera.device_info())
-            noticed_s, _, text = said.get(timeout=LONGEST_S)
+            noticed_s, _, text = messages.get(timeout=LONGEST_S)
             time.sleep(TAKEN_S)
             other.close()
             let_go_s = time.monotonic()
-            back_s, _, _ = said.get(timeout=LONGEST_S)
+            back_s, _, _ = messages.get(timeout=LONGEST_S)
             source.close()
             thread.join()
         rows.append({"noticed_after_s": noticed_s - begun_s, "back_after_s": back_s - let_go_s, "said": text})
     return rows
 
 
-def _noted(said: queue.Queue[tuple[float, str, str]], kind: str, text: str) -> None:
-    said.put((time.monotonic(), kind, text))
+def _noted(messages: queue.Queue[tuple[float, str, str]], kind: str, text: str) -> None:
+    messages.put((time.monotonic(), kind, text))
 
 
 def _heard(source: CameraLines, came: threading.Event) -> None:

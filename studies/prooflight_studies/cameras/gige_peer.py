@@ -100,16 +100,18 @@ def main() -> None:
 
     def fill(buffer: int, _data: int, _exposure: int, _gain: int, _form: int) -> None:
         nonlocal at
-        told = UINT()
+        height = UINT()
         types = (POINTER, ctypes.c_uint32, POINTER)
-        plainly("arv_fake_camera_read_register", ctypes.c_int, types, camera, HEIGHT, ctypes.addressof(told))
+        plainly(
+            "arv_fake_camera_read_register", ctypes.c_int, types, camera, HEIGHT, ctypes.addressof(height)
+        )
         size = plainly("arv_fake_camera_get_payload", SIZE_T, (POINTER,), camera)
         ignored = SIZE_T()
         begin = plainly("arv_buffer_get_data", POINTER, (POINTER, POINTER), buffer, ctypes.addressof(ignored))
-        rows = np.arange(at, at + told.value) % len(lines)
+        rows = np.arange(at, at + height.value) % len(lines)
         data = np.ascontiguousarray(lines[rows]).ravel()[:size]
         ctypes.memmove(begin, data.ctypes.data, data.size)
-        at += told.value
+        at += height.value
 
     callback = FILL(fill)
     plainly("arv_fake_camera_set_fill_pattern", None, (POINTER, FILL, POINTER), camera, callback, None)

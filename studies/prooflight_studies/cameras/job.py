@@ -16,7 +16,7 @@ from prooflight.scans.cameras.backends import BACKENDS, found_camera, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.peer import plugged_in
-from prooflight_studies.cameras.rig import PIXELS, told, verdict
+from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:
     import subprocess
@@ -58,10 +58,10 @@ def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[
 
 def from_file(rig: Rig, sheets: int, *watch: object) -> list[tuple[Any, ...]]:
     """Return the verdicts on so many sheets, the prints repeated."""
-    return [verdict(row) for row in told_from_file(rig, sheets, *watch)]
+    return [verdict(row) for row in rows_from_file(rig, sheets, *watch)]
 
 
-def told_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
+def rows_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
     """Return all messages on these sheets."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "lines.raw")
@@ -119,7 +119,7 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         for at in range(0, len(lines), EMULATED_LINES):
             cv2.imwrite(str(Path(folder, f"{at:06}.png")), lines[at : at + EMULATED_LINES])
-        asked = CameraSettings(
+        settings = CameraSettings(
             pixel_format="Mono8",
             block_lines=EMULATED_LINES,
             features={
@@ -131,8 +131,10 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
                 "AcquisitionFrameRateAbs": EMULATED_HZ,
             },
         )
-        found = found_camera("pylon:0815-0000")
-        source = CameraLines(lambda: ready(found, asked, where="the study"), name=found.id, settings=asked)
+        camera = found_camera("pylon:0815-0000")
+        source = CameraLines(
+            lambda: ready(camera, settings, where="the study"), name=camera.id, settings=settings
+        )
         count = min(sheets * rig.trigger, 40_000)
         exact = _exact(source, lines.astype(np.uint16), count)
     return exact | {
@@ -148,7 +150,7 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
 
 def _rows(process: subprocess.Popen[str], sheets: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    while len(rows) < sheets and (row := told(process)) is not None:
+    while len(rows) < sheets and (row := next_message(process)) is not None:
         if "verdict" in row:
             rows.append(row)
     return rows

@@ -16,8 +16,8 @@ from prooflight.rng import stream
 from prooflight.scans.cameras.camera import Grab
 from prooflight.scans.cameras.counting import PERIOD, LineCounter
 from prooflight.scans.raw import write_block
-from prooflight_studies.cameras.job import told_from_file
-from prooflight_studies.cameras.rig import PIXELS, told, verdict
+from prooflight_studies.cameras.job import rows_from_file
+from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,7 +55,7 @@ def loss_figures(
 ) -> dict[str, Any]:
     """Inject losses, count them, judge the sheets, and compare with the same sheets without losses."""
     progress("sheets without a loss")
-    whole = told_from_file(rig, rig.prints)
+    whole = rows_from_file(rig, rig.prints)
     usual = [verdict(row) for row in whole]
     progress(f"{losses} losses on {sheets} sheets")
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def loss_figures(
             )
         process = rig.watch("--source", f"raw:{path}", "--framed", "--sheets", sheets)
         came = []
-        while (row := told(process)) is not None:
+        while (row := next_message(process)) is not None:
             if "verdict" in row and "missing" not in row["faults"]:  # a page that did not come is no sheet
                 came.append(row)
     passed = [round(row["first_line"] / rig.trigger) for row in came]  # of all sheets, by the camera's count
@@ -104,12 +104,12 @@ def loss_figures(
 
 def _without(rig: Rig, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the prints that alarm without a loss, and the target false-alarm rate of the press."""
-    ours = Press.load(rig.press).ours
-    assert ours is not None
+    detector = Press.load(rig.press).ours
+    assert detector is not None
     alarms = [{name: row[name] for name in ALARM} for row in rows if row["verdict"] == "misprint"]
     low, high = exact_interval(len(alarms), len(rows))
     share = {"value": len(alarms) / len(rows), "low": low, "high": high}
-    return {"alarms": alarms, "share": share, "promised": ours.promise.rate}
+    return {"alarms": alarms, "share": share, "promised": detector.promise.rate}
 
 
 def count_losses(

@@ -40,7 +40,7 @@ class Peer:
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"
 
-    def told(self, what: str, value: float) -> None:
+    def send(self, what: str, value: float) -> None:
         """Send a command, ``lost``, ``encoder``, ``at`` or ``control``; it is in effect when this returns."""
         assert self._process is not None
         assert self._process.stdin is not None

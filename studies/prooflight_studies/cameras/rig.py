@@ -67,9 +67,9 @@ class Rig:
     def watch(self, *arguments: object) -> subprocess.Popen[str]:
         """Start ``prooflight watch`` of the job, reporting in JSON."""
         usual = "--press", self.press, "--journal", "none", "--trigger", self.trigger, "--json"
-        words = ["watch", self.job, *usual, "--deadline", 600_000, *arguments]
+        command = ["watch", self.job, *usual, "--deadline", 600_000, *arguments]
         return subprocess.Popen(
-            [sys.executable, "-m", "prooflight", *map(str, words)],
+            [sys.executable, "-m", "prooflight", *map(str, command)],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
@@ -104,18 +104,18 @@ def rig(folder: Path, *, designs: int, prints: int, seed: int, progress: Callabl
     if not scans.exists():
         progress(f"printing {prints} pages")
         session = day(press, seed)
-        found = []
+        scanned = []
         for index, page in enumerate(pages):
             rng = stream(seed, "running-print", index)
-            found.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng)[0])
-        np.save(scans, np.concatenate(found))
+            scanned.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng)[0])
+        np.save(scans, np.concatenate(scanned))
     lines = np.load(scans)
     return Rig(
         folder=folder, press=press_at, job=job, lines=lines, prints=prints, trigger=len(lines) // prints
     )
 
 
-def told(process: subprocess.Popen[str]) -> Any:
+def next_message(process: subprocess.Popen[str]) -> Any:
     """Return the next message of a run after its preparation; None: it has ended."""
     assert process.stdout is not None
     while line := process.stdout.readline():

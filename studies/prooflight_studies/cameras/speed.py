@@ -49,7 +49,7 @@ def _row(backend: str, camera: str, rate_mb_s: float, seconds: float) -> dict[st
     features: dict[str, Any] = {"Width": PIXELS}
     if backend == "aravis":  # which adds it to every camera; viva finds a size of its own
         features["GevSCPSPacketSize"] = PACKET_BYTES
-    asked = CameraSettings(
+    settings = CameraSettings(
         pixel_format="Mono16",
         block_lines=BLOCK_LINES,
         line_rate_hz=rate_mb_s * 1e6 / (2 * PIXELS),
@@ -57,7 +57,7 @@ def _row(backend: str, camera: str, rate_mb_s: float, seconds: float) -> dict[st
         features=features,
     )
     source = CameraLines(
-        lambda: ready(found_camera(camera), asked, where="the study"), name=camera, settings=asked
+        lambda: ready(found_camera(camera), settings, where="the study"), name=camera, settings=settings
     )
     lines, begun_s, cpu_s, threads = 0, 0.0, 0.0, threading.active_count()
     for block in source.blocks():

@@ -72,9 +72,9 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
 
     step = InStep([[offset] for offset in offsets], names=("A", "B"))
     counters = [LineCounter(name=name) for name in "AB"]
-    held = deepest = other = 0
-    found: list[float] = []
-    laid: list[NDArray[np.uint16]] = []
+    depth = deepest = other = 0
+    measured: list[float] = []
+    aligned: list[NDArray[np.uint16]] = []
     unseen: list[NDArray[np.bool_]] = []
     waiting, at = 0, 0
     streams = [_blocks(noisy, sensor, offsets[sensor].whole[0], lines, sheets, rng) for sensor in range(2)]
@@ -86,29 +86,29 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
                     missing[max(fault.first_line - out.first_line, 0) : fault.next_line - out.first_line] = (
                         True
                     )
-                laid.append(out.lines)
+                aligned.append(out.lines)
                 unseen.append(missing)
                 waiting += out.lines.shape[1]
-        held = step.held
-        deepest = max(deepest, held)
+        depth = step.held
+        deepest = max(deepest, depth)
         while waiting >= lines:
-            both, gone = np.concatenate(laid, axis=1), np.concatenate(unseen)
-            sheet, lost = both[:, :lines], gone[:lines]
-            laid, unseen, waiting = [both[:, lines:]], [gone[lines:]], waiting - lines
+            both, lines_lost = np.concatenate(aligned, axis=1), np.concatenate(unseen)
+            sheet, lost = both[:, :lines], lines_lost[:lines]
+            aligned, unseen, waiting = [both[:, lines:]], [lines_lost[lines:]], waiting - lines
             for sensor in range(2):
                 other += int((sheet[sensor][~lost] != noisy(at, sensor)[~lost]).any(axis=1).sum())
             if at % MEASURED_OF == 0 and not lost.any():
-                found.append(found_offset(sheet[0], sheet[1]).lines)
+                measured.append(found_offset(sheet[0], sheet[1]).lines)
             at += 1
             if at % max(sheets // 10, 1) == 0:
                 progress(f"two cameras: sheet {at} of {sheets}")
-    off = np.array(found) - fraction
+    off = np.array(measured) - fraction
     tenth = max(len(off) // 10, 1)
     means = [float(part.mean()) for part in np.array_split(off, max(len(off) // 50, 1))]
     seconds = sheets * lines / LINE_HZ
     return {
         "sheets": at,
-        "measured": len(found),
+        "measured": len(measured),
         "lines": sheets * lines,
         "offset_lines": OFFSET_LINES,
         "fraction": fraction,

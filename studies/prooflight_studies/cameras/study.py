@@ -94,15 +94,15 @@ class Study:
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure parts that are not stored yet; again: all parts named."""
         for part in parts:
-            if part in self._known() and not again:
+            if part in self._stored() and not again:
                 self.progress(f"{part}: known")
                 continue
-            found = {part: getattr(self, f"_{part}")()}
+            measured = {part: getattr(self, f"_{part}")()}
             with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._known() | found, indent=1))
+                unfinished.write_text(json.dumps(self._stored() | measured, indent=1))
             self._write()
         self._write()
-        return self._known()
+        return self._stored()
 
     def _job(self) -> list[dict[str, Any]]:
         return job_rows(self._rig(), sheets=self.plan.sheets, progress=self.progress)
@@ -121,8 +121,8 @@ class Study:
         return unseen_rows(press, prints=self.plan.unseen_prints, seed=self.seed, progress=self.progress)
 
     def _deaths(self) -> dict[str, Any]:
-        found = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
-        return found | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
+        figures = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
+        return figures | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
 
     def _away(self) -> dict[str, Any]:
         return away_figures(self._rig(), minutes=self.plan.away_minutes, progress=self.progress)
@@ -151,15 +151,15 @@ class Study:
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"figures-{self.plan.prints}-{self.plan.sheets}-{self.seed}.json"
 
-    def _known(self) -> dict[str, Any]:
+    def _stored(self) -> dict[str, Any]:
         return json.loads(self._results.read_text()) if self._results.exists() else {}
 
     def _write(self) -> None:
-        found = cameras_results(self._known(), seed=self.seed, plan=self.plan)
-        write_page(self.out / "cameras.md", "cameras", found)
+        results = cameras_results(self._stored(), seed=self.seed, plan=self.plan)
+        write_page(self.out / "cameras.md", "cameras", results)
 
 
-def cameras_results(known: dict[str, Any], *, seed: int, plan: Plan) -> dict[str, Any]:
+def cameras_results(measured: dict[str, Any], *, seed: int, plan: Plan) -> dict[str, Any]:
     """Return all figures of the page; None for parts that were not measured."""
-    parts = {part: known.get(part) for part in PARTS}
+    parts = {part: measured.get(part) for part in PARTS}
     return parts | {"seed": seed, "plan": asdict(plan), "prototype_mb_s": PROTOTYPE_MB_S}

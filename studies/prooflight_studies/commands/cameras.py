@@ -9,7 +9,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def cameras(
@@ -42,5 +42,5 @@ def cameras(
         press=press,
         progress=show.steps(quiet=json),
     )
-    found = study.run(tuple(part) if part else PARTS, again=again)
-    told(found, out / "cameras.md", json=json)
+    results = study.run(tuple(part) if part else PARTS, again=again)
+    report_results(results, out / "cameras.md", json=json)

@@ -40,13 +40,13 @@ def content(
         return
     from prooflight_studies.content.study import run_content_study
 
-    found = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    results = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         tuple(str(row[name]) for name in ("pitch_mm", "printed", "asked", "read", "misread"))
-        for row in found.totals
+        for row in results.totals
     )
     show_table("Good prints", ("mm a pixel", "printed", "asked", "read", "misread"), cells)
     show.written(out / "content.md")
@@ -58,7 +58,7 @@ def _text(
     from prooflight_studies.content.numbers import PITCHES_MM, run_text_study
     from prooflight_studies.content.study import write_text
 
-    found = run_text_study(
+    results = run_text_study(
         cache / "content-text",
         seed=seed,
         sheets=sheets,
@@ -66,11 +66,11 @@ def _text(
         quick=quick,
         progress=show.steps(quiet=json),
     )
-    write_text(out, found)
+    write_text(out, results)
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     names = ("pitch_mm", "points", "wrong", "printed", "before", "after")
-    cells = (tuple(str(row[name]) for name in names) for row in found.caught)
+    cells = (tuple(str(row[name]) for name in names) for row in results.caught)
     show_table("Wrong digits", ("mm a pixel", "pt", "wrong", "printed", "caught before", "after"), cells)
     show.written(out / "content.md")

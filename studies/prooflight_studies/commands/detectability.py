@@ -37,7 +37,7 @@ def detectability(
     source = job_source(job, loaded, profile=profile)
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else None
-    found = run_detectability_study(
+    results = run_detectability_study(
         source,
         loaded,
         out,
@@ -50,18 +50,18 @@ def detectability(
     rows: list[dict[str, Any]] = [
         {"page": page.name, "inks_percent": page.reach.inks_percent}
         | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
-        for page in found.pages
-    ] + [{"page": name, "good_prints_alarm": True} for name in found.alarming]
+        for page in results.pages
+    ] + [{"page": name, "good_prints_alarm": True} for name in results.alarming]
     if json:
         show.print_json(rows)
         return
     cells = []
-    for page in found.pages:
+    for page in results.pages:
         verified = (page.verified[name] for name in (*NAMES, "none"))
         cells.append((page.name, *(f"{one.caught} of {one.of}" for one in verified)))
     headings = ("page", *NAMES.values(), "good prints that alarmed")
     show_table("Caught of what should be caught at 99 %", headings, cells)
-    for name in found.alarming:
+    for name in results.alarming:
         show.people.print(
             f"{name}: good prints of it alarm; most likely no design that taught the press is like it."
         )

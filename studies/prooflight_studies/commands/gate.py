@@ -34,7 +34,7 @@ def gate(
     for one in part or ():
         if one not in PARTS:
             raise RequestError("part", f"there is no {one!r}", remedy=f"choose {', '.join(PARTS)}")
-    found = run_gate_study(
+    results = run_gate_study(
         out,
         parts=part or PARTS,
         cache=cache,
@@ -45,6 +45,6 @@ def gate(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "gate.md")

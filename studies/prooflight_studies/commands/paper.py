@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, report_results
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,7 +58,7 @@ def paper(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    told(parts, out / "paper.md", json=json)
+    report_results(parts, out / "paper.md", json=json)
 
 
 def robustness(
@@ -86,7 +86,7 @@ def robustness(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    told(parts, out / "robustness.md", json=json)
+    report_results(parts, out / "robustness.md", json=json)
 
 
 def design(

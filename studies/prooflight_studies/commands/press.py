@@ -58,7 +58,7 @@ def press(
         ablations=plan.ablations and ablations,
     )
     out.mkdir(parents=True, exist_ok=True)
-    found = run_press_study(
+    results = run_press_study(
         PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
         out,
         cache=cache / "press",
@@ -68,10 +68,10 @@ def press(
         progress=show.steps(quiet=json),
     )
     if json:
-        methods = found.verdicts.methods
+        methods = results.verdicts.methods
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
-        show.written(out / found.page)
+        show.written(out / results.page)
 
 
 def ranking(
@@ -91,7 +91,7 @@ def ranking(
     from prooflight_studies.ranking.study import run_ranking_study
 
     out.mkdir(parents=True, exist_ok=True)
-    found = run_ranking_study(
+    results = run_ranking_study(
         out,
         cache=cache / "ranking",
         plan=RankingPlan.quick() if quick else RankingPlan(),
@@ -101,7 +101,7 @@ def ranking(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "ranking.md")
 
@@ -143,7 +143,7 @@ def stress(
     given = {"runs": runs, "marks": marks, "wrong": wrong, "good": good}
     plan = replace(plan, **{name: count for name, count in given.items() if count})
     out.mkdir(parents=True, exist_ok=True)
-    found = run_stress_study(
+    results = run_stress_study(
         stress_file,
         out,
         cache=cache / "stress",
@@ -153,6 +153,6 @@ def stress(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "stress.md")

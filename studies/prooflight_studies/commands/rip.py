@@ -13,9 +13,9 @@ def rip(out: Results = Path("docs/results"), quick: Quick = False, json: Json = 
     """Rasterise small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
     from prooflight_studies.rip.study import run_rip_study
 
-    found = run_rip_study(out, most=4 if quick else None, progress=show.steps(quiet=json))
+    results = run_rip_study(out, most=4 if quick else None, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (
@@ -23,7 +23,7 @@ def rip(out: Results = Path("docs/results"), quick: Quick = False, json: Json = 
             row.clause,
             *(" ".join(map(str, inks)) or "-" for inks in (row.right, row.ours, row.ghostscript)),
         )
-        for row in found.rows
+        for row in results.rows
     )
-    show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, words=2)
+    show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, text_columns=2)
     show.written(out / "rip.md")

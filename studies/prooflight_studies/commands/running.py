@@ -11,7 +11,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def running(
@@ -55,5 +55,5 @@ def running(
         inspectors=threads or os.cpu_count() or 1,
         progress=show.steps(quiet=json),
     )
-    found = study.run(tuple(part) if part else PARTS, again=again)
-    told(found, out / "running.md", json=json)
+    results = study.run(tuple(part) if part else PARTS, again=again)
+    report_results(results, out / "running.md", json=json)

@@ -33,19 +33,21 @@ PagesDir = Annotated[
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
 
 
-def told(found: object, written: Path, *, json: bool) -> None:
+def report_results(results: object, path: Path, *, json: bool) -> None:
     """Print the results for programs, or where they are written for people."""
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
-        show.written(written)
+        show.written(path)
 
 
-def show_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1) -> None:
-    """Print rows as a table for people; words: number of columns aligned left, the numbers to the right of them."""
+def show_table(
+    title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1
+) -> None:
+    """Print rows as a table for people; text_columns: number of columns aligned left, before the numbers."""
     table = Table(title=title, title_justify="left")
     for place, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if place < words else "right")
+        table.add_column(heading, justify="left" if place < text_columns else "right")
     for row in rows:
         table.add_row(*row)
     show.people.print(table)
@@ -136,7 +138,7 @@ def tables(
         numbers = (*(f"{error:.4f}" for error in errors), f"{row.sigma_percent:.3f} %")
         cells.append((row.press, row.inks, row.sensor, row.colours, *numbers))
     headings = ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma")
-    show_table("Tables against the exact model, errors in sigma", headings, cells, words=4)
+    show_table("Tables against the exact model, errors in sigma", headings, cells, text_columns=4)
     show.written(out / "tables.md")
 
 
@@ -184,7 +186,7 @@ def page(
     from prooflight_studies.harness.page import page_again
 
     path = page_again(results, out)
-    told({"page": str(path)}, path, json=json)
+    report_results({"page": str(path)}, path, json=json)
 
 
 @contextlib.contextmanager
@@ -221,5 +223,5 @@ def edges(
             errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
             cells.append((truth, row.name, *(f"{error:.2f}" for error in errors)))
     headings = ("truth", "prediction", "rms", "median", "all pixels, rms")
-    show_table("Errors at edges, in sigma", headings, cells, words=2)
+    show_table("Errors at edges, in sigma", headings, cells, text_columns=2)
     show.written(out / "edges.md")

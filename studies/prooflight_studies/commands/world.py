@@ -17,7 +17,7 @@ from prooflight_studies.commands.study import (
     Quick,
     Results,
     job_or_sample,
-    told,
+    report_results,
 )
 
 
@@ -37,7 +37,7 @@ def misprints(
     with job_or_sample(job) as job_path:
         table = appearance_srgb(built_in_inks())
         draw_misprint_sheet(path, job_path, table, seed=seed, progress=show.steps(quiet=json))
-    told({"picture": str(path)}, path, json=json)
+    report_results({"picture": str(path)}, path, json=json)
 
 
 def corpus(
@@ -51,8 +51,8 @@ def corpus(
     from prooflight_studies.corpus.sheet import run_corpus_study
 
     out.mkdir(parents=True, exist_ok=True)
-    found = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(found, out / "corpus.md", json=json)
+    results = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(results, out / "corpus.md", json=json)
 
 
 def worlds(
@@ -67,7 +67,7 @@ def worlds(
 
     out.mkdir(parents=True, exist_ok=True)
     rows = run_world_study(pages, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(rows, out / "worlds.md", json=json)
+    report_results(rows, out / "worlds.md", json=json)
 
 
 def registration(
@@ -85,7 +85,7 @@ def registration(
 
     out.mkdir(parents=True, exist_ok=True)
     press_file = PressFile.prototype()
-    found = run_register_study(
+    results = run_register_study(
         build_press(press_file, seed=1),
         build_press(press_file, seed=1, pixels=CROP_PIXELS),
         out,
@@ -95,7 +95,7 @@ def registration(
         **({"designs": 6, "prints": 2, "crop_designs": 4} if quick else {}),
         progress=show.steps(quiet=json),
     )
-    told(found, out / "registration.md", json=json)
+    report_results(results, out / "registration.md", json=json)
 
 
 def calibration(
@@ -112,4 +112,4 @@ def calibration(
     with job_or_sample(None) as sample:
         jobs = {"sample job": sample} | ({} if pages is None else {"real pages": pages})
         rows = run_calibration_study(jobs, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(rows, out / "calibration.md", json=json)
+    report_results(rows, out / "calibration.md", json=json)

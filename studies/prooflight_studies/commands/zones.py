@@ -21,13 +21,13 @@ def zones(
     """Measure the predicted and observed cost of careful and ignored zones, and false alarms; writes zones.md."""
     from prooflight_studies.zones.study import run_zones_study
 
-    found = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    results = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (str(row["zones"]), *(f"{row[at]['alarms']} of {row[at]['prints']}" for at in ("without", "with")))
-        for row in found.good
+        for row in results.good
     )
     show_table("Good prints that alarm", ("zones", "without", "with"), cells)
     show.written(out / "zones.md")

@@ -44,7 +44,7 @@ STARTS_S: Final = 1800.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
+class LoadPlan:
     """Press, job and load of one measurement."""
 
     press: Path
@@ -57,14 +57,14 @@ class Beside:
     quick: bool
 
 
-def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, Any]:
+def measure_load(plan: LoadPlan, *, progress: Callable[[str], None]) -> dict[str, Any]:
     """Inspect under the load of browsers and measure; RequestError: the run did not begin."""
     window_s = QUICK_WINDOW_S if plan.quick else WINDOW_S
     sampled_s = QUICK_SAMPLED_S if plan.quick else SAMPLED_S
     seconds = 60 * plan.minutes
     with tempfile.TemporaryDirectory() as folder:
         settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
-        held, port = session(settings), free_port()
+        secret, port = session(settings), free_port()
         console = spawned(settings, Listening(port=port), ready=nothing)
         watching = _Watching(plan, settings.journal, sheets=int(plan.rate_hz * (seconds + 60)))
         try:
@@ -80,7 +80,7 @@ def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, An
                 left = f"{max(seconds - (time.monotonic() - begun_s), 0) / 60:.0f} minutes left"
                 progress(f"window {at + 1}, {plan.clients if watched else 0} live pages; {left}")
                 if watched:
-                    with Listeners((LOOPBACK, port), session=held, count=plan.clients):
+                    with Listeners((LOOPBACK, port), session=secret, count=plan.clients):
                         windows.append(
                             _window(window_s, sampled_s, pids, samples, begun_s) | {"watched": True}
                         )
@@ -96,7 +96,7 @@ def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, An
 class _Watching:
     """``watch`` in a process of its own, whose verdicts are read as they are reported."""
 
-    def __init__(self, plan: Beside, journal: Path, *, sheets: int) -> None:
+    def __init__(self, plan: LoadPlan, journal: Path, *, sheets: int) -> None:
         command = [
             *(sys.executable, "-m", "prooflight", "watch", str(plan.job), "--press", str(plan.press)),
             *("--source", f"drum:{plan.rate_hz:g}", "--sheets", str(sheets), "--journal", str(journal)),
@@ -132,12 +132,14 @@ class _Watching:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             try:
-                told = json.loads(line)
+                message = json.loads(line)
             except ValueError:
                 continue
-            if isinstance(told, dict) and "latency_ms" in told:
-                verdict = str(told.get("verdict"))
-                self.seen.append((time.monotonic(), told["latency_ms"], bool(told.get("late")), verdict))
+            if isinstance(message, dict) and "latency_ms" in message:
+                verdict = str(message.get("verdict"))
+                self.seen.append(
+                    (time.monotonic(), message["latency_ms"], bool(message.get("late")), verdict)
+                )
                 self._first.set()
         self._first.set()
 
@@ -168,7 +170,7 @@ def _window(
 
 
 def _figures(
-    plan: Beside,
+    plan: LoadPlan,
     windows: list[dict[str, Any]],
     samples: list[dict[str, float]],
     seen: Sequence[tuple[float, float | None, bool, str]],
@@ -199,7 +201,7 @@ def _figures(
         "clients": plan.clients,
         "quick": plan.quick,
         "windows": rows,
-        "kinds": [_together([row for row in rows if row["watched"] is kind], kind) for kind in (False, True)],
+        "kinds": [_combined([row for row in rows if row["watched"] is kind], kind) for kind in (False, True)],
         "difference_ms": paired_difference(rows),
         "memory": {
             name: slope([one["s"] for one in samples], [one[name] for one in samples])
@@ -209,14 +211,14 @@ def _figures(
     }
 
 
-def _together(rows: list[dict[str, Any]], watched: bool) -> dict[str, Any] | None:
+def _combined(rows: list[dict[str, Any]], watched: bool) -> dict[str, Any] | None:
     """Combine all windows of a kind; the median and 99 % are means over windows."""
     if not rows:
         return None
 
     def mean(name: str) -> float | None:
-        known = [row[name] for row in rows if row[name] is not None]
-        return float(np.mean(known)) if known else None
+        values = [row[name] for row in rows if row[name] is not None]
+        return float(np.mean(values)) if values else None
 
     counted = {name: sum(row[name] for row in rows) for name in ("sheets", "late", "not_inspected")}
     means = {name: mean(name) for name in ("median_ms", "p99_ms", "watch_percent", "console_percent")}
@@ -248,17 +250,17 @@ def slope(seconds: Sequence[float], values: Sequence[float]) -> dict[str, float]
 
     None: there are too few samples.
     """
-    kept = [(s, v) for s, v in zip(seconds, values, strict=True) if s >= 0.1 * seconds[-1]]
-    if len(kept) < BLOCKS:
+    steady = [(s, v) for s, v in zip(seconds, values, strict=True) if s >= 0.1 * seconds[-1]]
+    if len(steady) < BLOCKS:
         return None
-    parts = np.array_split(np.array(kept), BLOCKS)
+    parts = np.array_split(np.array(steady), BLOCKS)
     x, y = (np.array([part[:, k].mean() for part in parts]) for k in (0, 1))
-    found = stats.linregress(x / 3600, y)
-    wide = float(stats.t.ppf(0.975, BLOCKS - 2) * found.stderr)
+    fit = stats.linregress(x / 3600, y)
+    wide = float(stats.t.ppf(0.975, BLOCKS - 2) * fit.stderr)
     return {
-        "mb_per_h": float(found.slope),
-        "low": float(found.slope) - wide,
-        "high": float(found.slope) + wide,
+        "mb_per_h": float(fit.slope),
+        "low": float(fit.slope) - wide,
+        "high": float(fit.slope) + wide,
         "first_mb": float(values[0]),
         "last_mb": float(values[-1]),
         "most_mb": float(max(values)),

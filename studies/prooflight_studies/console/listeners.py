@@ -78,8 +78,8 @@ class Listeners:
 
     async def _listen(self, ready: asyncio.Event) -> None:
         reader, writer = await asyncio.open_connection(*self._address, limit=1 << 22)
-        asked = f"GET /now/events HTTP/1.1\r\nHost: {self._address[0]}\r\nCookie: {COOKIE}={self._session}\r\n\r\n"
-        writer.write(asked.encode())
+        request = f"GET /now/events HTTP/1.1\r\nHost: {self._address[0]}\r\nCookie: {COOKIE}={self._session}\r\n\r\n"
+        writer.write(request.encode())
         kind = ""
         try:
             async for raw in reader:

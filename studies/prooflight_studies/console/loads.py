@@ -46,7 +46,7 @@ PAINTED: Final = """() => new Promise((done) => {
 
 
 def measure_loads(
-    made: Callable[[int, bool], PageRecord],
+    record: Callable[[int, bool], PageRecord],
     facts: Callable[[int], RunFacts],
     *,
     quick: bool,
@@ -54,7 +54,7 @@ def measure_loads(
 ) -> dict[str, Any]:
     """Measure every page, loaded with an empty cache each time. RequestError: no browser is installed.
 
-    made: returns a sheet by its number and whether it is an alarm. facts: returns those of a run of so many sheets.
+    record: returns a sheet by its number and whether it is an alarm. facts: returns those of a run of so many sheets.
     """
     if find_spec("playwright") is None or not CHROMIUM.exists():
         raise RequestError(
@@ -72,7 +72,7 @@ def measure_loads(
         with Journal.open(str(settings.journal)) as journal:
             run = journal.begin_run(facts(SHEETS))
             for sheet in range(SHEETS):
-                journal.record(run, made(sheet, sheet % 40 == 0))
+                journal.record(run, record(sheet, sheet % 40 == 0))
             journal.commit()
         secret, port = session(settings, role=Role.ADMIN), free_port()
         console = spawned(settings, Listening(port=port), ready=nothing)
@@ -112,19 +112,21 @@ def _load(browser: Any, address: str, path: str, whole: str, secret: str, axe: A
     network.send("Network.enable")
     kinds: dict[str, str] = {}
     got: dict[str, int] = {}
-    network.on("Network.responseReceived", lambda told: kinds.update({told["requestId"]: told["type"]}))
+    network.on(
+        "Network.responseReceived", lambda message: kinds.update({message["requestId"]: message["type"]})
+    )
     network.on(
         "Network.loadingFinished",
-        lambda told: got.update({told["requestId"]: int(told["encodedDataLength"])}),
+        lambda message: got.update({message["requestId"]: int(message["encodedDataLength"])}),
     )
     page.goto(address + path)
     page.wait_for_selector(whole)
     page.evaluate("document.fonts.ready.then(() => true)")
-    told = {
+    figures = {
         "paint_ms": float(page.evaluate(PAINTED)),
         "bytes": sum(length for request, length in got.items() if kinds.get(request) != "Image"),
         "requests": len(kinds),
         "violations": None if axe is None else int(axe.run(page).violations_count),
     }
     context.close()
-    return told
+    return figures

@@ -34,9 +34,9 @@ def nothing(_address: str, _link: str | None) -> None:
 
 def free_port() -> int:
     """Return a port of the loopback interface that is free at this moment."""
-    with socket.socket() as made:
-        made.bind((LOOPBACK, 0))
-        return int(made.getsockname()[1])
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
 
 
 def wait_until_it_answers(port: int) -> None:
@@ -56,16 +56,16 @@ def wait_until_it_answers(port: int) -> None:
 def cpu_s(pid: int) -> float | None:
     """Return the CPU time of a process so far, including its threads; Linux only, proc(5)."""
     try:
-        told = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:
         return None
-    return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def megabytes(pid: int) -> float | None:
     """Return the resident memory of a process; Linux only, proc(5)."""
     try:
-        told = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+        fields = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
     except OSError:
         return None
-    return int(told[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -45,14 +45,14 @@ SHEETS_A_DAY: Final = 4
 QUICK: Final = 4
 QUICK_DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
-TAUGHT_BY: Final = 70_001
+TRAINING_SEED: Final = 70_001
 """Seed of the designs on which `press build` trains a press."""
 NEAR_MM: Final = 1.0
 """Tolerance between the position that the verdict reports and the wrong digit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TextFound:
+class TextResults:
     """Results of the part on numbers."""
 
     seed: int
@@ -139,8 +139,8 @@ class _Bench:
             session=session,
         )
         done = ready.inspect(Scan(dn=scan.dn, name="print"))
-        kept = {name: array for name, array in done.kept.items() if name != "glyphs"}
-        before = self.before.decided_again(KeptArrays(kept, self.before.name))
+        stored = {name: array for name, array in done.kept.items() if name != "glyphs"}
+        before = self.before.decided_again(KeptArrays(stored, self.before.name))
         after = done.verdict.verdict == "misprint"
         return {
             "before": before.misprint,
@@ -166,16 +166,16 @@ def _bench(path: Path) -> _Bench:
     )
 
 
-def without_glyphs(ours: CalibratedDetector) -> CalibratedDetector:
+def without_glyphs(detector: CalibratedDetector) -> CalibratedDetector:
     """Return the same detector with the same false-alarm rate, but without the glyph test."""
     return CalibratedDetector.calibrated(
-        ours.model,
-        ours.own,
-        references=ours.references,
-        pages=replace(ours.pages, glyphs=np.zeros(0)),
-        false_alarm_rate=ours.promise.asked,
-        misprint_rate=ours.misprint_rate,
-        real=ours.real,
+        detector.model,
+        detector.own,
+        references=detector.references,
+        pages=replace(detector.pages, glyphs=np.zeros(0)),
+        false_alarm_rate=detector.promise.asked,
+        misprint_rate=detector.misprint_rate,
+        real=detector.real,
     )
 
 
@@ -205,12 +205,12 @@ def run_text_study(
     quick: bool = False,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> TextFound:
+) -> TextResults:
     """Train a press at each pitch, print sheets of numbers of each size, and count alarms."""
     sheets, designs = (QUICK, QUICK_DESIGNS) if quick else (sheets, DESIGNS)
     every: list[tuple[float, Rows]] = []
     for pitch_mm in pitches_mm[:1] if quick else pitches_mm:
-        path = _taught(cache, pitch_mm, designs, processes=processes, progress=progress)
+        path = _trained_press(cache, pitch_mm, designs, processes=processes, progress=progress)
         pieces = [
             TextPiece(pitch_mm=pitch_mm, points=points, first=first, sheets=min(SHEETS_A_DAY, sheets - first))
             for points in POINTS
@@ -225,10 +225,10 @@ def run_text_study(
             progress=lambda done, total: progress(f"{pitch_mm} mm: {done} of {total} press days"),  # noqa: B023
         )
         every.append((pitch_mm, rows))
-    return text_found(every, seed=seed, sheets=sheets)
+    return text_results(every, seed=seed, sheets=sheets)
 
 
-def _taught(
+def _trained_press(
     cache: Path,
     pitch_mm: float,
     designs: int,
@@ -243,7 +243,7 @@ def _taught(
         cache.mkdir(parents=True, exist_ok=True)
         progress(f"making a press whose pixels lie {pitch_mm} mm apart, by {designs} designs")
         press = build_press(at_pitch(PressFile.prototype(), pitch_mm), seed=SPECIMEN_SEED)
-        corpus = Corpus(seed=TAUGHT_BY, dpi=press.dpi)
+        corpus = Corpus(seed=TRAINING_SEED, dpi=press.dpi)
         trained(
             press,
             corpus,
@@ -255,9 +255,9 @@ def _taught(
     return path
 
 
-def text_found(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextFound:
+def text_results(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextResults:
     """Count rows by pitch."""
-    return TextFound(
+    return TextResults(
         seed=seed,
         sheets=sheets,
         pitches_mm=[pitch_mm for pitch_mm, _ in every],

@@ -118,8 +118,8 @@ def summary(figures: NDArray[np.float64]) -> dict[str, object]:
 
 
 def corpus_results(
-    ours: NDArray[np.float64],
-    theirs: NDArray[np.float64] | None,
+    designs: NDArray[np.float64],
+    real: NDArray[np.float64] | None,
     *,
     seed: int,
     dpi: float,
@@ -136,16 +136,16 @@ def corpus_results(
         "black_alone": BLACK_ALONE,
         "camera_pixel_mm": CAMERA_PIXEL_MM,
         "edge_contrast": EDGE_CONTRAST,
-        "designs": {"pages": len(ours), "in_black": in_black(ours).sum()},
-        "real": None if theirs is None else _beside(ours, theirs),
+        "designs": {"pages": len(designs), "in_black": in_black(designs).sum()},
+        "real": None if real is None else _comparison(designs, real),
         "shares": [
             {
                 "name": name,
-                "designs": np.quantile(ours[:, column], QUARTILES),
-                "real": None if theirs is None else np.quantile(theirs[:, column], QUARTILES),
+                "designs": np.quantile(designs[:, column], QUARTILES),
+                "real": None if real is None else np.quantile(real[:, column], QUARTILES),
                 "distance": None
-                if theirs is None
-                else stats.ks_2samp(ours[:, column], theirs[:, column]).statistic,
+                if real is None
+                else stats.ks_2samp(designs[:, column], real[:, column]).statistic,
             }
             for column, name in enumerate(NAMES.values())
         ],
@@ -159,12 +159,12 @@ def corpus_results(
     }
 
 
-def _beside(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> dict[str, Any]:
+def _comparison(designs: NDArray[np.float64], real: NDArray[np.float64]) -> dict[str, Any]:
     """Return the figures of the real pages, and the critical value of the two-sample distance at ``SIGNIFICANCE``."""
-    bound = np.sqrt(-0.5 * np.log(SIGNIFICANCE / 2) * (1 / len(ours) + 1 / len(theirs)))
+    bound = np.sqrt(-0.5 * np.log(SIGNIFICANCE / 2) * (1 / len(designs) + 1 / len(real)))
     return {
-        "pages": len(theirs),
-        "in_black": in_black(theirs).sum(),
+        "pages": len(real),
+        "in_black": in_black(real).sum(),
         "distance_bound": bound,
         "significance": SIGNIFICANCE,
     }

@@ -112,31 +112,33 @@ def run_corpus_study(
     Returns the figures' quartiles of both and the mean times. JobError: a page of the folder cannot be used.
     """
     number = DESIGNS_QUICK if quick else DESIGNS
-    theirs = None
+    real_figures = None
     if pages is not None:
         folder = Folder(path=pages, dpi=STUDY_DPI)
         progress(f"looking at the {len(folder)} pages of {pages.name}")
         real = in_order(partial(summary_of, folder), range(len(folder)), processes=processes)
-        theirs = table(summary.figures for summary in real)
+        real_figures = table(summary.figures for summary in real)
     progress(f"drawing {number} designs")
     drawn = list(
         in_order(partial(summary_of, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
     )
-    ours = table(summary.figures for summary in drawn)
+    design_figures = table(summary.figures for summary in drawn)
     times = {FAST_DPI: _times_s(seed, FAST_DPI, number), STUDY_DPI: _times_s(seed, STUDY_DPI, number)}
     sheets = []
     for first in range(0, number, A_SHEET):
         sheets.append(results / f"corpus-{first // A_SHEET + 1}.jpg")
         write_contact_sheet(sheets[-1], [summary.thumbnail for summary in drawn[first : first + A_SHEET]])
-    if theirs is not None:
-        draw_distributions(results / "corpus-figures.png", ours, theirs)
+    if real_figures is not None:
+        draw_distributions(results / "corpus-figures.png", design_figures, real_figures)
     names = [sheet.name for sheet in sheets]
-    found = corpus_results(ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=names)
-    write_page(results / "corpus.md", "corpus", found)
+    findings = corpus_results(
+        design_figures, real_figures, seed=seed, dpi=STUDY_DPI, times=times, sheets=names
+    )
+    write_page(results / "corpus.md", "corpus", findings)
     return {
         "seed": seed,
-        "designs": summary(ours),
-        "pages": None if theirs is None else summary(theirs),
+        "designs": summary(design_figures),
+        "pages": None if real_figures is None else summary(real_figures),
         "mean_cpu_s": {f"{dpi:g} dpi": round(float(np.mean(taken)), 4) for dpi, taken in times.items()},
     }
 

@@ -145,17 +145,17 @@ def judged(
     (tune_score, test_score), how = _scores(sets, frame, detector)
     threshold = least_cost(scored(sets["tune"], tune_score), costs.alpha).threshold
     pages = scored(sets["test"], test_score)
-    found = at_threshold(pages, threshold)
+    rates = at_threshold(pages, threshold)
     good, bad = int((~pages.bad).sum()), int(pages.bad.sum())
     # The same draws for every camera; days that left no pages count as drawn, so that differences between two cameras
     # are of the same pages.
     place, drawn = drawn_clusters(pages.day, stream(seed, "bootstrap"), clusters=days)
     return CandidateResult(
         resampled=resampled_costs(pages, costs.alpha, threshold=threshold, place=place, drawn=drawn),
-        cost=found.cost(costs.alpha),
-        false_alarms=round(found.false_alarms * good),
+        cost=rates.cost(costs.alpha),
+        false_alarms=round(rates.false_alarms * good),
         good=good,
-        missed=round(found.misses * bad),
+        missed=round(rates.misses * bad),
         bad=bad,
         area=area_under_roc(pages),
         how=how,

@@ -85,12 +85,12 @@ def candidates(
         raise RequestError("--coarser", f"{coarser:g} is no factor", remedy="give 1 or more")
     files = [choice.press_file(base) for choice in chosen]
     cameras = [file.camera() for file in files]
-    found = []
+    built = []
     for choice, file, camera in zip(chosen, files, cameras, strict=True):
         progress(f"building {choice}")
         coarse = at_pitch(file, camera.pixel_pitch_mm * coarser)
-        found.append(Candidate(choice=choice, camera=camera, press=build_press(coarse, seed=SPECIMEN_SEED)))
-    return found
+        built.append(Candidate(choice=choice, camera=camera, press=build_press(coarse, seed=SPECIMEN_SEED)))
+    return built
 
 
 def run_design_study(
@@ -125,7 +125,7 @@ def run_design_study(
     costs = base.costs()
     rows: list[DesignRow] = []
     for plan in used:
-        found = []
+        judgements = []
         for candidate in of:
             what = f"{plan.world} world, {candidate.choice}"
             scans = watched_rows(
@@ -135,11 +135,11 @@ def run_design_study(
                 cache,
                 processes=processes,
                 cluster=cluster,
-                told=partial(_told, progress, what),
+                progress_of=partial(_progress_of, progress, what),
             )
             sets = {of_set: chosen_rows(scans, plan, of_set, noise=1.0) for of_set in JUDGED}
             frame = len(FRAMES[plan.world]) - 1  # where registration found the page, if the world moves it
-            found.append(
+            judgements.append(
                 judged(
                     sets,
                     frame=frame,
@@ -149,7 +149,7 @@ def run_design_study(
                     seed=plan.seed,
                 )
             )
-        rows += _with_money(of, found, plan, prices)
+        rows += _with_money(of, judgements, plan, prices)
     draw_designs(results / "design.png", rows, detector=detector)
     shown = design_results(
         rows, used, costs=costs, prices=prices, detector=detector, coarser=coarser, command=command
@@ -158,7 +158,7 @@ def run_design_study(
     return rows
 
 
-def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
+def _progress_of(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
     """Return a progress callback for the days of scans; the pilot's few days are not reported."""
 
     def tell(done: int, days: int) -> None:
@@ -169,11 +169,11 @@ def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[in
 
 
 def _with_money(
-    of: Sequence[Candidate], found: Sequence[CandidateResult], plan: Plan, prices: Prices
+    of: Sequence[Candidate], judgements: Sequence[CandidateResult], plan: Plan, prices: Prices
 ) -> list[DesignRow]:
-    first = found[0]
+    first = judgements[0]
     rows = []
-    for candidate, one in zip(of, found, strict=True):
+    for candidate, one in zip(of, judgements, strict=True):
         costs, camera = candidate.press.costs, candidate.camera
         share = candidate.pixels_per_page / _per_sensor(of[0])
         sensor = candidate.press.sensors[0]

@@ -44,7 +44,7 @@ SPOT: Final = "add-K"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Telling:
+class Strengths:
     """Strengths of whole defects on one page; 0 where a defect gives no evidence."""
 
     spot: NDArray[np.float64]
@@ -67,7 +67,7 @@ class Telling:
     top_mm: float
 
     @classmethod
-    def of(cls, sums: Sums, fit: Fit, statistics: Sequence[Observed], scatter: Scatter) -> Telling:
+    def of(cls, sums: Sums, fit: Fit, statistics: Sequence[Observed], scatter: Scatter) -> Strengths:
         """Compute the strengths from one good print."""
         return cls(
             spot=_spots(sums, scatter),
@@ -101,24 +101,28 @@ class Reach:
     top_mm: float
 
     @classmethod
-    def of(cls, told: Telling, wanted: Mapping[str, float]) -> Reach:
+    def of(cls, strengths: Strengths, wanted: Mapping[str, float]) -> Reach:
         """Return the defects that have the strengths ``wanted`` of a spot, a streak, a patch and an ink."""
         return cls(
             spot_mm=np.where(
-                told.on_page, _diameters(_over(wanted["spot"], told.spot), told.tile_mm), np.nan
+                strengths.on_page,
+                _diameters(_over(wanted["spot"], strengths.spot), strengths.tile_mm),
+                np.nan,
             ),
             streak_percent=np.where(
-                np.isnan(told.streak), np.nan, _percent(_over(wanted["streak"], told.streak))
+                np.isnan(strengths.streak), np.nan, _percent(_over(wanted["streak"], strengths.streak))
             ),
-            patch_percent=np.where(told.on_page, _percent(_over(wanted["patch"], told.patch)), np.nan),
+            patch_percent=np.where(
+                strengths.on_page, _percent(_over(wanted["patch"], strengths.patch)), np.nan
+            ),
             inks_percent={
                 letter: float(_percent(_over(wanted["ink"], np.array(whole))))
-                for letter, whole in told.inks.items()
+                for letter, whole in strengths.inks.items()
             },
-            tile_mm=told.tile_mm,
-            pixel_mm=told.pixel_mm,
-            left_mm=told.left_mm,
-            top_mm=told.top_mm,
+            tile_mm=strengths.tile_mm,
+            pixel_mm=strengths.pixel_mm,
+            left_mm=strengths.left_mm,
+            top_mm=strengths.top_mm,
         )
 
 
@@ -131,22 +135,22 @@ def _diameters(sides: NDArray[np.float64], tile_mm: float) -> NDArray[np.float64
 
     ``sides`` (SIZES, ...) are those of the squares, as shares of each box's.
     """
-    found = np.full(sides.shape[1:], np.inf)
+    diameters = np.full(sides.shape[1:], np.inf)
     smaller_mm = 0.0
     for side, size in zip(sides, SIZES, strict=True):
         # The smallest box that holds the spot says; what is within a smaller one was not enough.
         box_mm = size * tile_mm
         diameter = np.maximum(2 * side / np.sqrt(np.pi) * box_mm, smaller_mm)
-        found = np.where(np.isinf(found) & (diameter <= box_mm), diameter, found)
+        diameters = np.where(np.isinf(diameters) & (diameter <= box_mm), diameter, diameters)
         smaller_mm = box_mm
-    return found
+    return diameters
 
 
 def _percent(share: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(share <= 1, 100 * share, np.inf)
 
 
-def _told(
+def _strength(
     maps: NDArray[np.float64], light: NDArray[np.float64], common: float, scatter: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return D' of sums (3, ...) of D, C, edges, and T for a whole amount; light: D of the light as a whole."""
@@ -174,10 +178,10 @@ def _spots(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     # Cut off tile by tile: where a box is partly black already, few of its pixels have all its contrast.
     cut = np.minimum(CLIPPED_SIGMAS**2 * pixels / np.maximum(power, 1e-9), 1)
     counted = np.clip(power - edges, 0, None) * cut
-    found = []
+    strengths = []
     for size, (noise, _, _) in zip(SIZES, scatter.boxes[mode], strict=True):
-        found.append(np.sqrt(np.maximum(_boxed(counted, size), 0) / noise))
-    return np.stack(found)
+        strengths.append(np.sqrt(np.maximum(_boxed(counted, size), 0) / noise))
+    return np.stack(strengths)
 
 
 def _patches(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
@@ -186,7 +190,7 @@ def _patches(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
         _boxed(one.astype(np.float64), PATCH_TILES)
         for one in (*sums.tiles[1:4, mode], sums.tiles[1, MODES.index("light")])
     )
-    return _told(np.stack(maps), light, sums.prior.place, scatter.boxes[mode, place])[1]
+    return _strength(np.stack(maps), light, sums.prior.place, scatter.boxes[mode, place])[1]
 
 
 def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
@@ -195,7 +199,7 @@ def _streaks(sums: Sums, scatter: Scatter) -> NDArray[np.float64]:
     parts = sums.columns[1:4].astype(np.float64).sum(axis=2)
     power, _, edges = parts[:, mode]
     # As in the sums of columns: first the common part, then the width.
-    own, _ = _told(parts[:, mode], parts[0, 0], sums.prior.place, np.array([1.0, 0.0, 0.0]))
+    own, _ = _strength(parts[:, mode], parts[0, 0], sums.prior.place, np.array([1.0, 0.0, 0.0]))
     edges = edges * np.minimum(own / np.maximum(power, 1e-9), 1)
     width = max(round(STREAK_WIDTH * WIDTH_UNIT_MM / sums.pixel_mm), 1)
     own, edges = (ndimage.uniform_filter1d(one, width, mode="constant") * width for one in (own, edges))
@@ -210,9 +214,9 @@ def _inks(fit: Fit, statistics: Sequence[Observed]) -> dict[str, float]:
     Inks that the page does not determine are left out.
     """
     of, prior = {one.statistic: one.value for one in statistics}, fit.prior.gain
-    found = {}
+    strengths = {}
     for ink, letter in enumerate(INK_LETTERS):
         pull, gain = of[Statistic("fit", "gain", letter)], abs(float(fit.gain[ink, 0])) / prior
         if pull >= 1e-6 and gain >= 1e-6:
-            found[letter] = min(gain / pull, 1.0) / prior  # sqrt(1 - what stays unknown)
-    return found
+            strengths[letter] = min(gain / pull, 1.0) / prior  # sqrt(1 - what stays unknown)
+    return strengths

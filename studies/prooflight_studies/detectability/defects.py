@@ -75,13 +75,13 @@ def patched(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None
 
 def paled(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
     """Reduce one ink, by the least loss that is predicted to be caught."""
-    known = {letter: least for letter, least in of_page.inks_percent.items() if np.isfinite(least)}
-    if not known:
+    caught = {letter: least for letter, least in of_page.inks_percent.items() if np.isfinite(least)}
+    if not caught:
         return None
-    letter = str(rng.choice(sorted(known)))
+    letter = str(rng.choice(sorted(caught)))
     ink = INK_LETTERS.index(letter)
     cmyk = page.cmyk.copy()
-    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - known[letter] / 100), rng)
+    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - caught[letter] / 100), rng)
     return replace(page, cmyk=cmyk)
 
 

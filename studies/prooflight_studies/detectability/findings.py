@@ -61,14 +61,14 @@ class JobReach:
 
 
 def job_results(
-    job: JobReach, press: Press, ours: CalibratedDetector, *, trials: int, seed: int
+    job: JobReach, press: Press, detector: CalibratedDetector, *, trials: int, seed: int
 ) -> dict[str, Any]:
     """Return all figures of the page; trials: prints of each page and defect for verification."""
     return {
         "press": press.name,
         "sensors": len(press.sensors),
         "pixel_pitch_mm": press.geometry.pixel_pitch_mm,
-        "promise": ours.promise,
+        "promise": detector.promise,
         "trials": trials,
         "seed": seed,
         "good_prints": PRINTS,
@@ -108,8 +108,8 @@ def _of_reach(reach: Reach) -> dict[str, Any]:
 
 def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
     """Return percentiles over the page, and the share of its places where values are infinite: nothing is caught."""
-    known = values[~np.isnan(values)]
-    finite = known[np.isfinite(known)]
+    on_page = values[~np.isnan(values)]
+    finite = on_page[np.isfinite(on_page)]
     low, middle, high = np.percentile(finite, (5, 50, 95)).tolist() if finite.size else (None, None, None)
-    nowhere = 1 - finite.size / max(known.size, 1)
+    nowhere = 1 - finite.size / max(on_page.size, 1)
     return {"low": low, "middle": middle, "high": high, "nowhere": nowhere}

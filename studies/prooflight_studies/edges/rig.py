@@ -187,7 +187,7 @@ def in_columns(rig: Rig, signal_dn: NDArray[np.floating]) -> NDArray[np.float64]
     return np.asarray(model.column_offset_dn + model.column_gain * signal_dn, dtype=np.float64)
 
 
-def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
+def with_round_footprint(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
     """Convert a signal predicted without lens correction (lines, pixels) to that of a round, endless footprint.
 
     The short separable footprint's transfer function is divided out and replaced by the exact one, by FFT at the

@@ -27,10 +27,10 @@ from prooflight_studies.edges.rig import (
     Sheet,
     averaged,
     in_columns,
-    made_round,
     predicted,
     sampled,
     truth,
+    with_round_footprint,
 )
 from prooflight_studies.harness.page import write_page
 
@@ -215,7 +215,7 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
             done = time.process_time()
             short = predicted(rig, sheet, page, corrected=False)
             short_done = time.process_time()
-            rounded = made_round(rig, short)
+            rounded = with_round_footprint(rig, short)
             round_done = time.process_time()
             vector = gather(f"v{s}", f"s = {s}")
             vector.rip_cpu_s.append(ripped - started)
@@ -240,7 +240,7 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
         gather(f"r{TRUTH}", f"s = {TRUTH}").add(in_columns(rig, signal)[band], of_vector)
         short = predicted(rig, sheet, page, top_mm=top_mm, corrected=False)
         gather(f"r{TRUTH}, FFT", f"s = {TRUTH}, FFT").add(
-            in_columns(rig, made_round(rig, short))[band], of_vector
+            in_columns(rig, with_round_footprint(rig, short))[band], of_vector
         )
         for s in AVERAGED_TO:
             blocks = TRUTH // s

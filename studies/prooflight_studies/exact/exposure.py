@@ -179,7 +179,7 @@ class _Grid:
         if tile_pixels <= 2 * MARGIN_PIXELS:
             message = f"tile_pixels must be above {2 * MARGIN_PIXELS}, both margins, got {tile_pixels}"
             raise ValueError(message)
-        found = []
+        fits = []
         axes = (("line", centres_y_mm, camera.line_pitch_mm), ("pixel", centres_x_mm, camera.pixel_pitch_mm))
         for what, centres, pitch_mm in axes:
             steps = np.diff(centres)
@@ -195,10 +195,8 @@ class _Grid:
                 )
             place = centres[0] / page.pixel_mm - 0.5
             extent = fft.next_fast_len(min(len(centres) + 2 * MARGIN_PIXELS, tile_pixels), real=True)
-            found.append((round(ratio), round(place), place - round(place), extent))
-        (rows, first_row, row_offset, tile_lines), (columns, first_column, column_offset, tile_columns) = (
-            found
-        )
+            fits.append((round(ratio), round(place), place - round(place), extent))
+        (rows, first_row, row_offset, tile_lines), (columns, first_column, column_offset, tile_columns) = fits
         return cls(
             lines=len(centres_y_mm),
             pixels=len(centres_x_mm),
@@ -308,5 +306,5 @@ def _tile(
     # Every rows_per_line-th row of the result has the spectrum folded that many times.
     folded = spectrum.reshape(grid.rows_per_line, grid.tile[0], -1).sum(axis=0) / grid.rows_per_line
     seen = fft.irfft(fft.ifft(folded, axis=0), n=columns, axis=1)[:, :: grid.columns_per_pixel]
-    kept = seen[MARGIN_PIXELS:-MARGIN_PIXELS, MARGIN_PIXELS:-MARGIN_PIXELS]
-    return np.asarray(kept, dtype=np.float32)
+    inner = seen[MARGIN_PIXELS:-MARGIN_PIXELS, MARGIN_PIXELS:-MARGIN_PIXELS]
+    return np.asarray(inner, dtype=np.float32)

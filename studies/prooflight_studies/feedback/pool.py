@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Detector
 
-PROMISED: Final = 0.01
+TARGET_RATE: Final = 0.01
 TIMES: Final = 1.5
 """Factor on the press world's amounts by which good prints of this press vary."""
 BLACK_OF_FOUR: Final = 0.5
 """Share of its designs with type in a black of four inks; the training designs have none."""
-TEACHING_OFFSET: Final = 500
+TRAINING_OFFSET: Final = 500
 """Offset from the study's seed to that of the designs and days on which the press is trained."""
 SCENE: Final = 64
 """Number of this study's scene, distinct from those of other studies of the same seed."""
@@ -103,12 +103,12 @@ class PoolWork:
 
     def __call__(self, day: Day, /) -> dict[str, NDArray[Any]]:
         """Return the rows of a day."""
-        bench, taught = self.scene.day(day), _detector(self.scene.press)
-        station = _press(self.scene.press).station(threads=1)
+        bench, trained_detector = self.scene.day(day), _detector(self.scene.press)
+        context = _press(self.scene.press).station(threads=1)
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
             good = bench.day.good(bench.page(index))
-            known = taught.prepare(PlannedPage(good.page, station))
+            prepared = trained_detector.prepare(PlannedPage(good.page, context))
             for copy in range(1 + (index % self.every == 0)):
                 rng, printed = self.scene.rng(index, copy), good
                 if copy:
@@ -118,7 +118,7 @@ class PoolWork:
                     if wrong is None:
                         continue
                     printed = wrong
-                verdict = known.inspect(Scan(dn=bench.scan(printed, rng))).verdict
+                verdict = prepared.inspect(Scan(dn=bench.scan(printed, rng))).verdict
                 row = {"score": verdict.score, "day": day.designs[0], "kind": printed.kind}
                 for name, value in (row | {"severity": printed.severity}).items():
                     columns[name].append(value)
@@ -134,7 +134,7 @@ def printed_pool(
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Pool:
     """Train the press, print sheets unlike its training set, and score them; cache: folder of presses and rows."""
-    path = _taught(plan, cache, progress)
+    path = _trained_press(plan, cache, progress)
     press = Press.load(path)
     scene = Scene(
         press=path,
@@ -171,7 +171,7 @@ def printed_pool(
     )
 
 
-def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
+def _trained_press(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
     """Return the path of the press as it is delivered; cached."""
     press = build_press(at_pitch(PressFile.prototype(), REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     facts = {
@@ -184,15 +184,15 @@ def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Pat
     path = cache / f"{digest_of(facts)[:16]}.press"
     if not path.is_file():
         progress(f"teaching a press by {plan.teaching} designs")
-        taught = trained(
+        trained_press = trained(
             press,
-            Corpus(seed=plan.seed + TEACHING_OFFSET, dpi=press.dpi),
+            Corpus(seed=plan.seed + TRAINING_OFFSET, dpi=press.dpi),
             designs=plan.teaching,
-            seed=plan.seed + TEACHING_OFFSET,
-            false_alarm_rate=PROMISED,
+            seed=plan.seed + TRAINING_OFFSET,
+            false_alarm_rate=TARGET_RATE,
         )
         path.parent.mkdir(parents=True, exist_ok=True)
-        taught.save(path)
+        trained_press.save(path)
     return path
 
 

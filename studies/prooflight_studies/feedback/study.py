@@ -11,7 +11,7 @@ from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
 from prooflight.errors import RequestError
 from prooflight.rng import stream
-from prooflight_studies.feedback.pool import BLACK_OF_FOUR, PROMISED, TIMES, PoolPlan, printed_pool
+from prooflight_studies.feedback.pool import BLACK_OF_FOUR, TARGET_RATE, TIMES, PoolPlan, printed_pool
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
@@ -28,11 +28,11 @@ SHEETS_A_DAY: Final = 250
 SAMPLE: Final = 0.02
 """Share of the passed sheets that are sampled for review."""
 MISPRINT_RATE: Final = 0.01
-TOLD: Final = (100, 150, 200, 300)
+LABELLED: Final = (100, 150, 200, 300)
 """Numbers of sampled good pages that are labelled before the press is recalibrated."""
 HISTORIES: Final = 200
 """Number of simulated twenty weeks, each with other days to calibrate and to judge."""
-GOAL_TOLD: Final = 300
+GOAL_LABELLED: Final = 300
 GOAL_FACTOR: Final = 1.5
 MIDDLE: Final = 0.9
 """Share of histories between the stated bounds."""
@@ -71,7 +71,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class FeedbackResults:
     """Results of the study, as the page shows them."""
 
     seed: int
@@ -116,7 +116,7 @@ def run_feedback_study(
     quick: bool = False,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
-) -> Found:
+) -> FeedbackResults:
     """Print the pool, simulate the weeks, and write feedback.md."""
     pool = printed_pool(plan, cache, processes=processes, progress=progress)
     histories = 20 if quick else HISTORIES
@@ -125,9 +125,9 @@ def run_feedback_study(
         if number % 20 == 0:
             progress(f"twenty weeks, {number} of {histories} times")
         lived.append(history(pool, stream(plan.seed, "feedback-weeks", number)))
-    found = _found(pool, lived, plan=plan, quick=quick)
-    write_page(out / "feedback.md", "feedback", found)
-    return found
+    results = _results(pool, lived, plan=plan, quick=quick)
+    write_page(out / "feedback.md", "feedback", results)
+    return results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,24 +157,24 @@ def history(pool: Pool, rng: np.random.Generator) -> History:
     drawn = np.concatenate([_sheets(pool, rng.choice(lives), rng) for _ in range(WEEKS * DAYS_A_WEEK)])
     score, good = pool.score[drawn], pool.good[drawn]
     alarm = score > pool.threshold
-    asked = alarm | (rng.random(drawn.size) < SAMPLE)
-    sampled = np.cumsum(asked & ~alarm & good)
+    reviewed = alarm | (rng.random(drawn.size) < SAMPLE)
+    sampled = np.cumsum(reviewed & ~alarm & good)
     by_told, alone = {}, {}
-    for told in TOLD:
-        if sampled[-1] < told:
+    for labelled in LABELLED:
+        if sampled[-1] < labelled:
             continue
-        upto = int(np.searchsorted(sampled, told)) + 1
-        by_told[told] = _recalibrated(pool, score[:upto], (asked & good)[:upto], alarm[:upto], judge)
+        upto = int(np.searchsorted(sampled, labelled)) + 1
+        by_told[labelled] = _recalibrated(pool, score[:upto], (reviewed & good)[:upto], alarm[:upto], judge)
         confirmed = score[:upto][alarm[:upto] & good[:upto]]
         threshold = _by_count(confirmed) if confirmed.size else pool.threshold
-        alone[told] = (threshold, upto, judge(threshold))
+        alone[labelled] = (threshold, upto, judge(threshold))
     counts = SampleCounts(
         alarms=int(alarm.sum()),
         alarms_good=int((alarm & good).sum()),
         alarms_misprints=int((alarm & ~good).sum()),
         passed=int((~alarm).sum()),
-        passed_good=int((asked & ~alarm & good).sum()),
-        passed_misprints=int((asked & ~alarm & ~good).sum()),
+        passed_good=int((reviewed & ~alarm & good).sum()),
+        passed_misprints=int((reviewed & ~alarm & ~good).sum()),
     )
     missed, rate = counts.missed, counts.false_alarms
     assert missed is not None
@@ -211,12 +211,12 @@ def _sheets(pool: Pool, day: int, rng: np.random.Generator) -> NDArray[np.intp]:
 def _recalibrated(
     pool: Pool,
     score: NDArray[np.float64],
-    told: NDArray[np.bool_],
+    labelled: NDArray[np.bool_],
     alarm: NDArray[np.bool_],
     judge: Callable[[float], Judged],
 ) -> tuple[float, int, Judged]:
     """Recalibrate as `press recalibrate` does, with every question answered."""
-    which = np.flatnonzero(told)
+    which = np.flatnonzero(labelled)
     passed = ~alarm[which]
     pages = ToldPages(
         score=score[which],
@@ -224,7 +224,7 @@ def _recalibrated(
         run=np.ones(which.size, np.int64),
         sheet=which,
         passed=passed,
-        rate=PROMISED,
+        rate=TARGET_RATE,
         passed_weight=1 / SAMPLE,
         alarms_from=pool.threshold,
         replaces="",
@@ -242,7 +242,7 @@ def _by_count(score: NDArray[np.float64]) -> float:
 
     With too few scores it is that of the lowest rate that they can support.
     """
-    rate = max(PROMISED, 1 / (score.size + 1))
+    rate = max(TARGET_RATE, 1 / (score.size + 1))
     return conformal_threshold(score, np.arange(score.size), false_alarm_rate=rate)
 
 
@@ -253,28 +253,28 @@ def _naive(
 
     With too few of them the threshold stays.
     """
-    threshold, found = pool.threshold, []
+    threshold, thresholds = pool.threshold, []
     for week in range(WEEKS):
         at = slice(week * DAYS_A_WEEK * SHEETS_A_DAY, (week + 1) * DAYS_A_WEEK * SHEETS_A_DAY)
         confirmed = score[at][good[at] & (score[at] > threshold)]
         try:
             each = np.arange(confirmed.size)
-            threshold = conformal_threshold(confirmed, each, false_alarm_rate=PROMISED)
+            threshold = conformal_threshold(confirmed, each, false_alarm_rate=TARGET_RATE)
         except ValueError:
             pass  # as who calibrates by hand: wait for more alarms
-        found.append((threshold, judge(threshold)))
-    return found
+        thresholds.append((threshold, judge(threshold)))
+    return thresholds
 
 
-def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> Found:
+def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> FeedbackResults:
     rows = [_row("as taught", None, [(pool.threshold, 0, one.before) for one in lived])]
-    for told in TOLD:
-        reached = [one.by_told[told] for one in lived if told in one.by_told]
+    for labelled in LABELLED:
+        reached = [one.by_told[labelled] for one in lived if labelled in one.by_told]
         if reached:
-            rows.append(_row("sample and alarms, weighted", told, reached))
+            rows.append(_row("sample and alarms, weighted", labelled, reached))
     rows.append(_row("every good print told", None, [(one.every[0], 0, one.every[1]) for one in lived]))
-    for told in TOLD:
-        if came := [one.alone[told] for one in lived if told in one.alone]:
+    for labelled in LABELLED:
+        if came := [one.alone[labelled] for one in lived if labelled in one.alone]:
             rows.append(_row("the same words on alarms alone", None, came))
     for week in (1, WEEKS):
         of_week = [(*one.naive[week - 1], week) for one in lived]
@@ -282,10 +282,10 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
         way = f"alarms of one week alone, after week {week}"
         rows.append(_row(way, None, [(threshold, sheets, judged) for threshold, judged, _ in of_week]))
     missed, rate = (np.array([getattr(one, name) for one in lived]) for name in ("missed", "rate"))
-    return Found(
+    return FeedbackResults(
         seed=plan.seed,
         quick=quick,
-        promised=PROMISED,
+        promised=TARGET_RATE,
         times=TIMES,
         black_of_four=BLACK_OF_FOUR,
         pool_good=int(pool.good.sum()),
@@ -298,7 +298,7 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
         sample=SAMPLE,
         misprint_rate=MISPRINT_RATE,
         histories=len(lived),
-        goal_told=GOAL_TOLD,
+        goal_told=GOAL_LABELLED,
         goal_factor=GOAL_FACTOR,
         taught=pool.promise,
         rows=rows,
@@ -312,21 +312,21 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
     )
 
 
-def _row(way: str, told: int | None, found: list[tuple[float, int, Judged]]) -> Row:
-    realised = np.array([judged.realised for _, _, judged in found])
+def _row(way: str, labelled: int | None, outcomes: list[tuple[float, int, Judged]]) -> Row:
+    realised = np.array([judged.realised for _, _, judged in outcomes])
     low, high = np.quantile(realised, [(1 - MIDDLE) / 2, (1 + MIDDLE) / 2])
-    ratio = realised / PROMISED
+    ratio = realised / TARGET_RATE
     return Row(
         way=way,
-        told=told,
-        sheets=float(np.mean([sheets for _, sheets, _ in found])),
-        threshold=float(np.median([threshold for threshold, _, _ in found])),
+        told=labelled,
+        sheets=float(np.mean([sheets for _, sheets, _ in outcomes])),
+        threshold=float(np.median([threshold for threshold, _, _ in outcomes])),
         realised=float(realised.mean()),
         low=float(low),
         high=float(high),
         within=float(((ratio >= 1 / GOAL_FACTOR) & (ratio <= GOAL_FACTOR)).mean()),
-        caught=float(np.mean([judged.caught for _, _, judged in found])),
-        histories=len(found),
+        caught=float(np.mean([judged.caught for _, _, judged in outcomes])),
+        histories=len(outcomes),
     )
 
 
@@ -344,7 +344,7 @@ def _least() -> int:
             run=np.ones(count, np.int64),
             sheet=np.arange(count),
             passed=np.ones(count, bool),
-            rate=PROMISED,
+            rate=TARGET_RATE,
             passed_weight=1 / SAMPLE,
             alarms_from=float(count),
             replaces="",

@@ -83,10 +83,10 @@ def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
     """
     rows: list[tuple[int, ...]] = []
     for at, line in enumerate(MARK_FILES.read_text(path).split("\n"), start=1):
-        words = line.split()
-        if not words:
+        fields = line.split()
+        if not fields:
             continue
-        row = tuple(map(int, words)) if all(map(_WHOLE.fullmatch, words)) else ()
+        row = tuple(map(int, fields)) if all(map(_WHOLE.fullmatch, fields)) else ()
         if len(row) != 5 or row[4] not in KINDS:
             what = f"is not a list of marked defects: line {at} is something else"
             raise ScanError(path, what, remedy=MARK_FILES.remedy)
@@ -121,13 +121,13 @@ def touching(one: Box, other: Box) -> bool:
     return all(max(one[side], other[side]) < min(one[side + 2], other[side + 2]) for side in (0, 1))
 
 
-def matched(found: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:
+def matched(detected: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:
     """Return the marked box that each detected one matches, and their overlap.
 
     Each box is used once, the best overlaps first.
     """
     likely = sorted(
-        ((overlap(one, other), at, to) for at, one in enumerate(found) for to, other in enumerate(marked)),
+        ((overlap(one, other), at, to) for at, one in enumerate(detected) for to, other in enumerate(marked)),
         reverse=True,
     )
     pairs: dict[int, tuple[int, float]] = {}

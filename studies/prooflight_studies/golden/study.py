@@ -81,11 +81,11 @@ def run_golden_study(
     moved: list[tuple[GoldenPair, Seen]] = []
     for name in QUICK if quick else TUNED_ON:
         progress(f"tuning half, {name}: {len(tuning)} pairs")
-        moved += looked_at(transformed_pairs(tuning, name, seed=seed + TUNING))
+        moved += analysed(transformed_pairs(tuning, name, seed=seed + TUNING))
     rows, outcomes = [], []
     for method in METHODS[-1:] if quick else METHODS:
         progress(f"{method}: {len(pairs)} pairs")
-        even, odd = looked_at(tuning, method), looked_at(test, method)
+        even, odd = analysed(tuning, method), analysed(test, method)
         own = even + moved if method == METHODS[-1] else even
         chosen = tuned(own)
         outcomes = [judged(*one, chosen) for one in odd]
@@ -103,16 +103,16 @@ def run_golden_study(
     for name in names:
         progress(f"test half, {name}: {len(test)} pairs")
         others = transformed_pairs(test, name, seed=seed + TEST)
-        said = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
-        by_transform.append(figures(said, chosen, method=name, tuned_on="even", rng=rng))
-    found = golden_results(
+        judgements = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
+        by_transform.append(figures(judgements, chosen, method=name, tuned_on="even", rng=rng))
+    findings = golden_results(
         rows,
         by_transform,
         outcomes,
         tuned_on=QUICK if quick else TUNED_ON,
         ms_per_pair=_ms_per_pair(test),
     )
-    write_page(results / "golden.md", "golden", found)
+    write_page(results / "golden.md", "golden", findings)
     if picture is not None:
         from prooflight_studies.golden.sheet import draw_golden_sheet
 
@@ -132,7 +132,7 @@ def _ms_per_pair(pairs: Sequence[GoldenPair]) -> float:
     return float(np.median(times))
 
 
-def looked_at(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tuple[GoldenPair, Seen]]:
+def analysed(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tuple[GoldenPair, Seen]]:
     """Return each pair with the places that differ by ``method``."""
     return [(pair, places_of(differences(pair, method))) for pair in pairs]
 
@@ -148,8 +148,8 @@ def places_of(differing: Mapping[float, GoldenDifference], joinings: Sequence[in
     seen: Seen = {}
     for (edge, one), joining in itertools.product(differing.items(), joinings):
         compared = one.fits and one.place.found
-        found = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
-        seen[edge, joining] = found
+        places = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
+        seen[edge, joining] = places
     return seen
 
 
@@ -182,9 +182,9 @@ def _opened(pair: GoldenPair, edge: float) -> GoldenDifference:
 
 def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
     """Return the result of ``setting`` on a pair."""
-    found = seen[setting.edge_pixels, setting.joining_pixels]
+    places = seen[setting.edge_pixels, setting.joining_pixels]
     lines, pixels = pair.scan.shape[1:]
-    strong = [mark for mark in found or () if mark.volume >= setting.least_volume]
+    strong = [mark for mark in places or () if mark.volume >= setting.least_volume]
     boxes = [
         (max(left, 0), max(top, 0), min(right, pixels), min(bottom, lines))
         for left, top, right, bottom in (mark.grown(setting.margin_pixels) for mark in strong)
@@ -200,11 +200,11 @@ def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
         marked=pair.marked,
         kinds=pair.kinds,
         volumes=tuple(strong[at].volume for at in counted),
-        unfit=found is None,
+        unfit=places is None,
     )
 
 
-def tuned(looked: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
+def tuned(pairs: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
     """Return the setting with the least sum of missed share and false regions an image, each divided by its goal.
 
     Both are counted with ``VOLUME_SPREAD``. Of settings equal to a hundredth, the one with the greatest mean overlap is
@@ -213,7 +213,7 @@ def tuned(looked: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
     tried: list[tuple[float, float, Setting]] = []
     for edge, joining, margin in itertools.product(EDGES_PIXELS, JOININGS_PIXELS, MARGINS_PIXELS):
         every = Setting(edge_pixels=edge, joining_pixels=joining, least_volume=0.0, margin_pixels=margin)
-        outcomes = [judged(*one, every) for one in looked]
+        outcomes = [judged(*one, every) for one in pairs]
         overlap = mean_overlap(outcomes)
         tried += [
             (cost, overlap, replace(every, least_volume=volume))
@@ -230,10 +230,10 @@ def _costs(outcomes: Sequence[Outcome]) -> list[float]:
     false = [volume for one in outcomes for at, volume in enumerate(one.volumes) if at not in one.pairs]
     costs = []
     for volume in VOLUMES:
-        kept, wrong = (
+        caught, wrong = (
             float(ndtr(np.log(np.array(some) / volume) / VOLUME_SPREAD).sum()) for some in (hits, false)
         )
-        costs.append((marked - kept) / marked / GOAL_MISSED + wrong / len(outcomes) / GOAL_FALSE)
+        costs.append((marked - caught) / marked / GOAL_MISSED + wrong / len(outcomes) / GOAL_FALSE)
     return costs
 
 

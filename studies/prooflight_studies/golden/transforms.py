@@ -86,7 +86,7 @@ def set_off(pixels: float) -> Field:
     return field
 
 
-def together(*fields: Field) -> Field:
+def combined(*fields: Field) -> Field:
     """Return the sum of fields; they are so small that it approximates their composition."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
@@ -106,7 +106,7 @@ TRANSFORMS: Final[dict[str, Field]] = {
     "warped by 3 pixels": warped(3),
     "a part set off by 1 pixel": set_off(1),
     "a part set off by 2 pixels": set_off(2),
-    "all at once": together(shifted(12), turned(0.2), stretched(0.3), warped(2), set_off(1.5)),
+    "all at once": combined(shifted(12), turned(0.2), stretched(0.3), warped(2), set_off(1.5)),
     "a part set off by 4 pixels": set_off(4),
     "stretched by 4 %": stretched(4),
 }

@@ -56,13 +56,13 @@ def absolute_difference(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], *, white_dn: Sequence[float]
 ) -> Difference:
     """Return the differences of one scan; white_dn: signal of bare paper of each sensor."""
-    found = []
+    by_sensor = []
     for measured, expected, white in zip(measured_dn, expected_dn, white_dn, strict=True):
         share = cv2.absdiff(measured.astype(np.float32), expected) / np.float32(white)
         local = cv2.boxFilter(share, -1, (BOX_PIXELS, BOX_PIXELS)).max()
         rank = int(share.size * HIGH_PERCENTILE / 100)
-        found.append((float(local), float(share.mean()), float(np.partition(share.ravel(), rank)[rank])))
-    local, mean, high = np.max(found, axis=0).tolist()
+        by_sensor.append((float(local), float(share.mean()), float(np.partition(share.ravel(), rank)[rank])))
+    local, mean, high = np.max(by_sensor, axis=0).tolist()
     return Difference(local=local, mean=mean, high=high)
 
 
@@ -79,11 +79,11 @@ def dissimilarity(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], *, white_dn: Sequence[float]
 ) -> Dissimilarity:
     """Return 1 - SSIM over Gaussian windows of 11 x 11 pixels that lie wholly inside; dynamic range: paper white."""
-    found = []
+    by_sensor = []
     for measured, expected, white in zip(measured_dn, expected_dn, white_dn, strict=True):
         similar = _similarity(measured.astype(np.float32), expected, white)
-        found.append((1 - float(similar.mean(dtype=np.float64)), 1 - float(similar.min())))
-    mean, worst = np.max(found, axis=0).tolist()
+        by_sensor.append((1 - float(similar.mean(dtype=np.float64)), 1 - float(similar.min())))
+    mean, worst = np.max(by_sensor, axis=0).tolist()
     return Dissimilarity(mean=mean, worst=worst)
 
 
@@ -134,8 +134,8 @@ class VariationModel:
         upper = linalg.cholesky(gram / np.outer(scale, scale) + 1e-9 * np.eye(3))
         # |U x - U^-T b| is the same least squares as that of all pixels
         target = linalg.solve_triangular(upper, right / scale, trans="T")
-        found = optimize.nnls(upper, target)[0] / scale
-        floor, edge, signal = np.sqrt(found).tolist()
+        solution = optimize.nnls(upper, target)[0] / scale
+        floor, edge, signal = np.sqrt(solution).tolist()
         return cls(floor=floor, edge=edge, signal=signal)
 
     def score(

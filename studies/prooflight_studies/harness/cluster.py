@@ -40,8 +40,8 @@ def on_cluster(
         remedy = "start `dask scheduler` and `dask worker`, and give the scheduler's address, tcp://host:port"
         raise RequestError(address, "no Dask cluster answers", remedy=remedy) from error
     with client:
-        held = client.scatter(work, broadcast=True, hash=False)
-        futures = [client.submit(_apply, held, item, pure=False, retries=RETRIES) for item in items]
+        shared = client.scatter(work, broadcast=True, hash=False)
+        futures = [client.submit(_apply, shared, item, pure=False, retries=RETRIES) for item in items]
         places = {future.key: place for place, future in enumerate(futures)}
         try:
             for future in as_completed(futures, loop=client.loop):

@@ -52,11 +52,11 @@ def window_numbers(z: NDArray[np.float32]) -> NDArray[np.float32]:
 
     ``detectors.paper.bayes.window_statistics`` defines them; here all are computed in one pass.
     """
-    found = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
+    numbers = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
     for cut, windows in enumerate(WINDOWS):
         means = window_means(z, side=windows.side, overlapping=windows.overlapping)
-        numbers_of(means, [SHARE_SIGMAS * unit for unit in UNITS], out=found[:, cut])
-    return found
+        numbers_of(means, [SHARE_SIGMAS * unit for unit in UNITS], out=numbers[:, cut])
+    return numbers
 
 
 def numbers_of(

@@ -23,7 +23,7 @@ RESAMPLES: Final = 1000
 PERCENTILES: Final = (2.5, 97.5)
 SURE: Final = 0.95
 """Confidence level of a rate's one-sided bound by count."""
-BOUND_SAID: Final = (
+BOUND_NOTE: Final = (
     f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if each were "
     "independent of the others (Clopper and Pearson 1934, one-sided)."
 )
@@ -176,17 +176,17 @@ def bootstrap_oracle(
     bad = pages.bad[order]
     place, drawn = drawn_clusters(pages.day, rng, resamples=resamples)
     place = place[order]
-    found = np.full((len(alphas), resamples), np.nan)
+    costs = np.full((len(alphas), resamples), np.nan)
     for index, times in enumerate(drawn if drawn.shape[1] > 1 else ()):
         weight = times[place]
         missed, good = np.cumsum(weight * bad)[last], np.cumsum(weight * ~bad)[last]
         misses = np.append(0, missed / max(missed[-1], 1))
         false_alarms = 1 - np.append(0, good / max(good[-1], 1))
         for row, alpha in enumerate(alphas):
-            found[row, index] = (false_alarms + alpha * misses).min()
+            costs[row, index] = (false_alarms + alpha * misses).min()
     return [
         interval_of(least_cost(pages, alpha).cost(alpha), of_alpha)
-        for alpha, of_alpha in zip(alphas, found, strict=True)
+        for alpha, of_alpha in zip(alphas, costs, strict=True)
     ]
 
 
@@ -209,9 +209,9 @@ def drawn_clusters(
         All clusters in rising order, also those that left no page, so that two sets of pages can be resampled
         alike. By default those of these pages.
     """
-    known = np.unique(cluster) if clusters is None else clusters
-    drawn = rng.multinomial(len(known), np.full(len(known), 1 / len(known)), size=resamples)
-    return np.searchsorted(known, cluster), np.asarray(drawn, np.float64)
+    distinct = np.unique(cluster) if clusters is None else clusters
+    drawn = rng.multinomial(len(distinct), np.full(len(distinct), 1 / len(distinct)), size=resamples)
+    return np.searchsorted(distinct, cluster), np.asarray(drawn, np.float64)
 
 
 def rate_below(count: int, of: int) -> float:

@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 from prooflight.errors import InputError
 from prooflight.files.atomic import whole_file
-from prooflight_studies.harness.operating import BOUND_SAID, counted, rate_below
+from prooflight_studies.harness.operating import BOUND_NOTE, counted, rate_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,12 +28,12 @@ TEMPLATE: Final = "page.md.j2"
 STUDIES: Final = Path(__file__).resolve().parents[1]
 
 
-def write_page(path: Path, study: str, found: object) -> None:
+def write_page(path: Path, study: str, findings: object) -> None:
     """Write the results next to ``path`` as JSON, and render ``path`` from them; each file whole or not at all.
 
-    study: the folder whose template is rendered. found: a dataclass or mapping that ``plain`` can convert.
+    study: the folder whose template is rendered. findings: a dataclass or mapping that ``plain`` can convert.
     """
-    results = {"study": study, **plain(found)}
+    results = {"study": study, **plain(findings)}
     text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
     _write(path.with_suffix(".json"), text + "\n")
     _write(path, page_text(json.loads(text)))
@@ -45,15 +45,15 @@ def page_again(results: Path, page: Path | None = None) -> Path:
     InputError: the file is not a study's results, or lacks a value that the page needs.
     """
     try:
-        kept = json.loads(results.read_text(encoding="utf-8"))
-        known = isinstance(kept, dict) and (STUDIES / str(kept["study"]) / TEMPLATE).is_file()
+        stored = json.loads(results.read_text(encoding="utf-8"))
+        valid = isinstance(stored, dict) and (STUDIES / str(stored["study"]) / TEMPLATE).is_file()
     except (ValueError, KeyError, RecursionError) as error:
         raise _not_results(results) from error
-    if not known:
+    if not valid:
         raise _not_results(results)
     page = page or results.with_suffix(".md")
     try:
-        _write(page, page_text(kept))
+        _write(page, page_text(stored))
     except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         what = f"lacks what its page says: {error}"
         raise InputError(results, what, remedy="run the study again") from error
@@ -78,7 +78,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals["bound"] = BOUND_SAID
+    environment.globals["bound"] = BOUND_NOTE
     environment.filters |= {
         "number": number,
         "short": short,
@@ -135,14 +135,15 @@ def short(value: float | None) -> str:
     return number(value, ".2g" if value is not None and value < 0.1 else ".3g")
 
 
-def interval(found: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
+def interval(estimate: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
     """Format an estimate with its interval; spec: as for ``number``; ``short`` formats it where there is none.
 
     >>> interval({"value": 0.5, "low": 0.25, "high": 1.0}, ".2f", "-")
     '0.50 [0.25-1.00]'
     """
     value, low, high = (
-        short(found[name]) if spec is None else number(found[name], spec) for name in ("value", "low", "high")
+        short(estimate[name]) if spec is None else number(estimate[name], spec)
+        for name in ("value", "low", "high")
     )
     return f"{value} [{low}{to}{high}]"
 

@@ -154,8 +154,8 @@ def chosen_rows(rows: Rows, plan: Plan, of: str, *, noise: float | None = None) 
     noise: return rows of this noise only.
     """
     designs = plan.designs(of)
-    kept = (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
+    mask = (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
     if noise is not None:
-        kept &= rows["noise"] == noise
-    found = {name: column[kept] for name, column in rows.items() if name != "unmade_kind"}
-    return found | {"day": plan.day_of(of, found["design"])}
+        mask &= rows["noise"] == noise
+    chosen = {name: column[mask] for name, column in rows.items() if name != "unmade_kind"}
+    return chosen | {"day": plan.day_of(of, chosen["design"])}

@@ -213,12 +213,12 @@ def watched_rows(
     *,
     processes: int | None,
     cluster: str | None,
-    told: Callable[[str], Callable[[int, int], None]],
+    progress_of: Callable[[str], Callable[[int, int], None]],
 ) -> Rows:
     """Return a plan's rows of ``WatchWork``, of the days to learn, tune and test.
 
-    cache: folder of these rows and the pilot's. told: returns the progress callback of a step, ``pilot`` or ``scans``,
-    which is called with the number of days done and of all days. Others: as for ``run_pieces``.
+    cache: folder of these rows and the pilot's. progress_of: returns the progress callback of a step, ``pilot`` or
+    ``scans``, which is called with the number of days done and of all days. Others: as for ``run_pieces``.
     """
     digest = digest_of(plan.facts(press, repr(pages)))
     pilot = run_pieces(
@@ -228,7 +228,7 @@ def watched_rows(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("pilot"),
+        progress=progress_of("pilot"),
     )
     return run_pieces(
         WatchWork(press=press, pages=pages, plan=plan, variations=variation_models(pilot)),
@@ -237,7 +237,7 @@ def watched_rows(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("scans"),
+        progress=progress_of("scans"),
     )
 
 
@@ -274,17 +274,17 @@ class Bench:
         """Greatest digital number of each sensor. [DN]"""
         return [sensor.top_code_dn for sensor in self.day.press.sensors]
 
-    def laid(self, index: int) -> Page:
+    def placed_page(self, index: int) -> Page:
         """Return a design as it enters the press."""
         return self.day.press.geometry.lay(self.pages.page(index))
 
     def design(self, index: int) -> Design:
         """Return a design's good print with the landmarks to register it."""
-        press, good = self.day.press, self.day.good(self.laid(index))
+        press, good = self.day.press, self.day.good(self.placed_page(index))
         if self.day.session is None:
             return Design(good=good, landmarks=None)
-        found = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
-        return Design(good=good, landmarks=found)
+        landmarks = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
+        return Design(good=good, landmarks=landmarks)
 
     def printed(
         self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
@@ -296,7 +296,7 @@ class Bench:
         if not kind:
             return good
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng)
+        return self.day.wrong(good, kind, others=others, fetch=self.placed_page, rng=rng)
 
     def area(self, page: Page) -> tuple[slice, slice, slice]:
         """Return the slices of a scan that show the page."""
@@ -311,9 +311,9 @@ class Bench:
         measured = np.ascontiguousarray(scan[area])
         yield measured, on_area(noisier_tables(expected, noise), area)
         if design.landmarks is not None:
-            found = register(design.landmarks, scan)
-            if found.found:
-                expected = self.day.expected(page, found.placement)
+            registration = register(design.landmarks, scan)
+            if registration.found:
+                expected = self.day.expected(page, registration.placement)
             yield measured, on_area(noisier_tables(expected, noise), area)
 
 

@@ -23,7 +23,7 @@ LAPSE: Final = 0.002
 LEAST: Final = 1e-300
 """Least likelihood; smaller ones are not distinguished from zero."""
 SURE: Final = 0.99
-ASKED: Final = (0.5, 0.98)
+CHANCES: Final = (0.5, 0.98)
 """Range of detection chances from which the next strength is drawn; the strength of 99 % follows from those below."""
 
 
@@ -38,14 +38,14 @@ class Psychometric:
     """
 
     false_alarms: float
-    said: Mapping[int, NDArray[np.float64]]
+    log_likelihood: Mapping[int, NDArray[np.float64]]
     """Log likelihood of each page's prints for (middles, spreads), by page."""
     prints: int = 0
 
     @classmethod
     def unknown(cls, false_alarms: float) -> Self:
         """Return the state before any observation."""
-        return cls(false_alarms=false_alarms, said={})
+        return cls(false_alarms=false_alarms, log_likelihood={})
 
     def chances(self, strength: float) -> NDArray[np.float64]:
         """Return the chances of being caught, (middles, spreads)."""
@@ -55,17 +55,17 @@ class Psychometric:
     def seen(self, page: int, strength: float, *, caught: bool) -> Psychometric:
         """Return the posterior after one more print."""
         chance = self.chances(strength)
-        more = self.said.get(page, 0) + np.log(chance if caught else 1 - chance)
-        return replace(self, said={**self.said, page: more}, prints=self.prints + 1)
+        more = self.log_likelihood.get(page, 0) + np.log(chance if caught else 1 - chance)
+        return replace(self, log_likelihood={**self.log_likelihood, page: more}, prints=self.prints + 1)
 
     def weight(self, page: int) -> NDArray[np.float64]:
         """Return the posterior of one page, given all prints: (middles, spreads), sum 1."""
         in_common = np.zeros((BETWEEN.size, STRENGTHS.size, SPREADS.size))
-        for other, said in self.said.items():
+        for other, log_likelihood in self.log_likelihood.items():
             if other != page:
-                in_common += np.log(np.maximum(_ABOUT @ np.exp(said - said.max()), LEAST))
+                in_common += np.log(np.maximum(_ABOUT @ np.exp(log_likelihood - log_likelihood.max()), LEAST))
         expected = np.einsum("bcm,bcs->ms", _ABOUT, np.exp(in_common - in_common.max()))
-        own = self.said.get(page, np.zeros_like(expected))
+        own = self.log_likelihood.get(page, np.zeros_like(expected))
         weight = expected * np.exp(own - own.max())
         return np.asarray(weight / weight.sum())
 
@@ -81,13 +81,13 @@ class Psychometric:
         wanted = (chance - self.false_alarms) / (1 - self.false_alarms - LAPSE)
         at = np.log(STRENGTHS)[:, None] + SPREADS * special.ndtri(np.clip(wanted, LEAST, 1 - LAPSE))
         order = np.argsort(at, axis=None)
-        known = np.cumsum(self.weight(page).ravel()[order])
-        places = np.searchsorted(known, quantiles).clip(0, order.size - 1)
+        cumulative = np.cumsum(self.weight(page).ravel()[order])
+        places = np.searchsorted(cumulative, quantiles).clip(0, order.size - 1)
         return [float(one) for one in np.exp(at.ravel()[order][places])]
 
     def next(self, page: int, rng: np.random.Generator) -> float:
         """Return a strength to try next."""
-        return min(self.strength(page, float(rng.uniform(*ASKED))), float(STRENGTHS[-1]))
+        return min(self.strength(page, float(rng.uniform(*CHANCES))), float(STRENGTHS[-1]))
 
 
 def _about() -> NDArray[np.float64]:

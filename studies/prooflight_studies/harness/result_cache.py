@@ -78,15 +78,17 @@ def run_pieces(
     missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
     done = len(pieces) - len(missing)
     progress(done, len(pieces))
-    made = (
-        _fetched(work, missing, cluster) if cluster else in_order(_Kept(work), missing, processes=processes)
+    computed = (
+        _fetched(work, missing, cluster)
+        if cluster
+        else in_order(_CachedWork(work), missing, processes=processes)
     )
-    for _ in made:
+    for _ in computed:
         done += 1
         progress(done, len(pieces))
     columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
     for path in paths:
-        for name, column in _kept(path).items():
+        for name, column in _load(path).items():
             if name != SPENT:
                 columns[name].append(column)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
@@ -99,7 +101,7 @@ def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
     """
     seconds = 0.0
     for path in _paths(pieces, folder, digest):
-        seconds += float(_kept(path).get(SPENT, 0.0))
+        seconds += float(_load(path).get(SPENT, 0.0))
     return seconds / 60
 
 
@@ -108,7 +110,7 @@ def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Kept:
+class _CachedWork:
     """Computation of a piece's rows that writes them, whole or not at all."""
 
     work: Work[Any]
@@ -117,17 +119,17 @@ class _Kept:
         path, piece = place
         started = time.perf_counter()
         rows = self.work(piece)
-        _keep(path, rows | {SPENT: np.array(time.perf_counter() - started)})
+        _store(path, rows | {SPENT: np.array(time.perf_counter() - started)})
 
 
 def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
     """Write rows that come back from the cluster; its workers need no access to this folder."""
     for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
-        _keep(missing[place][0], rows)
+        _store(missing[place][0], rows)
         yield
 
 
-def _keep(path: Path, rows: Rows) -> None:
+def _store(path: Path, rows: Rows) -> None:
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **rows)
 
@@ -137,7 +139,7 @@ def _whole(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        return bool(_kept(path))
+        return bool(_load(path))
     except _DAMAGE:
         _log.warning("%s is damaged and is made again", path)
         return False
@@ -152,8 +154,8 @@ _DAMAGE: Final = (
 """Errors that reading a damaged archive of arrays raises."""
 
 
-def _kept(path: Path) -> Rows:
-    """Return the arrays of a piece as ``_keep`` wrote them; raises one of ``_DAMAGE`` for a damaged file."""
+def _load(path: Path) -> Rows:
+    """Return the arrays of a piece as ``_store`` wrote them; raises one of ``_DAMAGE`` for a damaged file."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) != _members_stated(path) or not members:

@@ -113,5 +113,5 @@ def fit_built_in() -> dict[str, float]:
         return np.concatenate([difference, BELIEF_WEIGHT * (values - start) / sigma, excess])
 
     bounds = (np.maximum(start - FARTHEST * sigma, least), start + FARTHEST * sigma)
-    found = least_squares(residual, start, bounds=bounds, x_scale=sigma, diff_step=1e-4, max_nfev=60)
-    return {name: float(f"{value:.4g}") for name, value in zip(names, found.x, strict=True)}
+    solution = least_squares(residual, start, bounds=bounds, x_scale=sigma, diff_step=1e-4, max_nfev=60)
+    return {name: float(f"{value:.4g}") for name, value in zip(names, solution.x, strict=True)}

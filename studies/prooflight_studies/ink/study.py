@@ -83,10 +83,10 @@ def learning_curves(
     rows = []
     for size in _sizes(chart, quick):
         progress(f"{size} patches")
-        for noise, taught in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
+        for noise, training in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
             for model in LEARNERS:
                 error = np.concatenate(
-                    [_error_on_rest(recipes, spectra, order[:size], model) for spectra in taught]
+                    [_error_on_rest(recipes, spectra, order[:size], model) for spectra in training]
                 )
                 rows.append(
                     LearningRow(
@@ -197,11 +197,11 @@ def _noise_median(chart: Chart, seed: int) -> float:
 
 
 def _error_on_rest(
-    recipes: Recipes, taught: NDArray[np.float64], chosen: NDArray[np.int64], model: str
+    recipes: Recipes, spectra: NDArray[np.float64], chosen: NDArray[np.int64], model: str
 ) -> NDArray[np.float64]:
     """Return colour differences on all recipes that were not chosen."""
     rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
-    fitted = MODELS[model].fit(recipes.cmyk[chosen], taught[chosen])
+    fitted = MODELS[model].fit(recipes.cmyk[chosen], spectra[chosen])
     return delta_e00(lab(fitted.reflectance(recipes.cmyk[rest])), lab(recipes.reflectance[rest]))
 
 

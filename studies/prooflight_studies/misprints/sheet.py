@@ -150,7 +150,7 @@ def _where_seen(page: Page, drawn: Drawn, kind: str, table: NDArray[np.uint8]) -
         for cmyk in (page.cmyk, drawn.page.cmyk)
     ]
     pitch_mm = page.pixel_mm * SAMPLE_STEP
-    change = np.abs(sampled[1] - sampled[0]).sum(axis=2) * _telling(
+    change = np.abs(sampled[1] - sampled[0]).sum(axis=2) * _visibility(
         page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP], kind
     )
     if kind not in VIEW_MM:
@@ -167,7 +167,7 @@ def _where_seen(page: Page, drawn: Drawn, kind: str, table: NDArray[np.uint8]) -
     )
 
 
-def _telling(cmyk: NDArray[np.uint8], kind: str) -> NDArray[np.float32]:
+def _visibility(cmyk: NDArray[np.uint8], kind: str) -> NDArray[np.float32]:
     """Return the visibility of a kind where such ink is printed (rows, columns), 0..1."""
     if kind == "plane-register":  # where two inks meet
         around = cv2.blur(cmyk, (5, 5)).astype(np.float32) / 255

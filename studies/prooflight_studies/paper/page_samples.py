@@ -76,7 +76,7 @@ def page_samples(
         right = day.good(fetch(number))
         others = [index for index in range(1, len(opened) + 1) if index != number]
         kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
-        found = []
+        measured = []
         for copy, kind in enumerate(kinds):
             if copy % len(KINDS) == 0:
                 progress(f"printing page {number} again, {copy} of {len(kinds)}")
@@ -85,11 +85,11 @@ def page_samples(
             if printed is None:
                 continue
             scan = day.recorded(printed.expected, rng)
-            found.append((kind, *_numbers(scan, right, press)))
+            measured.append((kind, *_numbers(scan, right, press)))
     return Samples(
-        statistics=np.array([statistics for _, statistics, _ in found]),
-        kinds=np.array([kind for kind, _, _ in found]),
-        chi_square=np.array([chi_square for _, _, chi_square in found]),
+        statistics=np.array([statistics for _, statistics, _ in measured]),
+        kinds=np.array([kind for kind, _, _ in measured]),
+        chi_square=np.array([chi_square for _, _, chi_square in measured]),
         sensors=tuple(sensor.name for sensor in press.sensors),
         pitch_mm=press.geometry.pixel_pitch_mm,
     )

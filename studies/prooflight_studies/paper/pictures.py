@@ -148,10 +148,10 @@ def _histogram(axes: Axes, colour: Repeated) -> None:
     )
     # Rounding is the bars' own, so the Gaussian is integrated over them with the sigma before it.
     before = np.sqrt(max(colour.sigma_dn**2 - 1 / 12, 1e-12))
-    promised = np.diff(special.ndtr((edges - colour.mean_dn) / before))
+    expected = np.diff(special.ndtr((edges - colour.mean_dn) / before))
     axes.plot(
         (edges[:-1] + edges[1:]) / 2,
-        promised,
+        expected,
         ".-",
         color=COLOURS[1],
         linewidth=1.4,
@@ -172,7 +172,7 @@ def _histogram(axes: Axes, colour: Repeated) -> None:
         color="#444444",
     )
     axes.set(title=colour.name, xlabel="digital number [DN]", ylabel="share [-]", xlim=(low, high))
-    axes.set_ylim(0, 1.35 * max(float(share.max()) / colour.dn.size, float(promised.max())))
+    axes.set_ylim(0, 1.35 * max(float(share.max()) / colour.dn.size, float(expected.max())))
     axes.legend(frameon=False, fontsize=7.5, loc="upper left")
 
 

@@ -229,8 +229,8 @@ def _orders(rows: Sequence[DetectorRow], plan: Plan) -> list[dict[str, Any]]:
 def _of_judged(row: DetectorRow) -> dict[str, Any]:
     """Return the results of one detector without its curve, with its cents per 10,000 pages at alpha = 0.1."""
     costs = RunningCosts()
-    told = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "roc"}
-    return told | {
+    figures = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "roc"}
+    return figures | {
         "oracle_cents": bill(costs, row.oracle[_AT_TENTH].value).with_system,
         "honest_cents": bill(costs, row.honest[_AT_TENTH].value).with_system,
     }
@@ -351,7 +351,7 @@ class _Comparison:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
         rng = stream(self.plan.seed, "bootstrap")  # the same days are drawn for every detector
         chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
-        found = [at_threshold(test, threshold) for threshold in chosen]
+        operating = [at_threshold(test, threshold) for threshold in chosen]
         missed = ~(test.score > chosen[ALPHAS.index(1.0)])
         return DetectorRow(
             name=title,
@@ -365,8 +365,8 @@ class _Comparison:
             papers=_papers_protocol(test, rng),
             area=area_under_roc(test),
             caught=caught_at(test, FALSE_ALARM_RATE),
-            alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in found),
-            missed=tuple(round(rates.misses * int(test.bad.sum())) for rates in found),
+            alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in operating),
+            missed=tuple(round(rates.misses * int(test.bad.sum())) for rates in operating),
             misses_by_kind=_by_kind(sets["test"], missed, _share),
             roc=roc(test),
         )

@@ -122,20 +122,22 @@ def run_part(
     started = time.perf_counter()
     where = f"{plan.world} world, {pitch_mm:.3f} mm"
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    found: list[int] = []  # how many days each step began with
+    begun_with: list[int] = []  # how many days each step began with
 
-    def told(what: str) -> Callable[[int, int], None]:
-        started_with = len(found)
+    def progress_of(what: str) -> Callable[[int, int], None]:
+        started_with = len(begun_with)
 
         def tell(done: int, of: int) -> None:
-            if len(found) == started_with:
-                found.append(done)
+            if len(begun_with) == started_with:
+                begun_with.append(done)
             progress(f"{where}: {what}, {done} of {of} press days")
 
         return tell
 
-    rows = watched_rows(press, designs, plan, cache, processes=processes, cluster=cluster, told=told)
-    share = 1 - found[-1] / len(plan.days(*JUDGED))
+    rows = watched_rows(
+        press, designs, plan, cache, processes=processes, cluster=cluster, progress_of=progress_of
+    )
+    share = 1 - begun_with[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,
         press=press,

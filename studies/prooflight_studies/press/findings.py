@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight_studies.harness.result_cache import Rows
-    from prooflight_studies.press.judging import Kept, MethodResult, Verdicts
+    from prooflight_studies.press.judging import MethodResult, RateCheck, Verdicts
 
 
 FIRST: Final[Mapping[str, int]] = {
@@ -130,9 +130,9 @@ class PressFindings:
     """``Press.fringes``."""
     main: Rows
     verdicts: Verdicts
-    kept: list[Kept]
+    kept: list[RateCheck]
     """Target false-alarm rates with thresholds set by separate designs, and the alarms on the judged designs."""
-    tried: list[Kept]
+    tried: list[RateCheck]
     """The same thresholds, and the alarms on further good designs."""
     looser: dict[str, NDArray[np.bool_]]
     """Whether each good page of the looser press alarmed, by the data that set the threshold."""

@@ -106,7 +106,7 @@ def judged(
     scatter: Scatter,
     *,
     seed: int,
-    teaching: Pages | None = None,
+    training: Pages | None = None,
     good: Rows | None = None,
     trees: int = TREES,
     ablations: bool = True,
@@ -115,7 +115,7 @@ def judged(
 ) -> Verdicts:
     """Judge every page of every part.
 
-    teaching: pages of designs that are not judged and on which every part is trained. good: good pages of designs that
+    training: pages of designs that are not judged and on which every part is trained. good: good pages of designs that
     are not judged and that set every part's thresholds, together with the part next to it.
     """
     pages, another = Pages.of(rows), rows["another"]
@@ -131,7 +131,7 @@ def judged(
         part=part,
         scatter=scatter,
         seed=seed,
-        teaching=teaching,
+        training=training,
         trees=trees,
         ablations=ablations,
     )
@@ -140,24 +140,24 @@ def judged(
     kinds = np.zeros(len(rows["kind"]), "U16")
     boxes = np.full((len(kinds), 4), np.nan, np.float32)
     progress(f"{PARTS} parts: learning and judging")
-    for index, said in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
+    for index, result in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
         progress(f"part {index + 1} of {PARTS} is judged")
         test, tune = work.test_and_tune(index)
-        for name, score in said.scores.items():
+        for name, score in result.scores.items():
             # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
             scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, test | tune] = score
-        detectors.append(said.found)
+        detectors.append(result.model)
         here = test[: len(kinds)]
-        kinds[here], boxes[here] = said.kinds, said.boxes
+        kinds[here], boxes[here] = result.kinds, result.boxes
     methods = {name: _judged(name, score, pages, part, day) for name, score in scores.items()}
     return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _PartSaid:
+class _PartResult:
     """Result of judging one part."""
 
-    found: DetectorModel
+    model: DetectorModel
     scores: dict[str, NDArray[np.float64]]
     """Scores of each method, on the pages of this part and of those that set its thresholds."""
     kinds: NDArray[np.str_]
@@ -175,7 +175,7 @@ class _PartWork:
     part: NDArray[np.int64]
     scatter: Scatter
     seed: int
-    teaching: Pages | None
+    training: Pages | None
     trees: int
     ablations: bool
 
@@ -183,30 +183,30 @@ class _PartWork:
         """Return masks of the pages that a part judges and of those that set its thresholds."""
         return self.part == index, (self.part == (index + 1) % PARTS) | (self.part == EVERY)
 
-    def __call__(self, index: int) -> _PartSaid:
+    def __call__(self, index: int) -> _PartResult:
         rows, pages = self.rows, self.pages
         names = rows["names"][: rows["values"].shape[1]].tolist()
         test, tune = self.test_and_tune(index)
         rng = stream(self.seed, "press-part", index)
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
-        learn = learn if self.teaching is None else learn.beside(self.teaching)
-        found = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
-        scores = {name: rank(other) for name, rank in _rankings(found, self.another[test | tune]).items()}
+        learn = learn if self.training is None else learn.beside(self.training)
+        model = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
+        scores = {name: rank(other) for name, rank in _rankings(model, self.another[test | tune]).items()}
         if self.ablations:
             scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
         good, here = pages.rows(tune & ~pages.bad), test[: len(rows["kind"])]
-        return _PartSaid(
-            found=with_threshold(
-                found, good, false_alarm_rate=max(FALSE_ALARM_RATE, 1.01 / (len(good.bad) + 1))
+        return _PartResult(
+            model=with_threshold(
+                model, good, false_alarm_rate=max(FALSE_ALARM_RATE, 1.01 / (len(good.bad) + 1))
             ),
             scores=scores,
-            kinds=kinds_said(found, rows, here),
-            boxes=places_said(found, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
+            kinds=assigned_kinds(model, rows, here),
+            boxes=reported_places(model, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Kept:
+class RateCheck:
     """A target false-alarm rate whose threshold separate designs set, and the observed alarms."""
 
     rate: float
@@ -223,21 +223,21 @@ def parts_of(rows: Rows) -> NDArray[np.int64]:
     return np.asarray(np.unique(rows["day"], return_inverse=True)[1] % PARTS)
 
 
-def kept_promises(
+def check_rates(
     verdicts: Verdicts, good: Rows, trial: Rows, *, calibration: Mapping[float, int]
-) -> tuple[list[Kept], list[Kept]]:
+) -> tuple[list[RateCheck], list[RateCheck]]:
     """Apply thresholds that good pages of further designs set to each part's detector, on what that part judges.
 
     The second list is for good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: number
     of designs by target false-alarm rate; the first of ``good`` are taken.
     """
-    pages, ours = Pages.of(good), verdicts.methods[OURS]
-    scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
+    pages, matched_filter = Pages.of(good), verdicts.methods[OURS]
+    scores = [certain_score(model, pages, good["another"]) for model in verdicts.detectors]
     tried, turn = Pages.of(trial), parts_of(trial)
     of_trial = np.choose(
-        turn, [certain_score(found, tried, trial["another"]) for found in verdicts.detectors]
+        turn, [certain_score(model, tried, trial["another"]) for model in verdicts.detectors]
     )
-    found: tuple[list[Kept], list[Kept]] = [], []
+    checks: tuple[list[RateCheck], list[RateCheck]] = [], []
     for rate, count in calibration.items():
         thresholds = np.array(
             [
@@ -245,12 +245,14 @@ def kept_promises(
                 for score in scores
             ]
         )
-        for kept, score, part in zip(found, (ours.scored.score, of_trial), (ours.part, turn), strict=True):
-            kept.append(Kept(rate=rate, designs=count, alarms=score > thresholds[part]))
-    return found
+        for of_rate, score, part in zip(
+            checks, (matched_filter.scored.score, of_trial), (matched_filter.part, turn), strict=True
+        ):
+            of_rate.append(RateCheck(rate=rate, designs=count, alarms=score > thresholds[part]))
+    return checks
 
 
-def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
+def alarms_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
     """Return alarms (pages,) with each design's threshold set by the good pages of all other designs."""
     alarms = np.zeros(scored.bad.shape, bool)
     for design in np.unique(scored.design):
@@ -261,45 +263,45 @@ def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
     return alarms
 
 
-def kinds_said(found: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
+def assigned_kinds(model: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
     """Return the kind that the matched filter assigns to each of some pages."""
-    said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
-    return np.where(rows["another"][which], "wrong-page", said)
+    kinds = np.array(model.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
+    return np.where(rows["another"][which], "wrong-page", kinds)
 
 
-def places_said(
-    found: DetectorModel,
+def reported_places(
+    model: DetectorModel,
     values: NDArray[np.floating],
     page_features: NDArray[np.floating],
     boxes: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """Return the box of each page's most significant statistic that has one, (pages, 4) [mm]; NaN: there is none."""
-    deviations = found.deviations(values, page_features)
+    deviations = model.deviations(values, page_features)
     placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
     best = np.where(placed, deviations, -np.inf).argmax(axis=1)
     return np.asarray(boxes[np.arange(len(boxes)), best])
 
 
 def _rankings(
-    found: DetectorModel, another: NDArray[np.bool_]
+    model: DetectorModel, another: NDArray[np.bool_]
 ) -> dict[str, Callable[[Pages], NDArray[np.float64]]]:
     def evidence(pages: Pages) -> NDArray[np.float64]:
-        return found.family_evidence(found.deviations(pages.values, pages.page_features))
+        return model.family_evidence(model.deviations(pages.values, pages.page_features))
 
     def every(pages: Pages) -> NDArray[np.float64]:
-        deviations = found.deviations(pages.values, pages.page_features)
-        return every_column(found.family_evidence(deviations), pages.page_features, deviations)
+        deviations = model.deviations(pages.values, pages.page_features)
+        return every_column(model.family_evidence(deviations), pages.page_features, deviations)
 
     def forest(pages: Pages) -> NDArray[np.float64]:
-        assert found.forest is not None
-        return found.forest.score(every(pages))
+        assert model.forest is not None
+        return model.forest.score(every(pages))
 
     return {
-        OURS: lambda pages: certain_score(found, pages, another),
-        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.page_features),
-        "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
+        OURS: lambda pages: certain_score(model, pages, another),
+        "ours, wrong pages by evidence alone": lambda pages: model.score(pages.values, pages.page_features),
+        "no misprint seen in learning": lambda pages: model.guard(evidence(pages)),
         "forest of all statistics alone": forest,
-        "forests of kinds alone, the most of them": lambda pages: found.of_kinds(every(pages)).max(axis=1),
+        "forests of kinds alone, the most of them": lambda pages: model.of_kinds(every(pages)).max(axis=1),
     }
 
 
@@ -321,9 +323,9 @@ def _without(
             replace(pages, values=pages.values[:, kept], page_features=pages.page_features * content)
             for pages in (learn, other)
         )
-        found = learn_model(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
+        model = learn_model(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
         taught, said = (
-            family_columns(found.family_evidence(found.deviations(pages.values, pages.page_features)))
+            family_columns(model.family_evidence(model.deviations(pages.values, pages.page_features)))
             for pages in (fewer, judged_)
         )
         yield name, fitted_forest(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
@@ -339,7 +341,7 @@ def _judged(
     judged_ = part != EVERY
     score = np.empty(len(part))
     alarms = np.zeros((len(ALPHAS), len(part)), bool)
-    promised_ = np.zeros(len(part), bool)
+    nominal = np.zeros(len(part), bool)
     for index in range(PARTS):
         test, tune = part == index, (part == (index + 1) % PARTS) | ~judged_
         of_tune = Scored(
@@ -348,7 +350,7 @@ def _judged(
         score[test] = scores[index, test]
         for row, alpha in enumerate(ALPHAS):
             alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
-        promised_[test] = score[test] > np.quantile(
+        nominal[test] = score[test] > np.quantile(
             of_tune.score[~of_tune.bad], 1 - FALSE_ALARM_RATE, method="higher"
         )
     return MethodResult(
@@ -358,5 +360,5 @@ def _judged(
         ),
         part=part[judged_],
         alarms=alarms[:, judged_],
-        promised=promised_[judged_],
+        promised=nominal[judged_],
     )

@@ -17,7 +17,7 @@ from prooflight_studies.press.judging import (
     FALSE_ALARM_RATE,
     FOREST_OF_FAMILIES,
     OURS,
-    promised_by_others,
+    alarms_by_others,
 )
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ NEAR_MM: Final = 5.0
 """Tolerance of a reported position: greatest distance of its middle from the misprint (assumed: what a person sees)."""
 SIGMA_OFF: Final = 1.3
 ALARMED: Final = 0.5
-REAL_PROMISE: Final = 0.05
+REAL_RATE: Final = 0.05
 """Target rate on real pages; for so few pages a lower one would not let more than one exceed the threshold."""
 
 
@@ -90,7 +90,7 @@ class Method:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Promise:
+class RateRow:
     """A target false-alarm rate and the observed alarms."""
 
     rate: float
@@ -103,7 +103,7 @@ class Promise:
     @classmethod
     def of(
         cls, rate: float, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
-    ) -> Promise:
+    ) -> RateRow:
         """Count alarms; alarms: of good pages; caught: alarms of misprints."""
         return cls(
             rate=rate,
@@ -114,14 +114,14 @@ class Promise:
         )
 
 
-def press_results(found: PressFindings) -> dict[str, Any]:
+def press_results(findings: PressFindings) -> dict[str, Any]:
     """Return all figures of the page."""
-    rows, verdicts, plan = found.main, found.verdicts, found.plan
-    ours = verdicts.methods[OURS]
+    rows, verdicts, plan = findings.main, findings.verdicts, findings.plan
+    matched_filter = verdicts.methods[OURS]
     rng = stream(plan.seed, "press-bootstrap")
     return {
-        "pitch_mm": found.pitch_mm,
-        "fringes": found.fringes,
+        "pitch_mm": findings.pitch_mm,
+        "fringes": findings.fringes,
         "plan": plan,
         "days": len(np.unique(rows["day"])),
         "unmade": rows["unmade_kind"].size,
@@ -132,14 +132,14 @@ def press_results(found: PressFindings) -> dict[str, Any]:
         "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
         "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
         "caught": [
-            {"at": "the promised 1 %", **_by_severity(rows, ours.promised)},
-            {"at": "alpha = 1", **_by_severity(rows, ours.alarms[ALPHAS.index(1.0)])},
+            {"at": "the promised 1 %", **_by_severity(rows, matched_filter.promised)},
+            {"at": "alpha = 1", **_by_severity(rows, matched_filter.alarms[ALPHAS.index(1.0)])},
         ],
-        "where": _places_and_kinds(rows, ours.promised, verdicts.kinds, verdicts.boxes),
-        "promises": list(_promises(found)),
-        "real": None if found.real is None else _real(found.real, ours, plan.seed),
-        "ideal_days": len(np.unique(found.ideal.methods[OURS].scored.day)),
-        "ideal": Method.of(OURS, found.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
+        "where": _places_and_kinds(rows, matched_filter.promised, verdicts.kinds, verdicts.boxes),
+        "promises": list(_rate_rows(findings)),
+        "real": None if findings.real is None else _real(findings.real, matched_filter, plan.seed),
+        "ideal_days": len(np.unique(findings.ideal.methods[OURS].scored.day)),
+        "ideal": Method.of(OURS, findings.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
     }
 
 
@@ -193,39 +193,43 @@ def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.
         return np.asarray((np.hypot(off[..., 0], off[..., 1]) <= NEAR_MM).any(axis=1))
 
 
-def _promises(found: PressFindings) -> Iterator[Promise]:
-    ours, rows = found.verdicts.methods[OURS], found.main
-    good = ~ours.scored.bad
-    setting = round(int(good.sum()) / len(np.unique(ours.part))) + found.plan.promise
-    for kept in found.kept:
+def _rate_rows(findings: PressFindings) -> Iterator[RateRow]:
+    matched_filter, rows = findings.verdicts.methods[OURS], findings.main
+    good = ~matched_filter.scored.bad
+    setting = round(int(good.sum()) / len(np.unique(matched_filter.part))) + findings.plan.promise
+    for kept in findings.kept:
         basis = f"{kept.designs} designs that did nothing else"
-        yield Promise.of(kept.rate, basis, kept.alarms[good], kept.alarms[~good])
-    for tried in found.tried:
+        yield RateRow.of(kept.rate, basis, kept.alarms[good], kept.alarms[~good])
+    for tried in findings.tried:
         basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
-        yield Promise.of(tried.rate, basis, tried.alarms)
+        yield RateRow.of(tried.rate, basis, tried.alarms)
     basis = f"{setting} designs, these and those of another part"
-    yield Promise.of(FALSE_ALARM_RATE, basis, ours.promised[good], ours.promised[~good])
+    yield RateRow.of(FALSE_ALARM_RATE, basis, matched_filter.promised[good], matched_filter.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"
-    yield Promise.of(
-        FALSE_ALARM_RATE, f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off]
+    yield RateRow.of(
+        FALSE_ALARM_RATE,
+        f"the same, a sensor's sigma wrong by more than {about}",
+        matched_filter.promised[good & off],
     )
-    yield Promise.of(
-        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", ours.promised[good & ~off]
+    yield RateRow.of(
+        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", matched_filter.promised[good & ~off]
     )
-    for what, alarms in found.looser.items():
-        yield Promise.of(FALSE_ALARM_RATE, what, alarms)
+    for what, alarms in findings.looser.items():
+        yield RateRow.of(FALSE_ALARM_RATE, what, alarms)
 
 
-def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
+def _real(real: MethodResult, matched_filter: MethodResult, seed: int) -> dict[str, Any]:
     """Return the figures of real pages and of composed ones, and the alarms of real pages calibrated on each other."""
     rng = stream(seed, "press-bootstrap-real")
     bad = real.scored.bad
-    rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))
-    alarms = promised_by_others(real.scored, rate)
+    rate = max(REAL_RATE, 1.01 / int((~bad).sum()))
+    alarms = alarms_by_others(real.scored, rate)
     return {
         "pages": len(np.unique(real.scored.design)),
-        "methods": [Method.of(name, one, rng) for name, one in (("real", real), ("composed", ours))],
+        "methods": [
+            Method.of(name, one, rng) for name, one in (("real", real), ("composed", matched_filter))
+        ],
         "rate": rate,
         "days": len(np.unique(real.scored.day)),
         "alarms": int(alarms[~bad].sum()),

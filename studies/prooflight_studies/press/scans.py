@@ -115,7 +115,7 @@ class StatisticsWork:
         unmade: list[str] = []
         names: list[str] = []
         for index in day.designs:
-            good, known = bench.design(index)
+            good, prepared = bench.design(index)
             for copy in range(1 + self.scene.misprints):
                 rng, kind = self.scene.rng(index, copy), self.scene.kind(index, copy)
                 printed = good
@@ -126,9 +126,9 @@ class StatisticsWork:
                         unmade.append(kind)
                         continue
                     printed = wrong
-                said, names = what_is_said(bench, known, bench.scan(printed, rng), self.scatter)
+                row, names = scan_row(bench, prepared, bench.scan(printed, rng), self.scatter)
                 for name, value in {
-                    **said,
+                    **row,
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
@@ -139,25 +139,25 @@ class StatisticsWork:
                 }.items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}
-        beside = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
-        return rows | {"kind": rows["kind"].astype("U16")} | beside
+        labels = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
+        return rows | {"kind": rows["kind"].astype("U16")} | labels
 
 
-def what_is_said(
-    bench: PressDay, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
+def scan_row(
+    bench: PressDay, prepared: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
 ) -> tuple[dict[str, Any], list[str]]:
     """Return values, boxes, portrait, another, glyphs and floor of a scan's row; and the names of the statistics."""
-    found = bench.evidence(known, scan, scatter)
-    said = {
-        "values": values_of(found.statistics),
-        "boxes": np.array([one.box for one in found.statistics], np.float32),
-        "portrait": known.page_features,
-        "another": found.another,
-        "glyphs": found.glyphs,
-        "floor_mm2": found.floor_mm2,
-        "widening": known.colours.widening,
+    evidence = bench.evidence(prepared, scan, scatter)
+    row = {
+        "values": values_of(evidence.statistics),
+        "boxes": np.array([one.box for one in evidence.statistics], np.float32),
+        "portrait": prepared.page_features,
+        "another": evidence.another,
+        "glyphs": evidence.glyphs,
+        "floor_mm2": evidence.floor_mm2,
+        "widening": prepared.colours.widening,
     }
-    return said, keys_of(found.statistics)
+    return row, keys_of(evidence.statistics)
 
 
 def places_mm(regions_mm: Sequence[Region]) -> NDArray[np.float32]:

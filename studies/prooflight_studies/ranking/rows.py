@@ -28,7 +28,7 @@ FIRST_SCENE: Final = 40
 """Number of this study's first scene, distinct from those of other studies of the same seed."""
 RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
 """Those of ``ALGORITHMS`` on which the rows depend."""
-TEACHING_SEED: Final = 31
+TRAINING_SEED: Final = 31
 """Seed of designs, days, prints and misprints for training; no results are published on it."""
 
 
@@ -36,7 +36,7 @@ TEACHING_SEED: Final = 31
 class RankingPlan:
     """Numbers of designs for training; each is printed once well, and ``misprints`` times wrong."""
 
-    seed: int = TEACHING_SEED
+    seed: int = TRAINING_SEED
     pilot: int = 32
     """Number of designs of each press, printed once, well, from which the scatter of its statistics is learned."""
     two_sensors: int = 800
@@ -102,15 +102,15 @@ class _Bench:
         )
         digest = self._digest(scene, press)
         pilot = self.plan.days(number * 100_000, self.plan.pilot)
-        drawn = self._made(ScatterWork(scene=scene), pilot, "scatter", digest, f"{name}: scatter")
+        drawn = self._computed(ScatterWork(scene=scene), pilot, "scatter", digest, f"{name}: scatter")
         scatter = learn_scatter({of: pooled(values) for of, values in drawn.items()})
         rows = []
         for at, (count, misprints) in enumerate(sets, 1):
             days = self.plan.days(number * 100_000 + at * 10_000, count)
             of_set = replace(scene, number=scene.number + at, misprints=misprints)
             work = StatisticsWork(scene=of_set, scatter=scatter)
-            told = f"{name}: good prints" + (" and misprints" if misprints else "")
-            rows.append(self._made(work, days, "rows", self._digest(of_set, press), told))
+            label = f"{name}: good prints" + (" and misprints" if misprints else "")
+            rows.append(self._computed(work, days, "rows", self._digest(of_set, press), label))
         return Lesson(name=name, scatter=scatter, rows=tuple(rows))
 
     def _digest(self, scene: Scene, press: Press) -> str:
@@ -123,7 +123,7 @@ class _Bench:
         }
         return digest_of(facts)
 
-    def _made(
+    def _computed(
         self, work: ScatterWork | StatisticsWork, days: list[Day], kind: str, digest: str, what: str
     ) -> Rows:
         return run_pieces(

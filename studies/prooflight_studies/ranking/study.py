@@ -44,7 +44,7 @@ PARTS: Final = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Taught:
+class TrainingRows:
     """All rows of all presses, in one order."""
 
     pages: Pages
@@ -58,7 +58,7 @@ class Taught:
     """Scatter of the first press; each press has its own after its calibration."""
 
     @classmethod
-    def of(cls, every: list[Lesson]) -> Taught:
+    def of(cls, every: list[Lesson]) -> TrainingRows:
         """Concatenate the rows; presses are numbered in their order."""
         sets = [(number, rows) for number, lesson in enumerate(every) for rows in lesson.rows]
         pages = Pages.of(sets[0][1], sets[0][0])
@@ -107,28 +107,28 @@ class FoldWork:
     of its good pages of the other folds as a press has. More of them would give other scores.
     """
 
-    taught: Taught
+    training: TrainingRows
     seed: int
 
     def __call__(self, task: tuple[int, str]) -> JudgedFold:
         """Judge the rows of one fold."""
         index, without = task
-        taught, pages = self.taught, self.taught.pages
-        mine = taught.fold == index
+        training, pages = self.training, self.training.pages
+        mine = training.fold == index
         learn = ~mine & (pages.kind != without if without else True)
         rng = stream(self.seed, "ranking-fold", index)
-        model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
+        model = training.model(learn, rng, LEFT_OUT_TREES if without else TREES)
         judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
         sizes = (OF_A_PRESS,) if without else SIZES
         score, kind = np.empty((len(sizes), len(mine))), np.zeros(len(mine), "U16")
-        part = np.unique(taught.day, return_inverse=True)[1] // FOLDS % PARTS
+        part = np.unique(training.day, return_inverse=True)[1] // FOLDS % PARTS
         for one, turn in product(np.unique(pages.press), range(PARTS)):
             here = pages.press == one
             own = rng.permutation(np.flatnonzero(here & ~mine & ~pages.bad))
             now = judged & here & (part == turn)
             if not now.any():
                 continue
-            these, another = pages.rows(now), taught.another[now]
+            these, another = pages.rows(now), training.another[now]
             for place, size in enumerate(sizes):
                 fit = adapted(model, pages.rows(own[:size]))
                 score[place, now] = certain_score(fit, these, another)
@@ -153,8 +153,8 @@ def run_ranking_study(
     left_out: whether each kind is also judged by a ranking that was trained without it.
     """
     plan = plan or RankingPlan()
-    taught = Taught.of(lessons(plan, cache, processes=processes, progress=progress))
-    pages, work = taught.pages, FoldWork(taught=taught, seed=plan.seed)
+    training = TrainingRows.of(lessons(plan, cache, processes=processes, progress=progress))
+    pages, work = training.pages, FoldWork(training=training, seed=plan.seed)
     kinds = np.unique(pages.kind[pages.bad]).tolist()
     tasks = [(fold, "") for fold in range(FOLDS)]
     tasks += [(fold, kind) for kind in kinds for fold in range(FOLDS)] if left_out else []
@@ -165,7 +165,7 @@ def run_ranking_study(
     judged = in_rows(folds[""])
     by_size = judged.score
     scores, design = by_size[SIZES.index(OF_A_PRESS)], _design(pages)[~pages.bad]
-    model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
+    model = training.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
     assert model.screen is not None
     ranking = ShippedRanking(
         model=model,
@@ -179,13 +179,13 @@ def run_ranking_study(
     if ship is not None:
         ranking.save(ship)
         size_mb = ship.stat().st_size / 1e6
-    found = {
+    findings = {
         "plan": {name: getattr(plan, name) for name in RankingPlan.__slots__},
         "worlds": worlds_digest(),
         "size_mb": size_mb,
         "good": int((~pages.bad).sum()),
         "misprints": int(pages.bad.sum()),
-        "statistics": len(taught.names),
+        "statistics": len(training.names),
         "of_a_press": OF_A_PRESS,
         "rates": [_at(scores, pages, rate) for rate in RATES],
         "sizes": [
@@ -193,13 +193,13 @@ def run_ranking_study(
         ],
         "deciding": int(model.screen.statistic.size),
         "floor": {
-            "good": int((taught.floor_mm2[~pages.bad] >= FLOOR_AREA_MM2).sum()),
-            "misprints": int((taught.floor_mm2[pages.bad] >= FLOOR_AREA_MM2).sum()),
+            "good": int((training.floor_mm2[~pages.bad] >= FLOOR_AREA_MM2).sum()),
+            "misprints": int((training.floor_mm2[pages.bad] >= FLOOR_AREA_MM2).sum()),
         },
-        "kinds": [_kind(kind, taught, scores, judged.kind, folds[kind]) for kind in kinds],
+        "kinds": [_kind(kind, training, scores, judged.kind, folds[kind]) for kind in kinds],
     }
-    write_page(results / "ranking.md", "ranking", found)
-    return found
+    write_page(results / "ranking.md", "ranking", findings)
+    return findings
 
 
 def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
@@ -229,27 +229,27 @@ def _at(scores: NDArray[np.float64], pages: Pages, rate: float) -> dict[str, flo
 
 def _kind(
     kind: str,
-    taught: Taught,
+    training: TrainingRows,
     scores: NDArray[np.float64],
-    said: NDArray[np.str_],
-    untaught: list[JudgedFold],
+    assigned: NDArray[np.str_],
+    left_out: list[JudgedFold],
 ) -> dict[str, Any]:
     """Return the figures of one kind at 1 % false alarms: caught, named right, and caught without training on it."""
-    pages = taught.pages
+    pages = training.pages
     threshold = np.quantile(scores[~pages.bad], 1 - RATES[0], method="higher")
     mine = pages.kind == kind
     hit = mine & (scores > threshold)
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "kind": kind,
         "count": int(mine.sum()),
         "caught": float(hit.sum() / mine.sum()),
-        "named": float((said[hit] == kind).mean()) if hit.any() else None,
+        "named": float((assigned[hit] == kind).mean()) if hit.any() else None,
         "untaught": None,
     }
-    if untaught:
-        without = in_rows(untaught)
+    if left_out:
+        without = in_rows(left_out)
         score, bad = without.score[0], pages.bad[without.rows]
-        found["untaught"] = float(
+        figures["untaught"] = float(
             (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()
         )
-    return found
+    return figures

@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
-from prooflight_studies.registration.truth import SAID
+from prooflight_studies.registration.truth import TRUTH_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,11 +46,15 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 def summary(rows: NDArray[np.float64]) -> dict[str, float]:
     """Return root mean squares over registered scans; p99 is the mean over scans of each scan's 99th percentile."""
-    kept = rows[_column(rows, "found") > 0]
-    measures: dict[str, float] = {"scans": len(rows), "found": len(kept)}
+    registered = rows[_column(rows, "found") > 0]
+    measures: dict[str, float] = {"scans": len(rows), "found": len(registered)}
     for area in ("content", "all"):
-        measures |= {f"{area}_{name}": _rms(_column(kept, f"{area}_{name}")) for name in ("global", "rms")}
-        measures[f"{area}_p99"] = float(np.nanmean(_column(kept, f"{area}_p99"))) if len(kept) else np.nan
+        measures |= {
+            f"{area}_{name}": _rms(_column(registered, f"{area}_{name}")) for name in ("global", "rms")
+        }
+        measures[f"{area}_p99"] = (
+            float(np.nanmean(_column(registered, f"{area}_p99"))) if len(registered) else np.nan
+        )
     return measures
 
 
@@ -76,7 +80,7 @@ def register_results(
     return {
         "seed": seed,
         "worlds": worlds_digest(),
-        "truth": SAID,
+        "truth": TRUTH_NOTE,
         "facts": facts,
         "designs": designs,
         "real": real,
@@ -92,13 +96,13 @@ def register_results(
 
 def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
     """Draw the errors of whole pages, from rows of ``COLUMNS``."""
-    condition, found = _column(whole, "condition"), _column(whole, "found") > 0
+    condition, registered = _column(whole, "condition"), _column(whole, "found") > 0
     rms = _column(whole, "content_rms")
-    shown = (condition == 0) & found
+    shown = (condition == 0) & registered
     _draw_registration(
         path,
         {
-            name: rms[found & (condition == i)]
+            name: rms[registered & (condition == i)]
             for i, name in enumerate(("good prints", "a plane missing", "a block missing"))
         },
         _column(whole, "white")[shown],
@@ -149,11 +153,11 @@ def _draw_registration(
 
 
 def _silent(rows: NDArray[np.float64]) -> dict[str, int]:
-    found = _column(rows, "found") > 0
+    registered = _column(rows, "found") > 0
     return {
         "scans": len(rows),
-        "found": int(found.sum()),
+        "found": int(registered.sum()),
         "off place": int((_column(rows, "off_place") > 0).sum()),
-        "wrong": int((found & (_column(rows, "content_mean") > 1)).sum()),
-        "wrong somewhere": int((found & (_column(rows, "content_worst") > 1)).sum()),
+        "wrong": int((registered & (_column(rows, "content_mean") > 1)).sum()),
+        "wrong somewhere": int((registered & (_column(rows, "content_worst") > 1)).sum()),
     }

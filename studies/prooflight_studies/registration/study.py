@@ -22,7 +22,7 @@ from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results
-from prooflight_studies.registration.truth import plane_parts, printed_at, said_at
+from prooflight_studies.registration.truth import plane_parts, printed_at, reported_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -99,8 +99,8 @@ def errors(
     """Return the errors over the page, and over the points with content (points, 2)."""
     x, y = _grid(page)
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    said, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
-    off = np.stack([b - a for a, b in zip(said, is_, strict=True)], axis=-1).reshape(-1, 2)
+    reported, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
+    off = np.stack([b - a for a, b in zip(reported, is_, strict=True)], axis=-1).reshape(-1, 2)
     off /= [press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm]
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     return Errors.of(off, points, np.ones_like(content)), Errors.of(off, points, content)
@@ -124,7 +124,7 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
     columns = ((x[0] + geometry.left_mm(page.width_mm)) / geometry.pixel_pitch_mm).astype(int)
     lines = ((y[:, 0] + geometry.lead_in_mm) / geometry.line_pitch_mm).astype(int)
     half = int(GRID_MM / 2 / geometry.pixel_pitch_mm)
-    told = []
+    informative = []
     for axis in (1, 0):
         slope2 = np.gradient(light, axis=axis) ** 2
         means = [
@@ -133,8 +133,8 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
             for column in columns
         ]
         enough = np.array(means).reshape(x.shape) > EDGE_SHARE**2
-        told.append((enough & np.pad(np.ones(np.array(x.shape) - 2, bool), 1)).ravel())
-    return np.stack(told, axis=1)
+        informative.append((enough & np.pad(np.ones(np.array(x.shape) - 2, bool), 1)).ravel())
+    return np.stack(informative, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,15 +172,15 @@ class FindDesign:
         session = Session.draw(Amounts.stated(), self.press, rng)
         rows: list[tuple[float, ...]] = []
         if not task.crops:
-            rows = self._looked_for(task, page, page, session, [0] * self.prints + [1, 2], rng)
+            rows = self._registered(task, page, page, session, [0] * self.prints + [1, 2], rng)
         else:
             other = self.page(replace(task, design=task.design + 1))
             for _ in range(CROPS_A_DESIGN // len(CONDITIONS)):
                 cut = _cut(page, rng), _cut(other, rng)
-                rows += self._looked_for(task, *cut, session, list(range(len(CONDITIONS))), rng)
+                rows += self._registered(task, *cut, session, list(range(len(CONDITIONS))), rng)
         return {"rows": np.array(rows, np.float64).reshape(len(rows), -1)}
 
-    def _looked_for(
+    def _registered(
         self,
         task: Task,
         page: Page,
@@ -199,21 +199,21 @@ class FindDesign:
         for condition in plan:
             printed, print_ = self._printed(page, other, session, condition, rng)
             scan = fast_scan(printed, press, session, print_, rng=rng)
-            found = register(landmarks, scan)
+            result = register(landmarks, scan)
             seen = parts if printed is page else plane_parts(printed, press)
             truth = printed_at(print_, seen, printed)
-            everywhere, where_content = errors(said_at(found, seen), truth, page, press, content)
-            _, alone = errors(found.placement, truth, page, press, content)
+            everywhere, where_content = errors(reported_at(result, seen), truth, page, press, content)
+            _, alone = errors(result.placement, truth, page, press, content)
             rows.append(
                 (
-                    *(task.design, task.real, condition, white, found.found, found.off_place),
+                    *(task.design, task.real, condition, white, result.found, result.off_place),
                     *(
                         getattr(each, name)
                         for each in (everywhere, where_content)
                         for name in Errors.__slots__
                     ),
-                    *(max(found.shift_sd_mm) / press.geometry.pixel_pitch_mm, found.tiles_used),
-                    *(found.tiles_matching, found.tiles_foreign, found.residual_rms_pixels),
+                    *(max(result.shift_sd_mm) / press.geometry.pixel_pitch_mm, result.tiles_used),
+                    *(result.tiles_matching, result.tiles_foreign, result.residual_rms_pixels),
                     alone.rms,
                 )
             )
@@ -284,7 +284,7 @@ def whole_task(number: int, real_pages: int) -> Task:
     return Task(design=number, real=False, crops=False)
 
 
-def _told(name: str, progress: Callable[[str], None]) -> Callable[[int, int], None]:
+def _progress_of(name: str, progress: Callable[[str], None]) -> Callable[[int, int], None]:
     return lambda done, of_all: progress(f"{name}: design {done} of {of_all}")
 
 
@@ -330,7 +330,7 @@ def run_register_study(
             cache / name,
             digest=digest_of(facts),
             processes=processes,
-            progress=_told(name, progress),
+            progress=_progress_of(name, progress),
         )["rows"]
     pitch_mm = press.geometry.pixel_pitch_mm
     facts_shown = f"{dpi * pitch_mm / MM_PER_INCH:g} raster pixels a camera pixel of {pitch_mm:.4f} mm"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
     from prooflight.simulation.prints import Print
 
-SAID: Final = (
+TRUTH_NOTE: Final = (
     "the sheet's drawn placement and, since content moves with the ink planes, the one shift that comes closest to "
     "their drawn register: over all pixels, in units of the noise, by how the expected signal answers to a plane that "
     "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found; of what was found, "
@@ -34,9 +34,9 @@ def printed_at(print_: Print, parts: NDArray[np.float64], page: Page) -> Placeme
     return _with_planes(print_.placement, plane_pixels(print_, page) * page.pixel_mm, parts)
 
 
-def said_at(found: Registration, parts: NDArray[np.float64]) -> Placement:
+def reported_at(result: Registration, parts: NDArray[np.float64]) -> Placement:
     """Return the reported position of the same mix of planes: registration's placement and plane displacements."""
-    return _with_planes(found.placement, found.planes_mm, parts)
+    return _with_planes(result.placement, result.planes_mm, parts)
 
 
 def _with_planes(place: Placement, planes_mm: NDArray[np.floating], parts: NDArray[np.float64]) -> Placement:
@@ -64,9 +64,9 @@ def plane_parts(printed: Page, press: Press) -> NDArray[np.float64]:
         }
         if not slopes:
             continue
-        weighed = sum(slopes.values()) / start.variance_dn2
-        told = {ink: float(np.vdot(slope, weighed)) for ink, slope in slopes.items()}
-        parts[axis, list(told)] = np.array(list(told.values())) / max(sum(told.values()), 1e-9)
+        weighted = sum(slopes.values()) / start.variance_dn2
+        weights = {ink: float(np.vdot(slope, weighted)) for ink, slope in slopes.items()}
+        parts[axis, list(weights)] = np.array(list(weights.values())) / max(sum(weights.values()), 1e-9)
     return parts
 
 

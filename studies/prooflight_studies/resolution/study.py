@@ -65,7 +65,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class ResolutionResults:
     """Results of the study, as the page shows them."""
 
     seed: int
@@ -95,7 +95,7 @@ def run_resolution_study(
     most: int | None = None,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _: None,
-) -> Found:
+) -> ResolutionResults:
     """Print the first pages of a folder's PDFs and inspect them; writes resolution.md.
 
     most: greatest number of pages. RequestError: the press has no detector of ours, or no PDF fits it.
@@ -118,9 +118,9 @@ def run_resolution_study(
         rows += _of_page(pdf.stem, rasters, inspector, number=number, seed=seed)
     if not rows:
         raise RequestError(pages, "holds no PDF that fits this press", remedy="give a folder of PDFs")
-    found = _found(rows, press, seed=seed, pages=number)
-    write_page(out / "resolution.md", "resolution", found)
-    return found
+    results = _results(rows, press, seed=seed, pages=number)
+    write_page(out / "resolution.md", "resolution", results)
+    return results
 
 
 def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
@@ -228,7 +228,7 @@ def _row(
 
 
 def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
-    """Return ``Found.learned``; empty where half of the pages are too few to learn from."""
+    """Return ``ResolutionResults.learned``; empty where half of the pages are too few to learn from."""
     pages = sorted({row.page for row in rows})
     halves = set(pages[::2]), set(pages[1::2])
     if min(map(len, halves)) < FEWEST_REAL:
@@ -239,15 +239,17 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
         judged = list[tuple[Row, bool]]()
         for taught_by, others in (halves, halves[::-1]):
             good = [row.said for row in here if row.page in taught_by and not row.misprint]
-            ours = recalibrated(
-                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_promise(press)
+            detector = recalibrated(
+                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_target_rate(press)
             ).ours
-            assert ours is not None
+            assert detector is not None
             for row in here:
                 if row.page in others:
-                    said = row.said
-                    score = score_of(ours.model, said.values, said.page_features, another=said.another)
-                    judged.append((row, ours.decide(score, said.glyphs, said.floor_mm2).misprint))
+                    scanned = row.said
+                    score = score_of(
+                        detector.model, scanned.values, scanned.page_features, another=scanned.another
+                    )
+                    judged.append((row, detector.decide(score, scanned.glyphs, scanned.floor_mm2).misprint))
         good_alarms = [alarm for row, alarm in judged if not row.misprint]
         caught = [alarm for row, alarm in judged if row.misprint]
         table.append(
@@ -261,11 +263,11 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
     return table
 
 
-def _promise(press: Press) -> float:
+def _target_rate(press: Press) -> float:
     return 0.0 if press.ours is None else press.ours.promise.rate
 
 
-def _found(rows: list[Row], press: Press, *, seed: int, pages: int) -> Found:
+def _results(rows: list[Row], press: Press, *, seed: int, pages: int) -> ResolutionResults:
     table = []
     for dpi in PRINTED_DPI:
         for finer in FINER:
@@ -285,11 +287,11 @@ def _found(rows: list[Row], press: Press, *, seed: int, pages: int) -> Found:
                 }
             )
     fine = Counter(row.page for row in rows if row.alarm and not row.misprint and row.finer == max(FINER))
-    return Found(
+    return ResolutionResults(
         seed=seed,
         press=press.name,
         raster_dpi=press.dpi,
-        promise=_promise(press),
+        promise=_target_rate(press),
         pages=pages,
         days=-(-pages // PAGES_A_DAY),
         rows=table,

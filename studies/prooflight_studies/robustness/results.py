@@ -280,13 +280,13 @@ def _scorers(
         )
 
     def network(of_reading: WindowReading) -> Callable[[str, int, When], NDArray[np.float64]]:
-        held: dict[tuple[int, When], BayesianNetwork] = {}
+        networks: dict[tuple[int, When], BayesianNetwork] = {}
 
         def score(of: str, place: int, when: When) -> NDArray[np.float64]:
             key: tuple[int, When] = (0 if when == "kept" else place, when)
-            if key not in held:
-                held[key] = of_reading.network(sets["learn"], *key)
-            return held[key].log_ratio(of_reading.statistics(sets[of], place, when))
+            if key not in networks:
+                networks[key] = of_reading.network(sets["learn"], *key)
+            return networks[key].log_ratio(of_reading.statistics(sets[of], place, when))
 
         return score
 
@@ -312,12 +312,12 @@ def _points(sets: Sets, reading: WindowReading, seed: int) -> Iterator[Point]:
 
 def _outcome(test: Rows, score: NDArray[np.float64], threshold: float, seed: int) -> Outcome:
     pages = scored(test, score)
-    found = at_threshold(pages, threshold)
+    rates = at_threshold(pages, threshold)
     rng = stream(seed, "bootstrap")  # the same days are drawn for every detector and disturbance
     return Outcome(
         cost=bootstrap_cost(pages, ALPHA, threshold=threshold, rng=rng),
-        false_alarms=round(found.false_alarms * int((~pages.bad).sum())),
-        misses=found.misses,
+        false_alarms=round(rates.false_alarms * int((~pages.bad).sum())),
+        misses=rates.misses,
         area=area_under_roc(pages),
         caught=caught_at(pages, FALSE_ALARM_RATE),
     )

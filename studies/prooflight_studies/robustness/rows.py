@@ -73,9 +73,9 @@ def believed(
     scan = day.recorded(day.seen(printed, rng), rng)
     placement = IN_PLACE
     if design.landmarks is not None:
-        found = register(design.landmarks, scan)
-        if found.found:
-            placement = found.placement
+        registration = register(design.landmarks, scan)
+        if registration.found:
+            placement = registration.placement
             seen = day.expected(page, placement)
     area = bench.area(page)
     measured = np.ascontiguousarray(scan[area])
@@ -161,9 +161,9 @@ class WatchWrong:
             if first is None:
                 seen_first, pixels = seen, measured[0].size
             same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
-            found = self._baselines(measured, seen, place, first if same_mean else None)
-            first = found if first is None else first
-            baselines.append(found)
+            scores = self._baselines(measured, seen, place, first if same_mean else None)
+            first = scores if first is None else first
+            baselines.append(scores)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
         measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": baselines}
         return facts | {name: np.array(values) for name, values in measured_as.items()}
@@ -205,9 +205,9 @@ def _numbers(
     z: NDArray[np.float32], kept: NDArray[np.float64], own: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the statistics (sides, sensors, 7); units (sides, sensors)."""
-    found = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
+    numbers = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
     for cut, side in enumerate(SIDES):
         units = (np.ones(len(z)), kept[cut], own[cut])
         limits = [(SHARE_SIGMAS * unit)[:, None, None] for unit in units]
-        numbers_of(window_means(z, side=side), limits, out=found[cut])
-    return found
+        numbers_of(window_means(z, side=side), limits, out=numbers[cut])
+    return numbers

@@ -95,7 +95,7 @@ def run_plan(
     facts = plan.facts(press, repr(designs)) | {"disturbed": [str(one) for one in all_disturbances()]}
     digest = digest_of(facts | {"sides": list(SIDES)})
 
-    def told(what: str) -> Callable[[int, int], None]:
+    def progress_of(what: str) -> Callable[[int, int], None]:
         return lambda done, of: progress(f"{plan.world} world: {what}, {done} of {of} press days")
 
     pilot = run_pieces(
@@ -105,7 +105,7 @@ def run_plan(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("pilot"),
+        progress=progress_of("pilot"),
     )
     rows = run_pieces(
         WatchWrong(press=press, pages=designs, plan=plan, learned=learned(pilot)),
@@ -114,7 +114,7 @@ def run_plan(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("scans under every belief"),
+        progress=progress_of("scans under every belief"),
     )
     progress(f"{plan.world} world: judging")
     return robustness_result(rows, plan)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-WELL_KNOWN: Final = 0.5
+LEAST_DETERMINED: Final = 0.5
 """Least share of an ink's amount that a page must determine for its drift to be monitored on it."""
 DRIFT_A_PAGE: Final = 0.0005
 """Drift a page: 0.05 % of the density."""
@@ -72,19 +72,19 @@ class CreepRun:
     def of(cls, press: Press, pages: Iterable[Page], *, ink: int | None = None, most: int = 6) -> CreepRun:
         """Prepare designs; for an ink, only those on which the press's sensors distinguish it from the others."""
         geometry, sensors = press.geometry, press.sensors
-        found = []
+        usable = []
         for page in pages:
             expected = predict(page, sensors=sensors, geometry=geometry)
             ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
                 analysis = analyse(ready, scan)
-                if not analysis.found.found or known_shares(analysis.fit)[ink] < WELL_KNOWN:
+                if not analysis.found.found or known_shares(analysis.fit)[ink] < LEAST_DETERMINED:
                     continue
-            found.append((page, ready))
-            if len(found) == most:
+            usable.append((page, ready))
+            if len(usable) == most:
                 break
-        return cls(press=press, pages=tuple(one for one, _ in found), ready=tuple(one for _, one in found))
+        return cls(press=press, pages=tuple(one for one, _ in usable), ready=tuple(one for _, one in usable))
 
     def run(
         self,
@@ -179,7 +179,7 @@ def drift_row(
         row["announced"] is not None and (row["first_out"] is None or row["announced"] < row["first_out"])
         for row in rows
     ]
-    known = [page for page in announced if page is not None]
+    detected = [page for page in announced if page is not None]
     return {
         "ink": name,
         "fringes": run.press.fringes,
@@ -187,9 +187,9 @@ def drift_row(
         "designs": len(run.pages),
         "good_pages": good_pages,
         "runs": len(rows),
-        "announced": len(known),
+        "announced": len(detected),
         "before_first_out": int(sum(before)),
-        "median_page": float(np.median(known)) if known else None,
+        "median_page": float(np.median(detected)) if detected else None,
         "pages": announced,
         "first_out": [row["first_out"] for row in rows],
         "others": int(sum(row["others"] for row in rows)),
@@ -206,15 +206,15 @@ def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) 
         rows.append(row)
         progress(f"streak, day {seed}: {row['announced']}")
     width_mm = run.pages[0].width_mm
-    known = [row for row in rows if row["announced"] is not None]
+    detected = [row for row in rows if row["announced"] is not None]
     return {
         "runs": len(rows),
         "fringes": run.press.fringes,
-        "announced": len(known),
-        "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in known],
+        "announced": len(detected),
+        "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in detected],
         "gate_ink_percent": 100 * GATE_INK,
-        "off_mm": [round(abs(row["x_mm"] - width_mm / 3), 2) for row in known],
-        "followed_percent": [round(100 * row["light"][0], 2) for row in known],
-        "lamp_percent": [round(-100 * LAMP_A_PAGE * row["announced"], 2) for row in known],
-        "example": next((row["text"] for row in known), ""),
+        "off_mm": [round(abs(row["x_mm"] - width_mm / 3), 2) for row in detected],
+        "followed_percent": [round(100 * row["light"][0], 2) for row in detected],
+        "lamp_percent": [round(-100 * LAMP_A_PAGE * row["announced"], 2) for row in detected],
+        "example": next((row["text"] for row in detected), ""),
     }

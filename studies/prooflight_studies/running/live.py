@@ -50,7 +50,7 @@ class Watcher:
     late: list[tuple[int, int]] = field(default_factory=list)
     """Index of each late sheet, counted from 1, and the delay of its verdict after its last line. [ms]"""
 
-    def told(self, outcome: Outcome) -> None:
+    def observe(self, outcome: Outcome) -> None:
         """Record one sheet."""
         record = outcome.record
         self.outcomes.append((record.job_page, record.verdict.verdict, record.faults, outcome.came))
@@ -100,7 +100,7 @@ def live_row(
     waits = pages_per_s is None
     settings = Settings(source_waits=waits, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
     running.start()
     while running.status().phase in ("waiting", "preparing"):
         running.join(0.05)
@@ -202,7 +202,7 @@ def soak_row(
     watcher = Watcher(progress=progress)
     settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
     begun_s = time.perf_counter()
     running.start()
     running.join()

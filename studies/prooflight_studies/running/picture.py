@@ -58,8 +58,8 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
             title = f"six pages on {press.name}, drum, {inspector.detector.name}"
             views.append(live_view(running.status(), recent, title=title, deadline_s=None))
 
-    book = Ring(scans=scans, pages=pages, sheets=SHEETS, repeated=True)
-    running = watched(inspector, source=drum, book=book, settings=settings, tell=tell)
+    ring = Ring(scans=scans, pages=pages, sheets=SHEETS, repeated=True)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=tell)
     running.start()
     running.join()
     if not views:

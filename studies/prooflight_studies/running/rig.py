@@ -53,9 +53,9 @@ class A4Designs:
         rng = stream(self.seed, "a4-design", index)
         black_alone = often(rng, BLACK_ALONE)
         layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
-        look = DesignStyle.draw(rng, black_alone=black_alone)
+        style = DesignStyle.draw(rng, black_alone=black_alone)
         sheet = Sheet(width_mm=210.0, height_mm=297.0, dpi=self.dpi)
-        layout(sheet, rng, look)
+        layout(sheet, rng, style)
         return Page(cmyk=sheet.cmyk, dpi=self.dpi, name=design_name(index), number=index + 1)
 
 
@@ -167,12 +167,12 @@ class Ring:
     def with_fewer_wrong(self, keep: int) -> Ring:
         """Return the same with ``keep`` of its misprints; the others are replaced by good prints of their designs."""
         wrong, designs, count = sorted(self.wrong), len(self.pages), len(self.scans)
-        kept = frozenset(wrong[:: -(-len(wrong) // keep)][:keep]) if keep else frozenset[int]()
+        remaining = frozenset(wrong[:: -(-len(wrong) // keep)][:keep]) if keep else frozenset[int]()
         scans = list(self.scans)
-        for print_ in self.wrong - kept:
+        for print_ in self.wrong - remaining:
             of_design = range(print_ % designs, count, designs)
             scans[print_] = self.scans[next(one for one in of_design if one not in self.wrong)]
-        return replace(self, scans=scans, wrong=kept)
+        return replace(self, scans=scans, wrong=remaining)
 
     def __len__(self) -> int:
         return self.sheets

@@ -94,9 +94,9 @@ class Plan:
         )  # fmt: skip
 
 
-def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
-    """Return all figures of the page, None for unmeasured parts; known: the measured parts, with that seed."""
-    live = [row for name in ("repeated", "different", "ours") for row in known.get(name, [])]
+def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
+    """Return all figures of the page, None for unmeasured parts; measured: the others, with that seed."""
+    live = [row for name in ("repeated", "different", "ours") for row in measured.get(name, [])]
     # Parts that were measured before these were noted; None: not known.
     noted: dict[str, Any] = {"fringes": None, "called": None}
     # Sheets that came out unlike those shown cannot be told apart.
@@ -106,7 +106,7 @@ def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[
         "alarms": None,
         "prints_that_alarm_anyway": None,
     }
-    soak, drift = known.get("soak"), known.get("drift")
+    soak, drift = measured.get("soak"), measured.get("drift")
     if soak is not None:
         soak = noted | unknown | soak
         if soak["alarms"] is not None:
@@ -115,13 +115,13 @@ def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[
     return {
         "cores": cores,
         "seed": seed,
-        "parts": list(known),
+        "parts": list(measured),
         "deadline_ms": round(1000 * DEADLINE_S),
         "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
         "drift": None if drift is None else [{"fringes": None} | row for row in drift],
         **{
-            part: None if (of := known.get(part)) is None else {"fringes": None} | of
+            part: None if (of := measured.get(part)) is None else {"fringes": None} | of
             for part in ("streak", "picture")
         },
     }
@@ -145,16 +145,16 @@ class Study:
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure the parts that are not in the cache yet; again: all parts named."""
         for part in parts:
-            if part in self._known() and not again:
+            if part in self._stored() and not again:
                 self.progress(f"{part}: known")
                 continue
             self.progress(f"{part}")
             measured = getattr(self, f"_{part}")()
             with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._known() | {part: measured}, indent=1))
+                unfinished.write_text(json.dumps(self._stored() | {part: measured}, indent=1))
             self._write_page()
         self._write_page()
-        return self._known()
+        return self._stored()
 
     # --- parts ---
 
@@ -358,9 +358,9 @@ class Study:
     def _results(self) -> Path:
         return self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json"
 
-    def _known(self) -> dict[str, Any]:
+    def _stored(self) -> dict[str, Any]:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
     def _write_page(self) -> None:
-        found = running_results(self._known(), cores=os.cpu_count() or 1, seed=self.seed)
-        write_page(self.out / "running.md", "running", found)
+        results = running_results(self._stored(), cores=os.cpu_count() or 1, seed=self.seed)
+        write_page(self.out / "running.md", "running", results)

@@ -87,13 +87,13 @@ def soak_ring(
         good = predict(page, sensors=press.sensors, geometry=press.geometry)
         thumbnails.append(thumbnail_of(page, good, press))
         scans.append(printed(page, index))
-    stranger = design_page(seed, count + 1000, dpi=press.dpi)
-    white = replace(stranger, cmyk=np.zeros_like(stranger.cmyk))
+    unknown_sheet = design_page(seed, count + 1000, dpi=press.dpi)
+    white = replace(unknown_sheet, cmyk=np.zeros_like(unknown_sheet.cmyk))
     return SoakRing(
         thumbnails=tuple(thumbnails),
         scans=tuple(scans),
         blank=printed(white, count),
-        foreign=printed(stranger, count + 1),
+        foreign=printed(unknown_sheet, count + 1),
     )
 
 
@@ -128,16 +128,16 @@ def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random
     return replace(empty, cmyk=cmyk)
 
 
-def drawn_faults(sheets: int, *, every: int, apart: int, rng: np.random.Generator) -> dict[int, DrumFault]:
+def drawn_faults(sheets: int, *, every: int, spacing: int, rng: np.random.Generator) -> dict[int, DrumFault]:
     """Draw faults of all kinds, evenly, one in ``every`` sheets on average.
 
     They are at least ``apart`` sheets from each other.
     """
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-    faults, sheet = dict[int, DrumFault](), apart
+    faults, sheet = dict[int, DrumFault](), spacing
     while True:
-        sheet += apart + int(rng.geometric(1 / (every - apart + 1)) - 1)
-        if sheet >= sheets - apart:
+        sheet += spacing + int(rng.geometric(1 / (every - spacing + 1)) - 1)
+        if sheet >= sheets - spacing:
             return faults
         faults[sheet] = DrumFault.draw(kinds[int(rng.integers(len(kinds)))], rng)
 
@@ -167,16 +167,16 @@ def truth(passing: list[Turn], faults: dict[int, DrumFault]) -> list[Passed]:
         for place in (sheet, sheet + 1)
     }
     twice = {sheet: number[sheet] for sheet, fault in faults.items() if fault.kind == "repeated"}
-    sheets, behind, came = list[Passed](), None, set[int]()
+    sheets, pending, came = list[Passed](), None, set[int]()
     for turn in passing:
         if turn.fault is not None and turn.fault.kind == "missing":
-            behind = of_fault[id(turn.fault)]
+            pending = of_fault[id(turn.fault)]
             continue
-        fault = behind if turn.fault is None else of_fault[id(turn.fault)]
+        fault = pending if turn.fault is None else of_fault[id(turn.fault)]
         if fault is None and turn.page is not None:
             fault = swapped.get(turn.page, twice.get(turn.page) if turn.page in came else None)
         if turn.page is not None:
             came.add(turn.page)
         sheets.append(Passed(page=turn.page, fault=fault))
-        behind = None
+        pending = None
     return sheets

@@ -39,7 +39,7 @@ SHEETS, QUICK_SHEETS = 3600, 240
 """Numbers of sheets: an hour at a page a second, the paper's slowest."""
 FAULT_EVERY: Final = 12
 """Sheets from fault to fault, on average; a press with so many would be stopped."""
-APART: Final = 6
+LEAST_SPACING: Final = 6
 """Least number of sheets between faults, so that effects can be attributed to one of them."""
 BLOCKS_TIMED: Final = 45
 """Number of blocks timed together, a page's worth."""
@@ -86,23 +86,23 @@ class SoakFigures:
     """Errors, one line each."""
 
 
-def soak_results(found: SoakFigures, size: Mapping[str, int], *, seed: int) -> dict[str, Any]:
+def soak_results(figures: SoakFigures, size: Mapping[str, int], *, seed: int) -> dict[str, Any]:
     """Return all figures of the page; size: of the job, as ``SIZE`` has it."""
     kinds = []
-    for kind, counts in found.kinds.items():
+    for kind, counts in figures.kinds.items():
         least, greatest = AMOUNTS.get(kind, (0.0, 0.0))
         amounts = {"unit": UNITS.get(kind), "least": least, "greatest": greatest}
         kinds.append({"kind": kind, **amounts, **counts})
-    told = {field.name: getattr(found, field.name) for field in fields(found)}
+    values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     stated = {
         "detector": DETECTOR,
         "job": size,
         "seed": seed,
         "every": FAULT_EVERY,
-        "apart": APART,
+        "apart": LEAST_SPACING,
         "worlds": worlds_digest(),
     }
-    return told | stated | {"kinds": kinds}
+    return values | stated | {"kinds": kinds}
 
 
 def run_soak_study(
@@ -121,7 +121,7 @@ def run_soak_study(
     )
     ring = soak_ring(press, **size, seed=seed, progress=progress)
     count = sheets or (QUICK_SHEETS if quick else SHEETS)
-    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=stream(seed, "soak-faults"))
+    faults = drawn_faults(count, every=FAULT_EVERY, spacing=LEAST_SPACING, rng=stream(seed, "soak-faults"))
     passing = turns(count, faults)
     progress("a run without faults")
     usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))
@@ -230,7 +230,7 @@ def compared(
     kinds = list(faults.values())
     came = [row for row, digest in zip(rows, digests, strict=True) if digest is not None]
     cut = [digest for digest in digests if digest is not None]
-    gone = [row.job_page for row, digest in zip(rows, digests, strict=True) if digest is None]
+    missing = [row.job_page for row, digest in zip(rows, digests, strict=True) if digest is None]
     never = {sheet for sheet, fault in faults.items() if fault.kind in ("missing", "blank", "unknown")}
     counts: dict[str, dict[str, int]] = {
         kind: {"drawn": 0, "named": 0, "in_step": 0} for kind in (*ORDER_FAULTS, *LINE_FAULTS)
@@ -241,7 +241,7 @@ def compared(
     for number, fault in enumerate(kinds):
         place, count = first[number], counts[fault.kind]
         near = {kind for row in came[place : place + IN_STEP] for kind in row.faults}
-        after = range(place + IN_STEP, min(place + APART - 1, len(sheets), len(came)))
+        after = range(place + IN_STEP, min(place + LEAST_SPACING - 1, len(sheets), len(came)))
         in_step = all(came[n].job_page == sheets[n].page and not came[n].faults for n in after)
         count["drawn"] += 1
         count["named"] += fault.kind in near
@@ -266,8 +266,8 @@ def compared(
         false_faults=false_faults,
         wrong_pages=wrong_pages,
         unlike=unlike,
-        missing_said=len(gone),
-        missing_true=len(never & set(gone)),
+        missing_said=len(missing),
+        missing_true=len(never & set(missing)),
         missing_in_truth=len(never),
         unconcerned=sum(sheet.fault is None for sheet in sheets),
         verdicts={name: sum(row.verdict.verdict == name for row in came) for name in VERDICTS},

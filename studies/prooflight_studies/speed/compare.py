@@ -161,14 +161,14 @@ def compare_rows(
     measured_dn, prediction: (sensors, lines, pixels) of a page's area, contiguous, larger than the processor's caches
     if reading memory is to be the limit.
     """
-    found = ways(measured_dn, prediction, top_codes_dn=top_codes_dn)
+    functions = ways(measured_dn, prediction, top_codes_dn=top_codes_dn)
     of_sensor = measured_dn[0].size / 1e6
-    size = dict.fromkeys(found, measured_dn.size / 1000000.0)
-    size |= {name: of_sensor for name in found if "OpenCV" in name or "scikit" in name}
+    size = dict.fromkeys(functions, measured_dn.size / 1000000.0)
+    size |= {name: of_sensor for name in functions if "OpenCV" in name or "scikit" in name}
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        times = in_turns(found, repeats, clock=time.thread_time)
+        times = in_turns(functions, repeats, clock=time.thread_time)
     finally:
         cv2.setNumThreads(threads)
     speeds = {name: size[name] / taken for name, taken in times.items()}

@@ -52,14 +52,14 @@ class PageCost:
 def page_costs(press: Press, *, quick: bool = False) -> list[PageCost]:
     """Return the costs of a mixed page, with one thread."""
     works = detector_works("mixed", bench_pages(press, quick=quick)["mixed"], press)
-    asked = {name: works[of][0] for name, of in WORKS.items()}
-    times = in_turns(asked, REPEATS, clock=time.process_time)
-    found = []
-    for name, work in asked.items():
+    selected = {name: works[of][0] for name, of in WORKS.items()}
+    times = in_turns(selected, REPEATS, clock=time.process_time)
+    costs = []
+    for name, work in selected.items():
         with counted() as moved:
             work()
-        found.append(page_cost(name, cpu_s=float(np.median(times[name])), moved_bytes=moved[0]))
-    return found
+        costs.append(page_cost(name, cpu_s=float(np.median(times[name])), moved_bytes=moved[0]))
+    return costs
 
 
 def page_cost(work: str, *, cpu_s: float, moved_bytes: int) -> PageCost:

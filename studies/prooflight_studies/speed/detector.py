@@ -34,7 +34,7 @@ MOVED = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0
 """Displacement of a page like those of prints of worlds.toml's press world."""
 
 
-LOOKS: Final = ("first look", "both looks")
+PASSES: Final = ("first look", "both looks")
 
 
 def grown_works(
@@ -54,7 +54,7 @@ def grown_works(
 class _Scanned:
     """A prepared page with its scan."""
 
-    known: PreparedPage
+    design: PreparedPage
     scan: NDArray[np.uint16]
     threads: int
 
@@ -63,20 +63,22 @@ class _Scanned:
         sensors, geometry = press.sensors, press.geometry
         expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
         in_place = predict(page, sensors=sensors, geometry=geometry)
-        known = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
-        _ = known.added.images
-        return cls(known=known, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads)
+        design = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
+        _ = design.added.images
+        return cls(
+            design=design, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads
+        )
 
     def at_first(self) -> tuple[ScanAnalysis, list[Observed]]:
-        found = analyse(self.known, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
+        analysis = analyse(self.design, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
         scatter = Scatter.white()
-        return found, screen_statistics(
-            found.sums, found.marks, found.fit, found.found, scatter, threads=self.threads
+        return analysis, screen_statistics(
+            analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=self.threads
         )
 
     def at_both(self) -> object:
-        found, seen = self.at_first()
-        whole = found.of_every_mode()
+        analysis, seen = self.at_first()
+        whole = analysis.of_every_mode()
         return remaining_statistics(whole.sums, Scatter.white(), seen, threads=self.threads)
 
 
@@ -101,11 +103,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
             page, planned.expected, sensors=sensors, geometry=geometry, fringes=True, glyphs=True
         )
 
-    def analysed(known: PreparedPage) -> ScanAnalysis:
-        return analyse(known, scan, looked_at=SCREEN_MODES)
+    def analysed(design: PreparedPage) -> ScanAnalysis:
+        return analyse(design, scan, looked_at=SCREEN_MODES)
 
-    def at_first(known: PreparedPage) -> ScanAnalysis:
-        analysis = analysed(known)
+    def at_first(design: PreparedPage) -> ScanAnalysis:
+        analysis = analysed(design)
         screen_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
         return analysis
 

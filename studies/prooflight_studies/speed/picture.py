@@ -34,7 +34,7 @@ def machine() -> str:
 
 def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
-    found = {
+    results = {
         "machine": machine(),
         "picture": PICTURE,
         "rows": rows,
@@ -42,19 +42,19 @@ def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder
         "reached": REACHED,
         "costs": costs,
     }
-    write_page(folder / "performance.md", "speed", found)
+    write_page(folder / "performance.md", "speed", results)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)
 
 
 def _drawn(rows: Sequence[SpeedRow]) -> Figure:
     """Draw bars on a logarithmic axis: photo pages with their baselines, then growth."""
-    kept = [row for row in rows if row.name.endswith(", photo")]
+    photos = [row for row in rows if row.name.endswith(", photo")]
     grown = [row for row in rows if row.name.startswith("growth")]
     figure = Figure(figsize=(8, 7.5), dpi=110, layout="constrained")
-    axes = figure.subplots(2, 1, height_ratios=[len(kept), max(len(grown), 1)])
+    axes = figure.subplots(2, 1, height_ratios=[len(photos), max(len(grown), 1)])
     for axis, part, title in (
-        (axes[0], kept, "A photo page, one core"),
+        (axes[0], photos, "A photo page, one core"),
         (axes[1], grown, "Prediction of a mixed page as things grow, one core"),
     ):
         names = [row.name.removesuffix(", photo").removeprefix("growth: ") for row in part]

@@ -21,7 +21,7 @@ from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows, in_turns
-from prooflight_studies.speed.detector import LOOKS, MOVED, detector_works, grown_works
+from prooflight_studies.speed.detector import MOVED, PASSES, detector_works, grown_works
 from prooflight_studies.speed.device_profile import cmyk_to_lab
 
 if TYPE_CHECKING:
@@ -104,13 +104,13 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     out = np.empty(width // 8 * 8, np.float32)
     part = page.cmyk[: max(height // 8, 1)].reshape(-1, 4).T / np.float32(2 * NODE_STEP)
 
-    def ours() -> None:
+    def look_up() -> None:
         look_up_page(packed, quantised, none, out)
 
     size = packed.size / 1e6
     return _rows(
         {
-            f"look-up, {name}": (ours, height * out.size / 1e6),
+            f"look-up, {name}": (look_up, height * out.size / 1e6),
             f"lcms2, {name}": (lambda: transform.apply(image, target), size),
             f"scipy map_coordinates, {name}": (
                 lambda: ndimage.map_coordinates(small, part, order=1),
@@ -238,17 +238,17 @@ def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
         rows = round(times * len(base.cmyk))
         tall = np.concatenate([base.cmyk] * max(round(times), 1))[:rows]
         grown[f"{times:g} pages long"] = replace(base, cmyk=np.ascontiguousarray(tall)), press
-    found = []
+    timed = []
     for name, one in grown.items():  # one after the other, for a design of several pages takes a gigabyte
-        found += _rows(grown_works({name: one}))
+        timed += _rows(grown_works({name: one}))
     for threads in (1, min(2, os.cpu_count() or 1)):
         whole = {f"{threads} threads, by the wall": (base, press)}
-        found += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
-    first = {look: next(row for row in found if look in row.name).mpx_per_cpu_s for look in LOOKS}
+        timed += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
+    first = {look: next(row for row in timed if look in row.name).mpx_per_cpu_s for look in PASSES}
     return [
         replace(row, ratio=round(row.mpx_per_cpu_s / first[look], 2))
-        for row in found
-        for look in LOOKS
+        for row in timed
+        for look in PASSES
         if look in row.name
     ]
 

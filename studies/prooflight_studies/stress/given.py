@@ -91,15 +91,15 @@ def _tables(raw: dict[str, Any], of: str, kinds: Mapping[str, type[Kind]]) -> di
     for name in given:
         if name not in kinds:
             raise Misfit(f"{of}.{shortly(name)}", "is not known here")
-    found = {}
+    parsed = {}
     for name, kind in kinds.items():
         if name not in given:
             raise Misfit(f"{of}.{name}", "is missing")
-        found[name] = checked(kind, given[name], under=f"{of}.{name}.")
-    return found
+        parsed[name] = checked(kind, given[name], under=f"{of}.{name}.")
+    return parsed
 
 
-def _named(what: str, known: Mapping[str, Kind], name: str) -> Kind:
-    if name not in known:
-        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(known)}")
-    return known[name]
+def _named(what: str, entries: Mapping[str, Kind], name: str) -> Kind:
+    if name not in entries:
+        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(entries)}")
+    return entries[name]

@@ -402,10 +402,10 @@ def _changed(page: Page, other: Page) -> Box | None:
 
 def _content(page: Page, rng: np.random.Generator) -> tuple[int, int] | None:
     """Return a random pixel (row, column) that has ink; None: there is none."""
-    found = np.argwhere(page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP].max(axis=2) >= INKED)
-    if not len(found):
+    inked = np.argwhere(page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP].max(axis=2) >= INKED)
+    if not len(inked):
         return None
-    row, column = found[int(rng.integers(len(found)))] * SAMPLE_STEP
+    row, column = inked[int(rng.integers(len(inked)))] * SAMPLE_STEP
     return int(row), int(column)
 
 
@@ -420,14 +420,14 @@ def _windows(page: Page, window_mm: tuple[float, float], rng: np.random.Generato
                 return None
             boxes.append(Box.around(page, middle, width_mm=width_mm, height_mm=height_mm))
         one, other = boxes
-        apart = (
+        separate = (
             one.bottom <= other.top
             or other.bottom <= one.top
             or one.right <= other.left
             or other.right <= one.left
         )
         shown, elsewhere = (page.cmyk[box.rows, box.columns] for box in boxes)
-        if apart and not np.array_equal(shown, elsewhere):
+        if separate and not np.array_equal(shown, elsewhere):
             return one, other
     return None
 

@@ -12,7 +12,7 @@ from prooflight.rng import stream
 from prooflight.simulation.captures import Printed
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.protocol import OTHERS
-from prooflight_studies.press.scans import places_mm, what_is_said
+from prooflight_studies.press.scans import places_mm, scan_row
 from prooflight_studies.stress.marks import MARKS, draw_mark
 from prooflight_studies.stress.stressed import stressed
 
@@ -63,11 +63,11 @@ class StressWork:
         designs = {index: bench.design(index) for index in day.designs}
         for name in ("", *self.nuisances):
             under = self._under(bench, name, day) if name else bench
-            for index, (good, known) in designs.items():
-                self._add(table, under, good, known, index, nuisance=name)
+            for index, (good, prepared) in designs.items():
+                self._add(table, under, good, prepared, index, nuisance=name)
         for kind in self.marks:
             mark = self.stress.mark(kind)
-            for index, (good, known) in designs.items():
+            for index, (good, prepared) in designs.items():
                 number = list(MARKS).index(kind)
                 rng = stream(self.scene.seed, "stress-mark", self.scene.number, index, number)
                 drawn = draw_mark(good.page, mark, rng=rng, compose=self._composing(bench, index))
@@ -75,8 +75,8 @@ class StressWork:
                     table.unmade.append((kind, index))
                     continue
                 wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
-                said = f"{kind} {drawn.variant}".strip()
-                self._add(table, bench, wrong, known, index, kind=said, regions_mm=drawn.regions_mm)
+                label = f"{kind} {drawn.variant}".strip()
+                self._add(table, bench, wrong, prepared, index, kind=label, regions_mm=drawn.regions_mm)
         for name in self.wrong_under:
             self._add_wrong(table, bench, self._under(bench, name, day) if name else bench, designs, name)
         return table.rows()
@@ -97,14 +97,14 @@ class StressWork:
         name: str,
     ) -> None:
         """Add one misprint of each design, the same whatever the nuisance."""
-        for index, (good, known) in designs.items():
+        for index, (good, prepared) in designs.items():
             rng, kind = self.scene.rng(index, 1), self.scene.kind(index, 1)
             others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
             wrong = bench.wrong(good, kind, others, rng)
             if wrong is None:
                 table.unmade.append((kind, index))
                 continue
-            self._add(table, under, wrong, known, index, nuisance=name, kind=kind, rng=rng)
+            self._add(table, under, wrong, prepared, index, nuisance=name, kind=kind, rng=rng)
 
     def _under(self, bench: PressDay, name: str, day: Day) -> PressDay:
         under = stressed(
@@ -122,7 +122,7 @@ class StressWork:
         table: _Table,
         bench: PressDay,
         printed: Printed,
-        known: PreparedPage,
+        prepared: PreparedPage,
         index: int,
         *,
         nuisance: str = "",
@@ -131,7 +131,7 @@ class StressWork:
         rng: np.random.Generator | None = None,
     ) -> None:
         scan = bench.scan(printed, self.scene.rng(index, COPY) if rng is None else rng)
-        said, table.names = what_is_said(bench, known, scan, self.scatter)
+        row, table.names = scan_row(bench, prepared, scan, self.scatter)
         facts = {
             "design": index,
             "kind": kind,
@@ -139,7 +139,7 @@ class StressWork:
             "day": table.day.designs[0],
             "severity": printed.severity,
         }
-        for name, value in {**facts, **said, "places": places_mm(regions_mm)}.items():
+        for name, value in {**facts, **row, "places": places_mm(regions_mm)}.items():
             table.columns[name].append(value)
 
 
@@ -154,10 +154,10 @@ class _Table:
 
     def rows(self) -> Rows:
         rows = {name: np.array(values) for name, values in self.columns.items()}
-        words = {name: rows[name].astype("U24") for name in ("kind", "nuisance")}
-        beside = {
+        labels = {name: rows[name].astype("U24") for name in ("kind", "nuisance")}
+        extra = {
             "unmade_kind": np.array([kind for kind, _ in self.unmade], "U24"),
             "unmade_design": np.array([index for _, index in self.unmade], np.int64),
             "names": np.array(self.names, "U48"),
         }
-        return rows | words | beside
+        return rows | labels | extra

@@ -113,18 +113,18 @@ def run_stress_study(
     """
     plan, stress = plan or StressPlan(), load_stress(stress_file)
     press_file = at_pitch(PressFile.preset(TWO_SENSORS), REDUCED_PITCH_MM)
-    untaught = build_press(press_file, seed=SPECIMEN_SEED)
+    untrained = build_press(press_file, seed=SPECIMEN_SEED)
     progress("building the press as `press build` does")
     press = trained(
-        untaught,
-        Corpus(seed=BUILD_SEED, dpi=untaught.dpi),
+        untrained,
+        Corpus(seed=BUILD_SEED, dpi=untrained.dpi),
         designs=DESIGNS,
         seed=plan.seed,
         processes=processes,
     )
     assert press.ours is not None
     bench = _Bench(
-        press=untaught,
+        press=untrained,
         press_file=press_file,
         scatter=press.ours.model.scatter,
         stress=stress,
@@ -134,7 +134,7 @@ def run_stress_study(
         progress=progress,
     )
     every = bench.rows()
-    found = judged_stress(press.ours, every, plan)
+    judged = judged_stress(press.ours, every, plan)
     of_real = None if real is None else _as_built(press.ours, bench.real_rows(real), plan)
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
@@ -145,7 +145,7 @@ def run_stress_study(
         "stress": stress.digest,
         "unmade": _unmade(every["marks"]),
         "real": of_real,
-        **found,
+        **judged,
     }
     write_page(results / "stress.md", "stress", page)
     return page
@@ -185,7 +185,7 @@ class _Bench:
             "wrong": replace(plain, wrong_under=("", COSTLY)),
             "good": plain,
         }
-        return {name: self._made(works[name], days, name) for name, days in self.plan.sets.items()}
+        return {name: self._computed(works[name], days, name) for name, days in self.plan.sets.items()}
 
     def real_rows(self, real: Folder) -> Rows:
         """Return rows of the real pages that the press sees in full width.
@@ -196,7 +196,7 @@ class _Bench:
         fits = [self.press.geometry.sees(min(size)) for size in real.sizes_mm]
         designs = [index for index in range(self.plan.rounds * len(fits)) if fits[index % len(fits)]]
         work = StatisticsWork(scene=self._scene(pages, REAL_SCENE), scatter=self.scatter)
-        return self._made(work, in_days("stress", designs, self.plan.per_day), "real")
+        return self._computed(work, in_days("stress", designs, self.plan.per_day), "real")
 
     def _scene(self, pages: Designs, number: int) -> Scene:
         path = self.cache / f"{self.press.digest[:16]}.press"
@@ -204,7 +204,7 @@ class _Bench:
         self.press.save(path)
         return Scene(press=path, pages=pages, seed=self.plan.seed, number=number, misprints=1)
 
-    def _made(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
+    def _computed(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
         facts = {
             "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
             "stress": self.stress.digest,
@@ -236,16 +236,16 @@ class Rounds:
         return replace(self.folder.page(index % len(self.folder)), name=design_name(index))
 
 
-def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
+def judged_stress(detector: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
     """Judge the rows by the detector as built, and as recalibrated on each nuisance's good pages."""
     learn, judge, wrong = every["learn"], every["judge"], every["wrong"]
-    fits = {name: _fit(ours, learn, name) for name in np.unique(learn["nuisance"]).tolist() if name}
+    fits = {name: _fit(detector, learn, name) for name in np.unique(learn["nuisance"]).tolist() if name}
     nuisances = []
     for name in ["", *fits]:
         here = judge["nuisance"] == name
         fit = fits.get(name)
         day = judge["day"][here]
-        alarm, told = _judged_runs(ours, judge, here, plan.seed)
+        alarm, told = _judged_runs(detector, judge, here, plan.seed)
         after, told_after = (None, None) if fit is None else _judged_runs(fit, judge, here, plan.seed)
         beyond = [alarm[day == one].mean() > MOST_UNTOLD for one in np.unique(day)]
         of_beyond = [page for page, far in zip(told, beyond, strict=True) if far and page is not None]
@@ -265,79 +265,83 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
         )
     return {
         "nuisances": nuisances,
-        "marks": [_mark(ours, every["marks"], kind) for kind in np.unique(every["marks"]["kind"]) if kind],
+        "marks": [
+            _mark(detector, every["marks"], kind) for kind in np.unique(every["marks"]["kind"]) if kind
+        ],
         "costly": COSTLY,
-        "caught": _caught(ours, wrong, wrong["nuisance"] == ""),
+        "caught": _caught(detector, wrong, wrong["nuisance"] == ""),
         "caught_costly": _caught(fits[COSTLY], wrong, wrong["nuisance"] == COSTLY),
-        "composed": _as_built(ours, _plain(every), plan),
+        "composed": _as_built(detector, _plain(every), plan),
         "floor": True,
     }
 
 
-def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetector:
+def _fit(detector: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetector:
     """Calibrate on those good pages as `press learn` does."""
     here = rows["nuisance"] == nuisance
     return fit_for(
-        ours.model,
-        ours.references,
+        detector.model,
+        detector.references,
         Pages.of(rows).rows(here),
         rows["another"][here],
-        false_alarm_rate=ours.promise.asked,
-        misprint_rate=ours.misprint_rate,
+        false_alarm_rate=detector.promise.asked,
+        misprint_rate=detector.misprint_rate,
         real=True,
         glyphs=rows["glyphs"][here],
     )
 
 
 def _scores(
-    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
+    detector: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the ranking's scores, and those of ranking, glyphs and floor together."""
-    ranking = certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
-    return ranking, _of_all_tests(ours, ranking, rows, here)
+    ranking = certain_score(detector.model, Pages.of(rows).rows(here), rows["another"][here])
+    return ranking, _of_all_tests(detector, ranking, rows, here)
 
 
 def _of_all_tests(
-    ours: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
+    detector: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Return scores above the threshold where ranking, glyphs or floor alarm; of another page neither of the last."""
     another = rows["another"][here]
     glyphs, floor_mm2 = (
         np.where(another, none, rows[name][here]) for name, none in (("glyphs", NONE), ("floor_mm2", 0.0))
     )
-    return np.array([ours.decide(*one).score for one in zip(ranking, glyphs, floor_mm2, strict=True)])
+    return np.array([detector.decide(*one).score for one in zip(ranking, glyphs, floor_mm2, strict=True)])
 
 
 def _judged_runs(
-    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
+    detector: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
 ) -> tuple[NDArray[np.bool_], list[int | None]]:
     """Return which pages alarm, and for each run the page at which the test rejects exchangeability (None: never)."""
-    found: list[int | None] = []
-    pages, (ranking, score) = Pages.of(rows).rows(here), _scores(ours, rows, here)
-    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), ranking)
+    ends: list[int | None] = []
+    pages, (ranking, score) = Pages.of(rows).rows(here), _scores(detector, rows, here)
+    page_summaries = summaries(
+        detector.model, detector.model.deviations(pages.values, pages.page_features), ranking
+    )
     day = rows["day"][here]
     for number, one in enumerate(np.unique(day)):
-        test, rng = ExchangeabilityTest.of(ours), stream(seed, "stress-ties", number)
+        test, rng = ExchangeabilityTest.of(detector), stream(seed, "stress-ties", number)
         after = None
-        for count, summary in enumerate(said[day == one], 1):
+        for count, summary in enumerate(page_summaries[day == one], 1):
             test.add(summary, rng)
             if test.suspended:
                 after = count
                 break
-        found.append(after)
-    return score > ours.threshold, found
+        ends.append(after)
+    return score > detector.threshold, ends
 
 
-def _mark(ours: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
+def _mark(detector: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
     here = rows["kind"] == kind
-    ranking, score = _scores(ours, rows, here)
-    caught, without = (int((one > ours.threshold).sum()) for one in (score, ranking))
+    ranking, score = _scores(detector, rows, here)
+    caught, without = (int((one > detector.threshold).sum()) for one in (score, ranking))
     return {"kind": str(kind), "count": int(here.sum()), "caught": caught, "without_glyphs": without}
 
 
-def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> dict[str, Any]:
+def _caught(detector: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> dict[str, Any]:
     here = where & (rows["kind"] != "")
-    hit = _scores(ours, rows, here)[1] > ours.threshold
+    hit = _scores(detector, rows, here)[1] > detector.threshold
     upper = rows["severity"][here] >= 1 / 3
     return {
         "count": int(hit.size),
@@ -362,7 +366,7 @@ def _plain(every: dict[str, Rows]) -> Rows:
     return {column: np.concatenate([part[column] for part in parts]) for column in columns}
 
 
-def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
+def _as_built(detector: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
     """Return false alarms, misses, kinds named and c(1) of the detector as it was built.
 
     Kinds are those named by the ranking; the verdicts of glyphs or floor alone name none of the twelve kinds. c(1) is
@@ -371,16 +375,19 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
     for times in np.unique(rows["widening"]):
-        here, model = rows["widening"] == times, ours.model.widened(times)
+        here, model = rows["widening"] == times, detector.model.widened(times)
         those, another = pages.rows(here), rows["another"][here]
         score[here] = certain_score(model, those, another)
-        said = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
-        named[here] = said == those.kind
-    by_ranking, score = score > ours.threshold, _of_all_tests(ours, score, rows, np.ones(score.size, bool))
-    bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
+        kinds = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
+        named[here] = kinds == those.kind
+    by_ranking, score = (
+        score > detector.threshold,
+        _of_all_tests(detector, score, rows, np.ones(score.size, bool)),
+    )
+    bad, alarm, upper = pages.bad, score > detector.threshold, rows["severity"] >= 1 / 3
     judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
     cost = bootstrap_cost(
-        judged, 1.0, threshold=_least_cost_elsewhere(ours), rng=stream(plan.seed, "stress-bootstrap")
+        judged, 1.0, threshold=_least_cost_elsewhere(detector), rng=stream(plan.seed, "stress-bootstrap")
     )
     return {
         "good": int((~bad).sum()),
@@ -398,8 +405,8 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     }
 
 
-def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
-    good, wrong = ours.scores.reference.worst, shipped_ranking().misprints
+def _least_cost_elsewhere(detector: CalibratedDetector) -> float:
+    good, wrong = detector.scores.reference.worst, shipped_ranking().misprints
     number = np.arange(good.size + wrong.size)
     bad = number >= good.size
     pages = Scored(score=np.concatenate([good, wrong]), bad=bad, design=number, day=number)

@@ -51,7 +51,7 @@ class SheetTexture:
         The field is mirrored beyond the nodes.
         """
         column, row = ((each / self.pitch_mm + REACH_NODES).astype(np.float32) for each in (x_mm, y_mm))
-        found: NDArray[np.float32] = cv2.remap(
+        values: NDArray[np.float32] = cv2.remap(
             self.nodes, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
         )
-        return found
+        return values

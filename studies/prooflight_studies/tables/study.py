@@ -121,9 +121,9 @@ def page_colours(
     if packed.size > FREQUENT + OTHERS:
         order = np.argsort(-pixels, kind="stable")
         drawn = np.sort(rng.choice(order[FREQUENT:], OTHERS, replace=False))
-        kept = np.concatenate([order[:FREQUENT], drawn])
+        chosen = np.concatenate([order[:FREQUENT], drawn])
         times[drawn] = (packed.size - FREQUENT) / OTHERS
-        packed, pixels, times = packed[kept], pixels[kept], times[kept]
+        packed, pixels, times = packed[chosen], pixels[chosen], times[chosen]
     return packed.view(np.uint8).reshape(-1, 4), times, pixels * times
 
 
@@ -134,21 +134,21 @@ def job_colours(
 
     most: number of pages at most. JobError: see ``open_job``.
     """
-    found = []
+    per_page = []
     with open_job(path, dpi=DPI) as job:
         count = len(job) if most is None else min(most, len(job))
         for number in range(1, count + 1):
             progress(f"colours of {name}, page {number} of {count}")
-            found.append(page_colours(job.page(number), stream(seed, "table-colours", number)))
+            per_page.append(page_colours(job.page(number), stream(seed, "table-colours", number)))
     files = sorted(path.glob("*.pdf")) if path.is_dir() else [path]
     sha = hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files))
     return Colours(
         name=name,
         source=f"{count} page{'s' if count > 1 else ''} at {DPI:g} dpi, SHA-256 `{sha.hexdigest()[:16]}`",
-        cmyk=np.concatenate([cmyk for cmyk, _, _ in found]),
-        times=np.concatenate([times for _, times, _ in found]),
-        pixels=np.concatenate([pixels for _, _, pixels in found]),
-        page=np.repeat(np.arange(count), [len(cmyk) for cmyk, _, _ in found]),
+        cmyk=np.concatenate([cmyk for cmyk, _, _ in per_page]),
+        times=np.concatenate([times for _, times, _ in per_page]),
+        pixels=np.concatenate([pixels for _, _, pixels in per_page]),
+        page=np.repeat(np.arange(count), [len(cmyk) for cmyk, _, _ in per_page]),
     )
 
 
@@ -296,13 +296,13 @@ def _worst_page(error: NDArray[np.float64], weight: NDArray[np.float64], page: N
 
 def _worst(error: NDArray[np.float64], cmyk: NDArray[np.uint8]) -> tuple[Worst, ...]:
     """Return the colours with the largest errors, each once."""
-    found: dict[tuple[float, ...], float] = {}
+    errors: dict[tuple[float, ...], float] = {}
     for place in np.argsort(-np.abs(error), kind="stable"):
         recipe = tuple(round(value / 2.55, 1) for value in cmyk[place].tolist())
-        found.setdefault(recipe, float(error[place]))
-        if len(found) == WORST:
+        errors.setdefault(recipe, float(error[place]))
+        if len(errors) == WORST:
             break
     return tuple(
         Worst(cmyk_percent=(c, m, y, k), error_sigma=error_sigma)
-        for (c, m, y, k), error_sigma in found.items()
+        for (c, m, y, k), error_sigma in errors.items()
     )

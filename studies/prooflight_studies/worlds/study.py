@@ -145,7 +145,7 @@ def agreement(page: Page, rig: Rig, rng: np.random.Generator) -> Agreement:
     )
 
 
-def together_rms(rows: list[Agreement]) -> tuple[float, float]:
+def pooled_rms(rows: list[Agreement]) -> tuple[float, float]:
     """Return rms over the pixels of all pieces: difference of means [sigma], relative difference of variances [-]."""
     pixels = np.array([row.pixels for row in rows], np.float64)
     mean = np.array([row.mean_rms_sigma for row in rows])
@@ -156,7 +156,7 @@ def together_rms(rows: list[Agreement]) -> tuple[float, float]:
 
 def world_results(rows: list[Agreement], *, seed: int) -> dict[str, Any]:
     """Return all figures of the page."""
-    mean, variance = together_rms(rows)
+    mean, variance = pooled_rms(rows)
     return {
         "seed": seed,
         "worlds": worlds_digest(),

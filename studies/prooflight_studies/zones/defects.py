@@ -44,8 +44,8 @@ def printed_with(
     if sort == "density":
         share = of_area * (strength / 100)
     elif sort == "spot":
-        apart = np.hypot(x - x0, (y - y0)[:, None])
-        share = disc(apart, diameter_mm=strength, pixel_mm=page.pixel_mm)
+        distance = np.hypot(x - x0, (y - y0)[:, None])
+        share = disc(distance, diameter_mm=strength, pixel_mm=page.pixel_mm)
     else:
         share = of_area * (np.abs(x - x0) <= STREAK_MM / 2) * (strength / 100)
     ink = page.cmyk.astype(np.float64)

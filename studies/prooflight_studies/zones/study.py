@@ -49,7 +49,7 @@ CAME: Final = 2
 """Number of prints at the predicted strength, of each sort in each zone."""
 GOOD: Final = 40
 """Number of fresh good prints of a page, with each set of zones."""
-BESIDE_MM: Final = (0.6, 3.0)
+NEAR_MM: Final = (0.6, 3.0)
 """Distance of a defect's middle from an ignored zone, beyond its own reach and the strip of 0.5 mm."""
 LEAST_PRINTED: Final = 0.25
 """Least share of a piece that must be printed."""
@@ -90,7 +90,7 @@ class PageRows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class ZonesResults:
     """Results of the study, as the page shows them."""
 
     seed: int
@@ -115,7 +115,7 @@ class Found:
 
 def run_zones_study(
     out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
-) -> Found:
+) -> ZonesResults:
     """Compute the cost of careful and ignored zones on pages, then print; writes zones.md."""
     progress("making a press")
     press = build_press(PressFile.prototype(), seed=SPECIMEN_SEED, pixels=PIXELS)
@@ -127,9 +127,9 @@ def run_zones_study(
         rows.append(one)
         progress(f"page {done} of {pages}")
     assert press.ours is not None
-    found = found_of(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
-    write_page(out / "zones.md", "zones", found)
-    return found
+    results = zones_results(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
+    write_page(out / "zones.md", "zones", results)
+    return results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +160,7 @@ class Pieces:
 
 def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
     """Return zones spread over a page, each at a random position in a cell of its own."""
-    found = []
+    zones = []
     columns, rows = 3, ZONES_A_PAGE // 3
     cell = PAGE_MM[0] / columns, PAGE_MM[1] / rows
     for number in range(ZONES_A_PAGE):
@@ -169,8 +169,8 @@ def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
             round(place * side + float(rng.uniform(2.0, side - extent - 2.0)), 2)
             for place, side, extent in zip((column, row), cell, ZONE_MM, strict=True)
         )
-        found.append(ZoneEntry(name=f"{kind} {number + 1}", kind=kind, rectangle_mm=(x, y, *ZONE_MM)))
-    return found
+        zones.append(ZoneEntry(name=f"{kind} {number + 1}", kind=kind, rectangle_mm=(x, y, *ZONE_MM)))
+    return zones
 
 
 def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> PageRows:
@@ -203,7 +203,7 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         bench = Bench(source, press, ignored.priced(without.entry), seed=seed * 1000 + index)
         good |= {"ignored": bench.good(10 if quick else GOOD, first=1000)}
         inside = {sort.name: bench.inside(sort.name) for sort in SORTS}
-        beside = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
+        near = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
     return PageRows(
         careful_zones=len(careful.document.zones),
         ignored_zones=len(ignored.document.zones),
@@ -211,7 +211,7 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         rest=rest,
         inside={name: zoned for name, (zoned, _) in inside.items()},
         inside_bare={name: bare for name, (_, bare) in inside.items()},
-        beside=beside,
+        beside=near,
         good={name: zoned for name, (zoned, _) in good.items()},
         good_bare={name: bare for name, (_, bare) in good.items()},
     )
@@ -238,8 +238,8 @@ class Bench:
 
     def good(self, count: int, *, first: int) -> tuple[Tally, Tally]:
         """Count alarms on fresh good prints, with zones and without."""
-        said = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
-        return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*said, strict=True))  # type: ignore[return-value]
+        outcomes = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
+        return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*outcomes, strict=True))  # type: ignore[return-value]
 
     def foretold(self, price: Any, *, came: int) -> Iterator[dict[str, Any]]:
         """Yield the predicted cost of every careful zone and sort, and the alarms of prints at that strength."""
@@ -268,10 +268,10 @@ class Bench:
             for area in self.areas
             if area.kind == "ignore"
         ]
-        said = [self._tally(sort, STRONG[sort], area, 1) for area in wholly]
+        outcomes = [self._tally(sort, STRONG[sort], area, 1) for area in wholly]
         return tuple(  # type: ignore[return-value]
             Tally(prints=sum(one.prints for one in column), alarms=sum(one.alarms for one in column))
-            for column in zip(*said, strict=True)
+            for column in zip(*outcomes, strict=True)
         )
 
     def beside(self, sort: str) -> Iterator[dict[str, Any]]:
@@ -279,22 +279,22 @@ class Bench:
         others = [area for area in self.areas if area.kind == "ignore"]
         for area in others:
             near = Area(
-                name=area.name, kind="beside", holds=partial(_beside, area=area, sort=sort, others=others)
+                name=area.name, kind="beside", holds=partial(_near, area=area, sort=sort, others=others)
             )
-            spoilt = self._printed_with(sort, STRONG[sort], near)
-            if spoilt is None:
+            misprinted = self._printed_with(sort, STRONG[sort], near)
+            if misprinted is None:
                 continue
-            with_zones, without = self.alarms(spoilt, self._rng(self._count()))
+            with_zones, without = self.alarms(misprinted, self._rng(self._count()))
             yield {"sort": sort, "with": with_zones, "without": without}
 
     def _tally(self, sort: str, strength: float, area: Area, count: int) -> tuple[Tally, Tally]:
-        said = []
+        outcomes = []
         for _ in range(count):
-            spoilt = self._printed_with(sort, strength, area)
-            if spoilt is not None:
-                said.append(self.alarms(spoilt, self._rng(self._count())))
-        zoned, bare = ([pair[at] for pair in said] for at in (0, 1))
-        return Tally(prints=len(said), alarms=sum(zoned)), Tally(prints=len(said), alarms=sum(bare))
+            misprinted = self._printed_with(sort, strength, area)
+            if misprinted is not None:
+                outcomes.append(self.alarms(misprinted, self._rng(self._count())))
+        zoned, bare = ([pair[at] for pair in outcomes] for at in (0, 1))
+        return Tally(prints=len(outcomes), alarms=sum(zoned)), Tally(prints=len(outcomes), alarms=sum(bare))
 
     def _printed_with(self, sort: str, strength: float, area: Area) -> Page | None:
         rng = self._rng(self._count())
@@ -312,19 +312,19 @@ def _within(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, reach: float
 ) -> NDArray[np.bool_]:
     """Return an area without the strip of this width inside its edges."""
-    found = area.holds(x, y)
+    inside = area.holds(x, y)
     for dx in (-reach, 0.0, reach):
         for dy in (-reach, 0.0, reach):
-            found &= area.holds(x + dx, y + dy)
-    return found
+            inside &= area.holds(x + dx, y + dy)
+    return inside
 
 
-def _beside(
+def _near(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, sort: str, others: list[Area]
 ) -> NDArray[np.bool_]:
     """Return a frame about a zone, outside of it and of other zones; streaks run through it up and down."""
     reach = STRONG["spot"] / 2 if sort == "spot" else 0.5
-    inner, outer = (BESIDE_MM[0] + reach, BESIDE_MM[1] + reach)
+    inner, outer = (NEAR_MM[0] + reach, NEAR_MM[1] + reach)
     near = np.zeros((y.size, x.size), bool)
     for dx in np.linspace(-outer, outer, 7):
         for dy in np.linspace(-outer, outer, 7):
@@ -349,16 +349,16 @@ def _finite(value: float) -> float | None:
     return round(float(value), 3) if np.isfinite(value) else None
 
 
-def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> Found:
+def zones_results(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> ZonesResults:
     """Combine the rows of all pages."""
     foretold = [row for one in rows for row in one.foretold]
-    beside = [row for one in rows for row in one.beside]
+    near = [row for one in rows for row in one.beside]
 
     def tally(part: str, name: str) -> dict[str, int]:
         tallies = [getattr(one, part)[name] for one in rows]
         return {"prints": sum(one.prints for one in tallies), "alarms": sum(one.alarms for one in tallies)}
 
-    return Found(
+    return ZonesResults(
         seed=seed,
         quick=quick,
         pages=len(rows),
@@ -405,7 +405,7 @@ def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = 
                 "lost": sum(row["without"] and not row["with"] for row in of),
             }
             for sort in ("spot", "streak")
-            if (of := [row for row in beside if row["sort"] == sort]) is not None
+            if (of := [row for row in near if row["sort"] == sort]) is not None
         ],
         good=[
             {"zones": name, "with": tally("good", name), "without": tally("good_bare", name)}
@@ -420,12 +420,12 @@ def _medians(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     null: not caught in half of the zones.
     """
-    told: dict[str, Any] = {"zones": len(rows)}
+    figures: dict[str, Any] = {"zones": len(rows)}
     for name in ("before", "after"):
         values = [np.inf if row[name] is None else row[name] for row in rows]
-        told[name] = _finite(float(np.median(values))) if values else None
-        told[f"{name}_known"] = sum(np.isfinite(value) for value in values)
+        figures[name] = _finite(float(np.median(values))) if values else None
+        figures[f"{name}_known"] = sum(np.isfinite(value) for value in values)
     both = [row["before"] / row["after"] for row in rows if row["before"] and row["after"]]
-    told["better"] = round(float(np.median(both)), 2) if both else None
-    told["compared"] = len(both)
-    return told
+    figures["better"] = round(float(np.median(both)), 2) if both else None
+    figures["compared"] = len(both)
+    return figures

@@ -86,7 +86,7 @@ def test_what_is_shipped_is_what_was_judged(lessons: list[Lesson], tmp_path: Pat
 
 
 def test_each_row_is_judged_once_by_other_press_days(lessons: list[Lesson]) -> None:
-    training = study.Taught.of(lessons)
+    training = study.TrainingRows.of(lessons)
     work = study.FoldWork(training=training, seed=5)
     folds = [work((index, "")) for index in range(study.FOLDS)]
     assert sorted(np.concatenate([one.rows for one in folds]).tolist()) == list(range(400))
@@ -105,7 +105,7 @@ def test_each_row_is_judged_once_by_other_press_days(lessons: list[Lesson]) -> N
 
 
 def test_each_press_is_made_fit_by_its_own_good_pages_of_the_other_days(lessons: list[Lesson]) -> None:
-    training = study.Taught.of(lessons)
+    training = study.TrainingRows.of(lessons)
     pages, mine = training.pages, training.fold == 1
     found = study.FoldWork(training=training, seed=5)((1, ""))
     model = training.model(~mine, stream(5, "ranking-fold", 1), TREES)
@@ -121,7 +121,7 @@ def test_each_press_is_made_fit_by_its_own_good_pages_of_the_other_days(lessons:
 
 
 def test_a_kind_that_is_left_out_teaches_nothing_and_alone_is_judged(lessons: list[Lesson]) -> None:
-    training = study.Taught.of(lessons)
+    training = study.TrainingRows.of(lessons)
     found = study.FoldWork(training=training, seed=5)((0, "streak"))
     assert set(training.pages.kind[found.rows]) == {"", "streak"}
     assert "streak" not in set(found.kind)

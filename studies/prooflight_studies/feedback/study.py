@@ -96,7 +96,7 @@ class FeedbackResults:
     alone: Row
     """Calibration by the labels of alarms alone, at that moment."""
     goal: Row
-    """Row at ``GOAL_TOLD`` pages, or as many as there were."""
+    """Row at ``GOAL_LABELLED`` pages, or as many as there were."""
     refused_below: int
     """Number of sampled good pages below which the product refuses to recalibrate."""
     missed_covered: float
@@ -136,7 +136,7 @@ class History:
 
     before: Judged
     by_told: dict[int, tuple[float, int, Judged]]
-    """Threshold, sheets printed by then, and its rates, for each of ``TOLD`` that was reached."""
+    """Threshold, sheets printed by then, and its rates, for each of ``LABELLED`` that was reached."""
     alone: dict[int, tuple[float, int, Judged]]
     """The same at the same moments, by the confirmed false alarms alone."""
     naive: list[tuple[float, Judged]]

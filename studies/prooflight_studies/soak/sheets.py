@@ -131,7 +131,7 @@ def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random
 def drawn_faults(sheets: int, *, every: int, spacing: int, rng: np.random.Generator) -> dict[int, DrumFault]:
     """Draw faults of all kinds, evenly, one in ``every`` sheets on average.
 
-    They are at least ``apart`` sheets from each other.
+    They are at least ``spacing`` sheets from each other.
     """
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
     faults, sheet = dict[int, DrumFault](), spacing

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("uvicorn", reason='needs pip install "prooflight[server]"')
 
 from prooflight.detectors.disposition import without_gate
-from prooflight_studies.console.beside import BLOCKS, Beside, _figures, paired_difference, slope
+from prooflight_studies.console.beside import BLOCKS, LoadPlan, _figures, paired_difference, slope
 from prooflight_studies.console.study import ALARM_EVERY, ConsoleFigures, Delay, Load, _delay, _sheet
 from prooflight_studies.harness.page import page_text, plain
 
@@ -93,7 +93,7 @@ def beside(*, paired: bool, path: Path) -> dict[str, Any]:
     ]
     seen = [(at + 0.5, 100.0 + 10.0 * (at // 20 % 2) + at // 40, at == 25, "good") for at in range(120)]
     samples = [{"s": 2.0 * at, "watch": 500.0 + at / 900, "console": 90.0} for at in range(60)]
-    plan = Beside(
+    plan = LoadPlan(
         press=path / "a4.press",
         job=path / "job.pdf",
         rate_hz=1.0,

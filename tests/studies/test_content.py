@@ -7,9 +7,9 @@ import pytest
 import zxingcpp
 
 from prooflight.rng import stream
-from prooflight_studies.content.numbers import text_found
+from prooflight_studies.content.numbers import text_results
 from prooflight_studies.content.sheets import DAMAGES, Damage, code_sheet, damaged
-from prooflight_studies.content.study import Cost, Row, _found
+from prooflight_studies.content.study import Cost, Row, _results
 from prooflight_studies.content.text_sheets import POINTS, WRONGS, text_sheet, with_wrong_digit
 from prooflight_studies.harness.page import page_text, plain
 
@@ -67,7 +67,7 @@ def test_the_page_counts_what_was_read() -> None:
         row(damage=void, grade=1.0),
         row(damage=void, asked=False, right=False),
     ]
-    found = _found(rows, [Cost(finding_ms=60, reading_ms=4, codes=2)], seed=1, sheets=1)
+    found = _results(rows, [Cost(finding_ms=60, reading_ms=4, codes=2)], seed=1, sheets=1)
     (total, _) = found.totals
     assert (total["printed"], total["asked"], total["read"]) == (5, 4, 3)
     of_void = next(one for one in found.damaged if one["damage"] == "void" and one["pitch_mm"] == 0.105)
@@ -110,7 +110,7 @@ def test_counts_of_numbers_are_those_of_their_rows() -> None:
         "named": np.array([False, True, False, False]),
         "s": np.array([-20.0, 100.0, 3.0, 5.0]),
     }
-    found = text_found([(0.254, rows)], seed=1, sheets=1)
+    found = text_results([(0.254, rows)], seed=1, sheets=1)
     (swapped,) = [one for one in found.caught if (one["points"], one["wrong"]) == (6, "swapped")]
     assert (swapped["printed"], swapped["before"], swapped["after"], swapped["near"]) == (2, 1, 2, 1)
     assert found.good == [{"pitch_mm": 0.254, "printed": 1, "before": 0, "after": 0, "named": 0}]

@@ -25,7 +25,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.rng import stream
 from prooflight_studies.detectability import study
-from prooflight_studies.detectability.closed_form import Reach, Telling
+from prooflight_studies.detectability.closed_form import Reach, Strengths
 from prooflight_studies.detectability.defects import paled, patched, spotted, streaked
 from prooflight_studies.detectability.findings import DEFECTS, job_results
 from prooflight_studies.detectability.study import run_detectability_study
@@ -55,12 +55,12 @@ def spot_mm(wanted: float, power: float) -> float:
     return float(Reach.of(told(sums(power)), dict.fromkeys(DEFECTS, wanted)).spot_mm[40, 30])
 
 
-def told(of: Sums, *, noise: float = 1.0) -> Telling:
+def told(of: Sums, *, noise: float = 1.0) -> Strengths:
     """With an estimate of each ink's gain at a standard deviation of 0.5 of what is assumed."""
     statistics = [Observed(statistic=Statistic("fit", "gain", letter), value=2.0) for letter in INK_LETTERS]
     gain = np.zeros((4, 3))
     gain[:, 0] = PrintPrior().gain
-    return Telling.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), statistics, scattered(noise))  # type: ignore[arg-type]
+    return Strengths.of(of, SimpleNamespace(gain=gain, prior=PrintPrior()), statistics, scattered(noise))  # type: ignore[arg-type]
 
 
 def sums(power: float, *, rows: int = 80, columns: int = 60) -> Sums:

@@ -19,11 +19,11 @@ from prooflight_studies.edges.rig import (
     Sheet,
     averaged,
     in_columns,
-    made_round,
     predicted,
     rip_part,
     sampled,
     truth,
+    with_round_footprint,
 )
 from prooflight_studies.edges.study import ErrorSum
 
@@ -99,7 +99,7 @@ def test_from_its_own_raster_the_product_predicts_edges_to_a_fraction_of_sigma(
     assert true.edges.sum() > 1000
     short = predicted(rig, sheet, page, corrected=False)
     plain = rms_at_edges(in_columns(rig, short), true)
-    round_ = rms_at_edges(in_columns(rig, made_round(rig, short)), true)
+    round_ = rms_at_edges(in_columns(rig, with_round_footprint(rig, short)), true)
     ours = rms_at_edges(in_columns(rig, predicted(rig, sheet, page)), true)
     # table error and column calibration are 0.05 and 0.02 of sigma
     assert round_ < 0.25

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from prooflight.rng import stream
-from prooflight_studies.feedback.pool import PROMISED, Pool, PoolPlan
-from prooflight_studies.feedback.study import GOAL_FACTOR, TOLD, _found, history
+from prooflight_studies.feedback.pool import TARGET_RATE, Pool, PoolPlan
+from prooflight_studies.feedback.study import GOAL_FACTOR, LABELLED, _results, history
 from prooflight_studies.harness.page import page_text, plain
 
 DAYS, A_DAY = 60, 100
@@ -32,12 +32,12 @@ def pool() -> Pool:
 def test_the_sample_keeps_the_promise_and_alarms_alone_break_it(pool: Pool) -> None:
     """12 histories of seed 2: the mean's standard error is 0.1 of the promise, so a factor of 1.5 is far."""
     lived = [history(pool, stream(2, "feedback-weeks", number)) for number in range(12)]
-    found = _found(pool, lived, plan=PoolPlan.quick(2), quick=True)
-    assert found.goal.told == TOLD[-1]
-    assert 1 / GOAL_FACTOR < found.goal.realised / PROMISED < GOAL_FACTOR
+    found = _results(pool, lived, plan=PoolPlan.quick(2), quick=True)
+    assert found.goal.told == LABELLED[-1]
+    assert 1 / GOAL_FACTOR < found.goal.realised / TARGET_RATE < GOAL_FACTOR
     before, naive = found.rows[0], found.alone
     assert before.realised == pytest.approx(0.1, abs=0.01)
-    assert naive.realised < PROMISED / 3
+    assert naive.realised < TARGET_RATE / 3
     assert naive.caught < found.goal.caught - 0.2
     assert found.refused_below == 99
     assert found.missed_covered >= 0.75

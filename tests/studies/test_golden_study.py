@@ -13,7 +13,7 @@ from tests.stand_ins import others
 from prooflight.errors import RequestError, ScanError
 from prooflight_studies.golden.figures import Outcome, Setting, figures
 from prooflight_studies.golden.pairs import GoldenPair, halves, matched, overlap, read_pairs
-from prooflight_studies.golden.study import judged, looked_at, tuned
+from prooflight_studies.golden.study import analysed, judged, tuned
 from prooflight_studies.golden.transforms import CUT_PIXELS, set_off, shifted, transformed, turned, warped
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def drawn_pair(name: str, seed: int) -> GoldenPair:
 
 def test_tuning_finds_the_margin_that_the_markers_left() -> None:
     pairs = [drawn_pair(f"pair{seed}", seed) for seed in range(3)]
-    looked = looked_at(pairs, "difference, opened")
+    looked = analysed(pairs, "difference, opened")
     setting = tuned(looked)
     assert setting.margin_pixels == 9
     said = [judged(*one, setting) for one in looked]
@@ -121,7 +121,7 @@ def test_fields_move_by_no_more_than_they_say(field: Field, most: float) -> None
 
 def test_what_is_found_on_a_mark_that_is_cut_is_neither_right_nor_false() -> None:
     pair = drawn_pair("pair", 2)
-    (looked,) = looked_at([pair])
+    (looked,) = analysed([pair])
     whole = judged(*looked, SETTING)
     assert (whole.hits, whole.false) == (2, 0)
     without = replace(pair, marked=pair.marked[:1], kinds=(5,))
@@ -132,7 +132,7 @@ def test_what_is_found_on_a_mark_that_is_cut_is_neither_right_nor_false() -> Non
 
 def test_a_pair_that_does_not_fit_finds_nothing() -> None:
     pair = drawn_pair("pair", 3)
-    seen = dict.fromkeys(looked_at([pair])[0][1])
+    seen = dict.fromkeys(analysed([pair])[0][1])
     said = judged(pair, seen, SETTING)
     assert (said.unfit, said.hits, said.false) == (True, 0, 0)
 
@@ -197,7 +197,7 @@ def pairs_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_every_defect_of_a_few_pairs_is_found_and_nothing_else(pairs_folder: Path) -> None:
     tuning, _ = halves(read_pairs(pairs_folder))
-    said = [judged(*one, SETTING) for one in looked_at(tuning[:3])]
+    said = [judged(*one, SETTING) for one in analysed(tuning[:3])]
     assert len(said) == 3
     assert sum(one.hits for one in said) == sum(len(one.kinds) for one in said)
     assert sum(one.false for one in said) == 0

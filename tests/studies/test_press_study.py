@@ -17,10 +17,10 @@ from prooflight_studies.press.judging import (
     ALPHAS,
     OURS,
     PARTS,
-    Kept,
+    RateCheck,
+    alarms_by_others,
+    check_rates,
     judged,
-    kept_promises,
-    promised_by_others,
 )
 from prooflight_studies.press.results import near, press_results
 from prooflight_studies.press.scans import PLACES, Scene
@@ -123,7 +123,7 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     good = {name: column[further["kind"] == ""] for name, column in further.items() if name != "unmade_kind"}
     third = {name: column for name, column in drawn_rows(3).items() if name not in ("names", "unmade_kind")}
     trial = {name: column[third["kind"] == ""] for name, column in third.items()}
-    (often, seldom), tried = kept_promises(verdicts, good, trial, calibration={0.1: 100, 0.01: DESIGNS})
+    (often, seldom), tried = check_rates(verdicts, good, trial, calibration={0.1: 100, 0.01: DESIGNS})
     ours = verdicts.methods[OURS]
     assert tried[0].alarms.shape == tried[1].alarms.shape == (DESIGNS,)
     assert (tried[1].alarms <= tried[0].alarms).all()
@@ -155,9 +155,9 @@ def test_a_page_meets_the_threshold_of_the_other_pages() -> None:
     score = np.array([0.3, 0.9, 0.1, 0.5, 0.95, 0.85])
     bad = np.array([False, False, False, False, True, True])
     scored = Scored(score=score, bad=bad, design=np.array([0, 1, 2, 3, 0, 1]), day=np.zeros(6, np.int64))
-    assert promised_by_others(scored, 0.25).tolist() == [False, True, False, False, True, True]
+    assert alarms_by_others(scored, 0.25).tolist() == [False, True, False, False, True, True]
     with pytest.raises(ValueError, match="cannot promise"):
-        promised_by_others(scored, 0.2)
+        alarms_by_others(scored, 0.2)
 
 
 def test_places_are_right_within_five_millimetres() -> None:
@@ -181,8 +181,8 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         fringes=False,
         main=rows,
         verdicts=verdicts,
-        kept=[Kept(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
-        tried=[Kept(rate=0.001, designs=5000, alarms=np.zeros(123, bool))],
+        kept=[RateCheck(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
+        tried=[RateCheck(rate=0.001, designs=5000, alarms=np.zeros(123, bool))],
         looser={"variations 1.5 times those assumed": alarms},
         ideal=verdicts,
         real=verdicts.methods[OURS],

@@ -86,18 +86,18 @@ def test_what_is_shipped_is_what_was_judged(lessons: list[Lesson], tmp_path: Pat
 
 
 def test_each_row_is_judged_once_by_other_press_days(lessons: list[Lesson]) -> None:
-    taught = study.Taught.of(lessons)
-    work = study.FoldWork(taught=taught, seed=5)
+    training = study.TrainingRows.of(lessons)
+    work = study.FoldWork(training=training, seed=5)
     folds = [work((index, "")) for index in range(study.FOLDS)]
     assert sorted(np.concatenate([one.rows for one in folds]).tolist()) == list(range(400))
-    days = [set(taught.day[one.rows]) for one in folds]
+    days = [set(training.day[one.rows]) for one in folds]
     assert not any(days[a] & days[b] for a in range(4) for b in range(a))
-    mine = taught.fold == 2
-    values = taught.pages.values.copy()
+    mine = training.fold == 2
+    values = training.pages.values.copy()
     values[np.flatnonzero(mine)[:-1]] *= (
         7  # what others of the fold say changes nothing of the last one's score
     )
-    other = study.FoldWork(taught=replace(taught, pages=replace(taught.pages, values=values)), seed=5)(
+    other = study.FoldWork(training=replace(training, pages=replace(training.pages, values=values)), seed=5)(
         (2, "")
     )
     assert (other.score[:, -1] == folds[2].score[:, -1]).all()
@@ -105,15 +105,15 @@ def test_each_row_is_judged_once_by_other_press_days(lessons: list[Lesson]) -> N
 
 
 def test_each_press_is_made_fit_by_its_own_good_pages_of_the_other_days(lessons: list[Lesson]) -> None:
-    taught = study.Taught.of(lessons)
-    pages, mine = taught.pages, taught.fold == 1
-    found = study.FoldWork(taught=taught, seed=5)((1, ""))
-    model = taught.model(~mine, stream(5, "ranking-fold", 1), TREES)
+    training = study.TrainingRows.of(lessons)
+    pages, mine = training.pages, training.fold == 1
+    found = study.FoldWork(training=training, seed=5)((1, ""))
+    model = training.model(~mine, stream(5, "ranking-fold", 1), TREES)
     for press in (0, 1):
         here = pages.press == press
         fit = adapted(model, pages.rows(here & ~mine & ~pages.bad))
         judged = pages.rows(here & mine)
-        plain = ~taught.another[here & mine]
+        plain = ~training.another[here & mine]
         asked = fit.score(judged.values, judged.page_features)[plain]
         # 320 are more than there are: all of them made it fit, whose order says nothing
         assert found.score[-1, here[found.rows]][plain] == pytest.approx(asked)
@@ -121,7 +121,7 @@ def test_each_press_is_made_fit_by_its_own_good_pages_of_the_other_days(lessons:
 
 
 def test_a_kind_that_is_left_out_teaches_nothing_and_alone_is_judged(lessons: list[Lesson]) -> None:
-    taught = study.Taught.of(lessons)
-    found = study.FoldWork(taught=taught, seed=5)((0, "streak"))
-    assert set(taught.pages.kind[found.rows]) == {"", "streak"}
+    training = study.TrainingRows.of(lessons)
+    found = study.FoldWork(training=training, seed=5)((0, "streak"))
+    assert set(training.pages.kind[found.rows]) == {"", "streak"}
     assert "streak" not in set(found.kind)

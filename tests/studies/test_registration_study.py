@@ -16,7 +16,7 @@ from prooflight.simulation.worlds import Amounts
 from prooflight_studies.registration import study
 from prooflight_studies.registration.results import COLUMNS
 from prooflight_studies.registration.study import FindDesign, Task
-from prooflight_studies.registration.truth import plane_parts, printed_at, said_at
+from prooflight_studies.registration.truth import plane_parts, printed_at, reported_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -141,5 +141,5 @@ def test_planes_that_are_found_where_they_were_drawn_leave_no_error(press: Press
         placement=replace(print_.placement, shift_mm=tuple(np.add(print_.placement.shift_mm, middle))),
         planes_mm=planes_mm - middle,
     )
-    truth, said = printed_at(print_, parts, page), said_at(found, parts)  # type: ignore[arg-type]
+    truth, said = printed_at(print_, parts, page), reported_at(found, parts)  # type: ignore[arg-type]
     np.testing.assert_allclose(said.shift_mm, truth.shift_mm, atol=1e-9)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from prooflight.errors import RequestError
-from prooflight_studies.resolution.study import FINER, PRINTED_DPI, Row, _found, run_resolution_study
+from prooflight_studies.resolution.study import FINER, PRINTED_DPI, Row, _results, run_resolution_study
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ def test_rows_are_counted_by_resolution_and_raster(trained_press: Press) -> None
         row(printed_dpi=1200, finer=2, misprint="streak", alarm=True),
         row(printed_dpi=1200, finer=2, misprint="scum"),
     ]
-    found = _found(rows, trained_press, seed=1, pages=2)
+    found = _results(rows, trained_press, seed=1, pages=2)
     by = {(one["printed_dpi"], one["finer"]): one for one in found.rows}
     assert (by[600, 1]["alarms"], by[600, 1]["good"], by[600, 1]["odd"]) == (1, 2, 1)
     assert (by[1200, 2]["alarms"], by[1200, 2]["caught"], by[1200, 2]["misprints"]) == (1, 1, 2)

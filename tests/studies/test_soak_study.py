@@ -104,7 +104,7 @@ def test_a_sheet_cut_out_otherwise_is_counted() -> None:
 
 
 def test_faults_lie_apart_and_every_so_many_sheets() -> None:
-    faults = drawn_faults(20_000, every=12, apart=6, rng=np.random.default_rng(1))
+    faults = drawn_faults(20_000, every=12, spacing=6, rng=np.random.default_rng(1))
     places = np.array(list(faults))
     assert np.diff(places).min() >= 6
     assert 20_000 / places.size == pytest.approx(12, rel=0.05)  # 1,700 faults: standard error 0.13

@@ -22,10 +22,10 @@ from prooflight_studies.zones.study import (
     ZONES_A_PAGE,
     PageRows,
     Tally,
-    _beside,
+    _near,
     _within,
-    found_of,
     zones_of,
+    zones_results,
 )
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def test_places_within_and_beside_ignored_zones(zones: PageZones) -> None:
         inner = partial(_within, area=area, reach=1.0)(x, y)
         assert inner.any()
         assert not (inner & ~area.holds(x, y)).any()
-        beside = _beside(x, y, area=area, sort="spot", others=areas)
+        beside = _near(x, y, area=area, sort="spot", others=areas)
         assert not (beside & everywhere).any()
 
 
@@ -135,7 +135,7 @@ def test_the_page_counts_its_rows() -> None:
         good={name: Tally(prints=40, alarms=1) for name in ("careful", "ignored")},
         good_bare={name: Tally(prints=40, alarms=0) for name in ("careful", "ignored")},
     )
-    found = found_of([rows, rows], seed=1, promised=0.01)
+    found = zones_results([rows, rows], seed=1, promised=0.01)
     spot = found.price[0]
     assert (spot["prints"], spot["alarms"], spot["zones"], spot["before_known"], spot["compared"]) == (
         8,

@@ -1,8 +1,8 @@
-"""How well a chart's scans replace data sheet and spectrometer; writes ``calibration.md``.
+"""Accuracy of calibration by a chart's scans instead of data sheet and spectrometer; writes ``calibration.md``.
 
-A 300 dpi colour line camera scans printed charts in both worlds (``simulation.fast``); the truth is known and never
-looked at by the calibration. Two truths are told apart: what these prints' own inks and paper were, on average, and
-what the session's press prints on average. A calibration can know the first; the second only from many prints.
+A 300 dpi colour line camera scans printed charts in both worlds (``simulation.fast``); the truth is known and not used
+by the calibration. Two truths are distinguished: the average inks and paper of these prints, and the average of what
+the session's press prints. A calibration can determine the first; the second only from many prints.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ GOAL_SIGMA: Final = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationRow:
-    """One calibration judged on one set of colours; errors in a pixel's temporal sigma, all sensors together."""
+    """Errors of one calibration on one set of colours, in a pixel's temporal sigma, all sensors together."""
 
     world: str
     patches: int
@@ -64,28 +64,28 @@ class CalibrationRow:
     prints: int
     colours: str
     own_rms: float
-    """Against what these prints' inks and paper were, on average."""
+    """Rms error relative to the average inks and paper of these prints."""
     own_max: float
     session_rms: float
-    """Against the session's inks on these prints' paper."""
+    """Rms error relative to the session's inks on these prints' paper."""
     session_paper_rms: float
-    """Against the session's inks on the paper as it should be."""
+    """Rms error relative to the session's inks on the nominal paper."""
     left_out: float
-    """What the calibration itself says: patches predicted from all others."""
+    """Error that the calibration itself reports: patches predicted from all others."""
     sigma_percent: float
     """Rms error of sigma."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Printed:
-    """One print of a page of a chart, scanned and read, and what it did."""
+    """One print of a page of a chart, its scan, and its true variations."""
 
     scan: ScanRead
     done: Print
 
 
 def camera_at(dpi: float) -> PressFile:
-    """The preset of a colour line camera, so far from the page that its pixels lie 25.4 mm / dpi apart on it."""
+    """Return the preset of a colour line camera, moved so that its pixel pitch on the page is 25.4 mm / dpi."""
     preset = PressFile.preset("rgb-line.toml")
     lens, sensor = preset.camera().lens, preset.camera().sensors[0]
     magnification = sensor.pixel_pitch_um * 1e-3 * dpi / MM_PER_INCH
@@ -95,7 +95,7 @@ def camera_at(dpi: float) -> PressFile:
 
 
 def calm(amounts: Amounts) -> Amounts:
-    """The ideal world: nothing varies."""
+    """Return the amounts of the ideal world: nothing varies."""
     blocks = {}
     for block in ("page", "register", "ink", "paper", "lamp", "camera"):
         values = getattr(amounts, block)
@@ -121,8 +121,8 @@ def print_charts(
     rng: np.random.Generator,
     progress: Callable[[str], None],
 ) -> list[list[Printed]]:
-    """Every page of a chart, ``prints`` times: printed, scanned, read."""
-    found = []
+    """Print, scan and read every page of a chart, ``prints`` times."""
+    printed = []
     for number in range(prints):
         pages = []
         for page_number in range(1, placed.pages + 1):
@@ -134,16 +134,16 @@ def print_charts(
             write_scan(path, fast_scan(page, press, session, done, rng=rng), facts={})
             pages.append(Printed(scan=read_scan(path, placed), done=done))
             path.unlink()
-        found.append(pages)
-    return found
+        printed.append(pages)
+    return printed
 
 
 def true_dn(
     press: Press, session: Session, prints: Sequence[tuple[Print | None, float]], cmyk: NDArray[np.uint8]
 ) -> NDArray[np.float64]:
-    """What the sensors' columns see of even colours on average over prints with weights, (sensors, n) above dark [DN].
+    """Return the mean signal of the sensors' columns for even colours, over prints with weights.
 
-    None for a print: the session's mean, with the paper and the lamp as they should be.
+    The result is (sensors, n) above dark [DN]. None for a print: the session's mean, with nominal paper and lamp.
     """
     nominal = cmyk / 255
     seen = np.zeros((len(press.sensors), len(cmyk)))
@@ -163,7 +163,7 @@ def true_dn(
 
 
 def _middle(press: Press) -> slice:
-    """Columns that see every page."""
+    """Return the columns that see every page."""
     pixels = press.geometry.pixels
     return slice(pixels // 8, -(pixels // 8))
 
@@ -175,7 +175,10 @@ def judged(
     done: Sequence[Printed],
     colours: Mapping[str, NDArray[np.uint8]],
 ) -> list[dict[str, float | str]]:
-    """Errors of a calibrated press on sets of colours against both truths, in sigma, all sensors together."""
+    """Return the errors of a calibrated press on sets of colours against both truths, in sigma.
+
+    The errors of all sensors are taken together.
+    """
     patches = np.array([printed.scan.patches.recipe.size for printed in done], dtype=np.float64)
     own = [(printed.done, weight) for printed, weight in zip(done, patches / patches.sum(), strict=True)]
     results: list[dict[str, float | str]] = []
@@ -212,7 +215,7 @@ def judged(
 def _noise_curve(
     press: Press, session: Session, index: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Light and true temporal variance before rounding of one sensor."""
+    """Return light and true temporal variance before rounding of one sensor."""
     sensor = true_sensors(session, press)[index]
     return np.linspace(0, sensor.noise_top_dn, sensor.noise_dn2.size), sensor.noise_dn2.astype(np.float64)
 
@@ -227,7 +230,7 @@ def run_calibration_study(
 ) -> list[CalibrationRow]:
     """Print, scan and calibrate with more and more patches and prints; writes ``calibration.md`` into ``results``.
 
-    jobs: name -> PDF or folder whose pages' colours count, beside colours at random. quick: one small chart.
+    jobs: name -> PDF or folder whose pages' colours are used, in addition to random colours. quick: one small chart.
     """
     patches, prints, dpi = QUICK if quick else (PATCHES, PRINTS, DPI)
     most = 3 if quick else None
@@ -265,6 +268,6 @@ def run_calibration_study(
                             **errors,  # type: ignore[arg-type]
                         )
                     )
-    found = {"seed": seed, "dpi": dpi, "worlds": worlds_digest(), "goal_sigma": GOAL_SIGMA, "rows": rows}
-    write_page(results / "calibration.md", "calibration", found)
+    figures = {"seed": seed, "dpi": dpi, "worlds": worlds_digest(), "goal_sigma": GOAL_SIGMA, "rows": rows}
+    write_page(results / "calibration.md", "calibration", figures)
     return rows

@@ -1,1 +1,1 @@
-"""What cameras do to a run: lines to the byte, losses by name, deaths and returns, cameras in step."""
+"""The study of cameras: lines to the byte, losses, failures and returns, and synchronised cameras."""

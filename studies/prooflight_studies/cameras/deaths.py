@@ -1,4 +1,7 @@
-"""Cameras that die, hang, are taken by another, and return, while a job is watched: how soon that is said."""
+"""Cameras that fail, hang, are taken by another program, and return, while a job is watched.
+
+The time until each is reported is measured.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.job import from_file
 from prooflight_studies.cameras.peer import ID, alone, plugged_in
-from prooflight_studies.cameras.rig import told, verdict
+from prooflight_studies.cameras.rig import next_message, verdict
 
 if TYPE_CHECKING:
     import subprocess
@@ -25,19 +28,19 @@ if TYPE_CHECKING:
     from prooflight_studies.cameras.rig import Rig
 
 KINDS: Final = ("unplugged", "frozen", "hung")
-"""The camera is gone; it answers nothing; it answers, and sends nothing."""
+"""Kinds of failure: the camera is missing; it does not answer; it answers, but sends nothing."""
 LINE_HZ: Final = 1000.0
 AWAY_S: Final = 1.0
-"""From the notice to the camera's return."""
+"""Time from the notice to the camera's return."""
 BETWEEN_SHEETS: Final = 3
 LONGEST_S: Final = 60.0
 TAKEN_S: Final = 1.5
-"""For which another program holds the camera."""
+"""Time for which another program holds the camera."""
 
 
 @dataclass(slots=True)
 class Turning:
-    """The encoder of a press that runs: it tells its camera how far it has gone."""
+    """Encoder of a running press, which reports its position to the camera."""
 
     begun_s: float = field(default_factory=time.monotonic)
     peer: Peer | None = None
@@ -45,34 +48,34 @@ class Turning:
     ended: threading.Event = field(default_factory=threading.Event)
 
     def line(self) -> int:
-        """That passes now."""
+        """Return the line that passes now."""
         return round((time.monotonic() - self.begun_s) * LINE_HZ)
 
     def run(self) -> None:
-        """Until ``ended``."""
+        """Report the position until ``ended`` is set."""
         while not self.ended.wait(0.1):
             with self.guard:
                 if self.peer is not None:
-                    self.peer.told("encoder", self.line())
+                    self.peer.send("encoder", self.line())
 
 
 def death_figures(rig: Rig, *, deaths: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Each death by itself, and the sheets of all."""
+    """Return the figures of each failure, and of the sheets of all."""
     usual = {row[0] % rig.prints: row[1] for row in from_file(rig, rig.prints)}
     rows: list[dict[str, Any]] = []
     turning = Turning()
     with plugged_in(rig.played) as (peer,):
-        process, said = watched(rig)
+        process, messages = watched(rig)
         encoder = threading.Thread(target=turning.run, daemon=True)
         sheets: list[dict[str, Any]] = []
-        until(said, sheets, sheets_more=BETWEEN_SHEETS)
+        until(messages, sheets, sheets_more=BETWEEN_SHEETS)
         turning.begun_s, turning.peer = time.monotonic(), peer
         encoder.start()
         for number in range(deaths):
             kind = KINDS[number % len(KINDS)]
             progress(f"death {number + 1} of {deaths}: {kind}")
-            rows.append(_death(kind, peer, turning, said, sheets))
-            until(said, sheets, sheets_more=BETWEEN_SHEETS)
+            rows.append(_death(kind, peer, turning, messages, sheets))
+            until(messages, sheets, sheets_more=BETWEEN_SHEETS)
         turning.ended.set()
         encoder.join()
         process.send_signal(signal.SIGINT)
@@ -100,7 +103,7 @@ def _death(
     kind: str,
     peer: Peer,
     turning: Turning,
-    said: queue.Queue[tuple[float, dict[str, Any]]],
+    messages: queue.Queue[tuple[float, dict[str, Any]]],
     sheets: list[dict[str, Any]],
 ) -> dict[str, Any]:
     before = len(sheets)
@@ -113,8 +116,8 @@ def _death(
             turning.peer = None
             peer.freeze()
         else:
-            peer.told("lost", 1.0)
-    noticed_s, text = until(said, sheets, notice="camera-away")
+            peer.send("lost", 1.0)
+    noticed_s, text = until(messages, sheets, notice="camera-away")
     time.sleep(AWAY_S)
     with turning.guard:
         if kind == "unplugged":
@@ -122,13 +125,13 @@ def _death(
         elif kind == "frozen":
             peer.thaw()
         else:
-            peer.told("lost", 0.0)
-        peer.told("at", turning.line())
-        peer.told("encoder", turning.line())
+            peer.send("lost", 0.0)
+        peer.send("at", turning.line())
+        peer.send("encoder", turning.line())
         turning.peer = peer
     returned_s = time.monotonic()
-    back_s, _ = until(said, sheets, notice="camera-back")
-    until(said, sheets, sheets_more=1)
+    back_s, _ = until(messages, sheets, notice="camera-back")
+    until(messages, sheets, sheets_more=1)
     own = sheets[before:]
     return {
         "kind": kind,
@@ -141,32 +144,32 @@ def _death(
 
 
 def watched(rig: Rig) -> tuple[subprocess.Popen[str], queue.Queue[tuple[float, dict[str, Any]]]]:
-    """A run whose camera waits for its encoder, and what it tells, with when it was told."""
+    """Start a run whose camera waits for its encoder; return it with a queue of its messages and their times."""
     process = rig.watch(
         *("--source", f"camera:{ID}", "--sheets", 100_000),
         *("--camera", rig.settings(rate_hz=LINE_HZ, trigger="encoder")),
     )
-    said: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
-    threading.Thread(target=_read, args=(process, said), daemon=True).start()
-    return process, said
+    messages: queue.Queue[tuple[float, dict[str, Any]]] = queue.Queue()
+    threading.Thread(target=_read, args=(process, messages), daemon=True).start()
+    return process, messages
 
 
-def _read(process: subprocess.Popen[str], said: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
-    while (row := told(process)) is not None:
-        said.put((time.monotonic(), row))
+def _read(process: subprocess.Popen[str], messages: queue.Queue[tuple[float, dict[str, Any]]]) -> None:
+    while (row := next_message(process)) is not None:
+        messages.put((time.monotonic(), row))
 
 
 def until(
-    said: queue.Queue[tuple[float, dict[str, Any]]],
+    messages: queue.Queue[tuple[float, dict[str, Any]]],
     sheets: list[dict[str, Any]],
     *,
     notice: str = "",
     sheets_more: int = 0,
 ) -> tuple[float, str]:
-    """When a notice was told, or so many more sheets; all sheets told until then are added."""
+    """Wait for a notice, or for so many more sheets, and return its time; all sheets until then are added."""
     wanted = len(sheets) + sheets_more
     while True:
-        at_s, row = said.get(timeout=LONGEST_S)
+        at_s, row = messages.get(timeout=LONGEST_S)
         if "verdict" in row:
             sheets.append(row)
             if not notice and len(sheets) >= wanted:
@@ -176,21 +179,21 @@ def until(
 
 
 def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Another program takes control of viva's simulated camera, holds it for a while and lets go."""
+    """Let another program take control of viva's simulated camera, hold it for a while and release it."""
     import viva_genicam
     from viva_genicam.testing import FakeGigeCamera
 
     rows = []
-    asked = CameraSettings()
+    settings = CameraSettings()
     for number in range(times):
         progress(f"taken by another program, {number + 1} of {times}")
         with alone(), FakeGigeCamera(width=512, height=64, fps=20) as camera:
-            said: queue.Queue[tuple[float, str, str]] = queue.Queue()
+            messages: queue.Queue[tuple[float, str, str]] = queue.Queue()
             source = CameraLines(
-                lambda: ready(found_camera("viva:127.0.0.1"), asked, where="the study"),
+                lambda: ready(found_camera("viva:127.0.0.1"), settings, where="the study"),
                 name="camera",
-                settings=asked,
-                tell=partial(_noted, said),
+                settings=settings,
+                tell=partial(_noted, messages),
             )
             came = threading.Event()
             thread = threading.Thread(target=_heard, args=(source, came), daemon=True)
@@ -199,19 +202,19 @@ def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[s
             begun_s = time.monotonic()
             camera.revoke_control()
             other = viva_genicam.connect_gige(camera.device_info())
-            noticed_s, _, text = said.get(timeout=LONGEST_S)
+            noticed_s, _, text = messages.get(timeout=LONGEST_S)
             time.sleep(TAKEN_S)
             other.close()
             let_go_s = time.monotonic()
-            back_s, _, _ = said.get(timeout=LONGEST_S)
+            back_s, _, _ = messages.get(timeout=LONGEST_S)
             source.close()
             thread.join()
         rows.append({"noticed_after_s": noticed_s - begun_s, "back_after_s": back_s - let_go_s, "said": text})
     return rows
 
 
-def _noted(said: queue.Queue[tuple[float, str, str]], kind: str, text: str) -> None:
-    said.put((time.monotonic(), kind, text))
+def _noted(messages: queue.Queue[tuple[float, str, str]], kind: str, text: str) -> None:
+    messages.put((time.monotonic(), kind, text))
 
 
 def _heard(source: CameraLines, came: threading.Event) -> None:

@@ -1,9 +1,10 @@
-"""A GigE Vision camera on loopback that plays lines of our own: Aravis' simulated camera in a process of its own.
+"""A GigE Vision camera on loopback that plays given lines: Aravis' simulated camera in a process of its own.
 
-``python gige_peer.py LINES.npy DESCRIPTION.xml LOST ADDRESS SERIAL`` says ``ready`` and plays until its standard input
-ends. Blocks show the next lines of the file (lines, bytes), over and over. It knows more features than Aravis' own
-description. Its standard input takes, a line each: ``lost SHARE``, of its packets from now on, ``encoder STEPS``, to
-which its encoder has gone, ``at LINE``, of the file, which comes next, and ``control 0``: nobody controls it any more.
+``python gige_peer.py LINES.npy DESCRIPTION.xml LOST ADDRESS SERIAL`` prints ``ready`` and plays until its standard
+input ends. Blocks show the next lines of the file (lines, bytes), repeatedly. The camera has more features than Aravis'
+own description. Commands on its standard input, a line each: ``lost SHARE``, the share of packets lost from now on;
+``encoder STEPS``, the encoder's new position; ``at LINE``, the line of the file that comes next; ``control 0``: nobody
+controls the camera any more.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from prooflight.scans.cameras.aravis_library import (
 )
 
 ENCODER = 0x3000
-"""A register that Aravis' simulated camera has no use for."""
+"""Address of a register that Aravis' simulated camera does not use."""
 FILL = ctypes.CFUNCTYPE(None, POINTER, POINTER, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 CONTROL = 0xA00
-"""Who may command it, as GigE Vision has it."""
+"""Address of GigE Vision's register for control of the camera."""
 WIDTH, HEIGHT = 0x100, 0x104
 LINE_RATE = """
 <Float Name="AcquisitionLineRate"><pValue>LineRateConverter</pValue><Unit>Hz</Unit></Float>
@@ -53,7 +54,7 @@ PIXEL_FORMATS = {
 
 
 def description() -> str:
-    """Aravis' own, with what a line camera has beside it."""
+    """Return Aravis' own description, with the further features of a line camera."""
     size = SIZE_T()
     plain = plainly("arv_fake_camera_new", POINTER, (TEXT,), b"PL00")
     types = (POINTER, POINTER)
@@ -99,16 +100,18 @@ def main() -> None:
 
     def fill(buffer: int, _data: int, _exposure: int, _gain: int, _form: int) -> None:
         nonlocal at
-        told = UINT()
+        height = UINT()
         types = (POINTER, ctypes.c_uint32, POINTER)
-        plainly("arv_fake_camera_read_register", ctypes.c_int, types, camera, HEIGHT, ctypes.addressof(told))
+        plainly(
+            "arv_fake_camera_read_register", ctypes.c_int, types, camera, HEIGHT, ctypes.addressof(height)
+        )
         size = plainly("arv_fake_camera_get_payload", SIZE_T, (POINTER,), camera)
         ignored = SIZE_T()
         begin = plainly("arv_buffer_get_data", POINTER, (POINTER, POINTER), buffer, ctypes.addressof(ignored))
-        rows = np.arange(at, at + told.value) % len(lines)
+        rows = np.arange(at, at + height.value) % len(lines)
         data = np.ascontiguousarray(lines[rows]).ravel()[:size]
         ctypes.memmove(begin, data.ctypes.data, data.size)
-        at += told.value
+        at += height.value
 
     callback = FILL(fill)
     plainly("arv_fake_camera_set_fill_pattern", None, (POINTER, FILL, POINTER), camera, callback, None)

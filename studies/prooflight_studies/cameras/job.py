@@ -1,4 +1,4 @@
-"""A job watched over the wire by each library, and the same lines from a file: to the byte, verdict by verdict."""
+"""A job watched over the wire by each library, and the same lines from a file: lines to the byte, and verdicts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from prooflight.scans.cameras.backends import BACKENDS, found_camera, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.peer import plugged_in
-from prooflight_studies.cameras.rig import PIXELS, told, verdict
+from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:
     import subprocess
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     from prooflight_studies.cameras.rig import Rig
 
 WATCHED_HZ: Final = 1000.0
-"""Lines a second while sheets are judged: two sheets a second, which any machine keeps up with."""
+"""Line rate while sheets are judged: two sheets a second, which any machine keeps up with."""
 RECORDED_HZ: Final = 8000.0
 EMULATED_LINES: Final = 64
 EMULATED_HZ: Final = 50.0
 """Blocks a second of pylon's emulator."""
 OVER_THE_WIRE: Final = {"aravis": "aravis:PL01", "viva": "viva:127.0.0.1"}
-"""Libraries that read Aravis' simulated camera, and as what they find it."""
+"""Libraries that read Aravis' simulated camera, and the name by which they find it."""
 
 
 def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """A row of each library."""
+    """Return a row for each library."""
     os.environ["PYLON_CAMEMU"] = "1"  # pylon looks at it once, when it is first asked for cameras
     lacks = {one.name: one.lacks for one in BACKENDS}
     progress("the job from a file")
@@ -57,12 +57,12 @@ def job_rows(rig: Rig, *, sheets: int, progress: Callable[[str], None]) -> list[
 
 
 def from_file(rig: Rig, sheets: int, *watch: object) -> list[tuple[Any, ...]]:
-    """Verdicts on so many sheets, the prints over and over."""
-    return [verdict(row) for row in told_from_file(rig, sheets, *watch)]
+    """Return the verdicts on so many sheets, the prints repeated."""
+    return [verdict(row) for row in rows_from_file(rig, sheets, *watch)]
 
 
-def told_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
-    """All that is told of these."""
+def rows_from_file(rig: Rig, sheets: int, *watch: object) -> list[dict[str, Any]]:
+    """Return all messages on these sheets."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "lines.raw")
         with path.open("wb") as file:
@@ -96,7 +96,7 @@ def _row(rig: Rig, camera: str, sheets: int, wanted: list[tuple[Any, ...]]) -> d
 
 
 def _exact(source: CameraLines | SeveralCameras, played: np.ndarray, count: int) -> dict[str, Any]:
-    """How many lines came, how many of them are not what was played, and what was said to be lost."""
+    """Return the numbers of lines that came, of those that differ from the played ones, and of reported faults."""
     lines = other = faults = 0
     first = None
     for block in source.blocks():
@@ -113,13 +113,13 @@ def _exact(source: CameraLines | SeveralCameras, played: np.ndarray, count: int)
 
 
 def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
-    """The emulator of pylon plays a file a block, 8 bits a pixel: the upper bits of each number."""
+    """Play lines through pylon's emulator: a file a block, 8 bits a pixel, the upper bits of each number."""
     lines = (rig.lines >> 4).astype(np.uint8)
     lines = lines[: len(lines) // EMULATED_LINES * EMULATED_LINES]
     with tempfile.TemporaryDirectory() as folder:
         for at in range(0, len(lines), EMULATED_LINES):
             cv2.imwrite(str(Path(folder, f"{at:06}.png")), lines[at : at + EMULATED_LINES])
-        asked = CameraSettings(
+        settings = CameraSettings(
             pixel_format="Mono8",
             block_lines=EMULATED_LINES,
             features={
@@ -131,8 +131,10 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
                 "AcquisitionFrameRateAbs": EMULATED_HZ,
             },
         )
-        found = found_camera("pylon:0815-0000")
-        source = CameraLines(lambda: ready(found, asked, where="the study"), name=found.id, settings=asked)
+        camera = found_camera("pylon:0815-0000")
+        source = CameraLines(
+            lambda: ready(camera, settings, where="the study"), name=camera.id, settings=settings
+        )
         count = min(sheets * rig.trigger, 40_000)
         exact = _exact(source, lines.astype(np.uint16), count)
     return exact | {
@@ -148,7 +150,7 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
 
 def _rows(process: subprocess.Popen[str], sheets: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    while len(rows) < sheets and (row := told(process)) is not None:
+    while len(rows) < sheets and (row := next_message(process)) is not None:
         if "verdict" in row:
             rows.append(row)
     return rows

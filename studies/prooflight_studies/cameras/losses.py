@@ -1,4 +1,4 @@
-"""Losses of every kind, injected where blocks come off the wire: what is said of which lines, and of sheets."""
+"""Losses of every kind, injected where blocks come off the wire: the faults that are reported for lines and sheets."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from prooflight.rng import stream
 from prooflight.scans.cameras.camera import Grab
 from prooflight.scans.cameras.counting import PERIOD, LineCounter
 from prooflight.scans.raw import write_block
-from prooflight_studies.cameras.job import told_from_file
-from prooflight_studies.cameras.rig import PIXELS, told, verdict
+from prooflight_studies.cameras.job import rows_from_file
+from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
 KINDS: Final = ("packets", "block", "triggers")
 BLOCK_LINES: Final = 32
 MOST_PASSED_OVER: Final = 4
-"""Line triggers, within a block."""
+"""Greatest number of line triggers lost within a block."""
 PACKET_BYTES: Final = 1464
-"""Of a payload, in packets of 1500 bytes."""
+"""Bytes of payload, in packets of 1500 bytes."""
 FIRST_ID: Final = 65_401
-"""As Aravis' simulated camera begins: block numbers turn after 135 blocks."""
+"""First block number of Aravis' simulated camera: block numbers wrap around after 135 blocks."""
 FIRST_TRIGGERS: Final = 60_000
-"""The count of triggers has 16 bits as well."""
+"""First count of triggers, which has 16 bits as well."""
 
 
 ALARM: Final = ("sheet", "job_page", "kind", "family", "score", "threshold", "p_value", "reason")
-"""What is kept of a good print that is called a misprint."""
+"""Values that are stored of a good print that is called a misprint."""
 
 
 @dataclass(slots=True)
 class Loss:
-    """One that was injected."""
+    """One injected loss."""
 
     kind: str
     lines: tuple[int, int]
-    """First and behind the last line that it befell, by the triggers of the press."""
+    """First line affected, and the line after the last, by the triggers of the press."""
 
 
 def loss_figures(
     rig: Rig, *, losses: int, sheets: int, seed: int, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Inject, count, judge, and compare with the same sheets as they were."""
+    """Inject losses, count them, judge the sheets, and compare with the same sheets without losses."""
     progress("sheets without a loss")
-    whole = told_from_file(rig, rig.prints)
+    whole = rows_from_file(rig, rig.prints)
     usual = [verdict(row) for row in whole]
     progress(f"{losses} losses on {sheets} sheets")
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def loss_figures(
             )
         process = rig.watch("--source", f"raw:{path}", "--framed", "--sheets", sheets)
         came = []
-        while (row := told(process)) is not None:
+        while (row := next_message(process)) is not None:
             if "verdict" in row and "missing" not in row["faults"]:  # a page that did not come is no sheet
                 came.append(row)
     passed = [round(row["first_line"] / rig.trigger) for row in came]  # of all sheets, by the camera's count
@@ -103,19 +103,19 @@ def loss_figures(
 
 
 def _without(rig: Rig, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Prints that alarm though nothing of them is lost, and how many the press promises."""
-    ours = Press.load(rig.press).ours
-    assert ours is not None
+    """Return the prints that alarm without a loss, and the target false-alarm rate of the press."""
+    detector = Press.load(rig.press).ours
+    assert detector is not None
     alarms = [{name: row[name] for name in ALARM} for row in rows if row["verdict"] == "misprint"]
     low, high = exact_interval(len(alarms), len(rows))
     share = {"value": len(alarms) / len(rows), "low": low, "high": high}
-    return {"alarms": alarms, "share": share, "promised": ours.promise.rate}
+    return {"alarms": alarms, "share": share, "promised": detector.promise.rate}
 
 
 def count_losses(
     rig: Rig, *, losses: int, sheets: int, seed: int, given: Callable[[LineBlock], None]
 ) -> dict[str, Any]:
-    """Inject, count, and compare what is said with what was injected; given: takes every block that comes out."""
+    """Inject losses and compare the reported with the injected ones; given: takes every block that comes out."""
     counter, injected = LineCounter(name="camera"), list[Loss]()
     named, other = np.zeros(sheets * rig.trigger + 10_000, bool), 0
     for grab in _grabs(rig, losses, sheets, seed, injected):
@@ -143,7 +143,7 @@ def count_losses(
 
 
 def _grabs(rig: Rig, losses: int, sheets: int, seed: int, injected: list[Loss]) -> Iterator[Grab]:
-    """Blocks of the prints over and over, with losses spread evenly; what is injected is added to the list."""
+    """Yield blocks of the prints, repeated, with losses spread evenly; the injected losses are added to the list."""
     rng = stream(seed, "camera-losses", 0)
     every = sheets * rig.trigger
     passed_over = MOST_PASSED_OVER * -(-losses // len(KINDS))

@@ -1,4 +1,4 @@
-"""Cameras to plug in: processes that answer on loopback and play lines of our own."""
+"""Simulated cameras: processes that answer on loopback and play given lines."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ID: Final = "Aravis-Fake-PL01"
 
 
 class Peer:
-    """The process, which can be killed and started again as a camera is unplugged and plugged in."""
+    """Process of one camera, which can be killed and restarted as a camera is unplugged and plugged in."""
 
     def __init__(self, folder: Path, *, lost: float, address: str, serial: str) -> None:
         files = [str(folder / "lines.npy"), str(folder / "description.xml")]
@@ -30,7 +30,7 @@ class Peer:
         self._process: subprocess.Popen[str] | None = None
 
     def plug_in(self) -> None:
-        """It answers when this returns."""
+        """Start the camera; it answers when this returns."""
         self._process = subprocess.Popen(
             [sys.executable, str(PEER), *self._arguments],
             stdin=subprocess.PIPE,
@@ -40,8 +40,8 @@ class Peer:
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"
 
-    def told(self, what: str, value: float) -> None:
-        """``lost``, ``encoder``, ``at`` or ``control``; it is so when this returns."""
+    def send(self, what: str, value: float) -> None:
+        """Send a command, ``lost``, ``encoder``, ``at`` or ``control``; it is in effect when this returns."""
         assert self._process is not None
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -50,24 +50,24 @@ class Peer:
         assert self._process.stdout.readline() == "done\n"
 
     def freeze(self) -> None:
-        """It answers nothing any more, as if its cable were out; until ``thaw``."""
+        """Stop the process, so that it does not answer, as if its cable were out; until ``thaw``."""
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """It goes on where it was."""
+        """Continue the process where it was stopped."""
         assert self._process is not None
         self._process.send_signal(signal.SIGCONT)
 
     def unplug(self) -> None:
-        """It is gone when this returns."""
+        """Kill the process; it has ended when this returns."""
         assert self._process is not None
         self._process.kill()
         self._process.communicate()
 
 
 def own_addresses() -> list[str]:
-    """Of this machine's network cards; what is sent there does not leave it."""
+    """Return the address of this machine's network card; what is sent there does not leave the machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         try:
             one.connect(("192.0.2.1", 9))  # nothing is sent: it says from which address that would be
@@ -79,7 +79,7 @@ def own_addresses() -> list[str]:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """No other simulated camera is on this machine meanwhile: GigE Vision has one port."""
+    """Hold a lock so that no other simulated camera runs on this machine: GigE Vision has one port."""
     with Path(tempfile.gettempdir(), "prooflight-gige.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
@@ -87,9 +87,10 @@ def alone() -> Iterator[None]:
 
 @contextmanager
 def plugged_in(*lines: np.ndarray, lost: float = 0.0) -> Iterator[list[Peer]]:
-    """Cameras that play lines of bytes (n, bytes): Aravis-Fake-PL01 at 127.0.0.1, PL02 at this machine's own address.
+    """Start cameras that play lines of bytes (n, bytes).
 
-    lost: share of packets that are never sent.
+    They are Aravis-Fake-PL01 at 127.0.0.1, and PL02 at this machine's own address. lost: share of packets that are
+    never sent.
     """
     addresses = ["127.0.0.1", *own_addresses()]
     with tempfile.TemporaryDirectory() as name, alone(), ExitStack() as stack:

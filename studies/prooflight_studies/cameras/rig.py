@@ -1,4 +1,4 @@
-"""What the study of cameras runs on: a small press, a job of small pages, and the lines of their prints."""
+"""Set-up of the study of cameras: a small press, a job of small pages, and the lines of their prints."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PIXELS: Final = 400
-"""Of the press's line, for sheets of 36 x 44 mm: the prototype's camera, a fifth as wide."""
+"""Pixels of the press's line, for sheets of 36 x 44 mm: the prototype's camera, a fifth as wide."""
 SETTINGS: Final = """
 [camera]
 pixel_format = "Mono16"
@@ -47,7 +47,7 @@ class Rig:
     press: Path
     job: Path
     lines: NDArray[np.uint16]
-    """(n, pixels) of the prints one behind another. [DN]"""
+    """Lines of the prints, one after another. (n, pixels) [DN]"""
     prints: int
     trigger: int
     """Lines from sheet to sheet."""
@@ -58,18 +58,18 @@ class Rig:
         return self.lines.astype("<u2").view(np.uint8)
 
     def settings(self, *, rate_hz: float, block_lines: int = 64, trigger: str = "free") -> Path:
-        """A press file whose [camera] plays at that rate."""
+        """Write a press file whose [camera] plays at that rate, and return its path."""
         path = self.folder / f"{trigger}-{rate_hz:.0f}-{block_lines}.toml"
         text = SETTINGS.format(block_lines=block_lines, rate_hz=rate_hz, trigger=trigger)
         path.write_text(PressFile.prototype().text + text)
         return path
 
     def watch(self, *arguments: object) -> subprocess.Popen[str]:
-        """``prooflight watch`` of the job, told as JSON."""
+        """Start ``prooflight watch`` of the job, reporting in JSON."""
         usual = "--press", self.press, "--journal", "none", "--trigger", self.trigger, "--json"
-        words = ["watch", self.job, *usual, "--deadline", 600_000, *arguments]
+        command = ["watch", self.job, *usual, "--deadline", 600_000, *arguments]
         return subprocess.Popen(
-            [sys.executable, "-m", "prooflight", *map(str, words)],
+            [sys.executable, "-m", "prooflight", *map(str, command)],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
@@ -77,7 +77,7 @@ class Rig:
 
 
 def rig(folder: Path, *, designs: int, prints: int, seed: int, progress: Callable[[str], None]) -> Rig:
-    """A press taught by so many designs, and a job of so many pages, each printed once in the press world."""
+    """Build a press trained on ``designs`` designs, and a job of pages, each printed once in the press world."""
     folder.mkdir(parents=True, exist_ok=True)
     press_at, job, scans = (
         folder / f"small-{designs}.press",
@@ -104,19 +104,19 @@ def rig(folder: Path, *, designs: int, prints: int, seed: int, progress: Callabl
     if not scans.exists():
         progress(f"printing {prints} pages")
         session = day(press, seed)
-        found = []
+        scanned = []
         for index, page in enumerate(pages):
             rng = stream(seed, "running-print", index)
-            found.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng)[0])
-        np.save(scans, np.concatenate(found))
+            scanned.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng)[0])
+        np.save(scans, np.concatenate(scanned))
     lines = np.load(scans)
     return Rig(
         folder=folder, press=press_at, job=job, lines=lines, prints=prints, trigger=len(lines) // prints
     )
 
 
-def told(process: subprocess.Popen[str]) -> Any:
-    """The next line that a run tells once it is prepared; None: it has ended."""
+def next_message(process: subprocess.Popen[str]) -> Any:
+    """Return the next message of a run after its preparation; None: it has ended."""
     assert process.stdout is not None
     while line := process.stdout.readline():
         row = json.loads(line)
@@ -126,5 +126,5 @@ def told(process: subprocess.Popen[str]) -> Any:
 
 
 def verdict(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What is compared of a sheet."""
+    """Return the parts of a sheet's row that are compared."""
     return row["job_page"], row["verdict"], row["score"], tuple(row["faults"])

@@ -1,4 +1,4 @@
-"""How fast lines are read over loopback without a loss, and what that costs this process. Wants a quiet machine."""
+"""Speed at which lines are read over loopback without a loss, and its cost in this process. Needs an idle machine."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 PIXELS: Final = 2048
 BLOCK_LINES: Final = 256
-"""A block of 1 MiB."""
+"""Lines of a block of 1 MiB."""
 PLAYED_LINES: Final = 4096
 PACKET_BYTES: Final = 9000
 RATES_MB_S: Final = (17.0, 34.0, 75.0, 150.0, 200.0)
-"""34: three sensors of the prototype, 2048 pixels of 2 bytes at 2770 lines/s each."""
+"""Data rates. 34 MB/s is that of three sensors of the prototype: 2048 pixels of 2 bytes at 2770 lines/s each."""
 PROTOTYPE_MB_S: Final = 34.0
 
 
 def speed_rows(
     *, seconds: float, rates_mb_s: tuple[float, ...], seed: int, progress: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """A row of each library and rate; what the camera's own process costs is apart."""
+    """Return a row for each library and rate, without the cost of the camera's own process."""
     lines = stream(seed, "camera-losses", 2).integers(1, 4096, (PLAYED_LINES, PIXELS), np.uint16)
     lacks = {one.name: one.lacks for one in BACKENDS}
     rows = []
@@ -49,7 +49,7 @@ def _row(backend: str, camera: str, rate_mb_s: float, seconds: float) -> dict[st
     features: dict[str, Any] = {"Width": PIXELS}
     if backend == "aravis":  # which adds it to every camera; viva finds a size of its own
         features["GevSCPSPacketSize"] = PACKET_BYTES
-    asked = CameraSettings(
+    settings = CameraSettings(
         pixel_format="Mono16",
         block_lines=BLOCK_LINES,
         line_rate_hz=rate_mb_s * 1e6 / (2 * PIXELS),
@@ -57,7 +57,7 @@ def _row(backend: str, camera: str, rate_mb_s: float, seconds: float) -> dict[st
         features=features,
     )
     source = CameraLines(
-        lambda: ready(found_camera(camera), asked, where="the study"), name=camera, settings=asked
+        lambda: ready(found_camera(camera), settings, where="the study"), name=camera, settings=settings
     )
     lines, begun_s, cpu_s, threads = 0, 0.0, 0.0, threading.active_count()
     for block in source.blocks():

@@ -1,4 +1,4 @@
-"""Two cameras with a fraction of a line between them and clocks of their own, kept in step over a long run."""
+"""Two cameras with a fraction of a line between them and clocks of their own, synchronised over a long run."""
 
 from __future__ import annotations
 
@@ -31,9 +31,12 @@ CLOCK_PPM: Final = 50.0
 BLOCK_LINES: Final = 64
 LINE_HZ: Final = 2770.0
 LOST_OF: Final = 500
-"""One block in so many does not come, of either camera."""
+"""One block in this many is lost, of either camera."""
 MEASURED_OF: Final = 4
-"""Of so many sheets one is asked how far apart both saw it; the lines of all are compared with those played."""
+"""On one sheet in this many the offset between the cameras is measured.
+
+The lines of all sheets are compared with those played.
+"""
 DESIGNS: Final = 8
 CAMERAS: Final = f"""
 [[camera]]
@@ -45,7 +48,7 @@ offset_lines = [{OFFSET_LINES}]
 
 
 def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Lay the two side by side, and measure on every sheet how far apart both saw it."""
+    """Align the two cameras, and measure the remaining offset between them."""
     progress("building a press of two cameras")
     text = PressFile.preset(TWO_SENSORS).text + CAMERAS
     press_file = PressFile(Path("two-cameras.toml"), text)
@@ -69,9 +72,9 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
 
     step = InStep([[offset] for offset in offsets], names=("A", "B"))
     counters = [LineCounter(name=name) for name in "AB"]
-    held = deepest = other = 0
-    found: list[float] = []
-    laid: list[NDArray[np.uint16]] = []
+    depth = deepest = other = 0
+    measured: list[float] = []
+    aligned: list[NDArray[np.uint16]] = []
     unseen: list[NDArray[np.bool_]] = []
     waiting, at = 0, 0
     streams = [_blocks(noisy, sensor, offsets[sensor].whole[0], lines, sheets, rng) for sensor in range(2)]
@@ -83,29 +86,29 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
                     missing[max(fault.first_line - out.first_line, 0) : fault.next_line - out.first_line] = (
                         True
                     )
-                laid.append(out.lines)
+                aligned.append(out.lines)
                 unseen.append(missing)
                 waiting += out.lines.shape[1]
-        held = step.held
-        deepest = max(deepest, held)
+        depth = step.held
+        deepest = max(deepest, depth)
         while waiting >= lines:
-            both, gone = np.concatenate(laid, axis=1), np.concatenate(unseen)
-            sheet, lost = both[:, :lines], gone[:lines]
-            laid, unseen, waiting = [both[:, lines:]], [gone[lines:]], waiting - lines
+            both, lines_lost = np.concatenate(aligned, axis=1), np.concatenate(unseen)
+            sheet, lost = both[:, :lines], lines_lost[:lines]
+            aligned, unseen, waiting = [both[:, lines:]], [lines_lost[lines:]], waiting - lines
             for sensor in range(2):
                 other += int((sheet[sensor][~lost] != noisy(at, sensor)[~lost]).any(axis=1).sum())
             if at % MEASURED_OF == 0 and not lost.any():
-                found.append(found_offset(sheet[0], sheet[1]).lines)
+                measured.append(found_offset(sheet[0], sheet[1]).lines)
             at += 1
             if at % max(sheets // 10, 1) == 0:
                 progress(f"two cameras: sheet {at} of {sheets}")
-    off = np.array(found) - fraction
+    off = np.array(measured) - fraction
     tenth = max(len(off) // 10, 1)
     means = [float(part.mean()) for part in np.array_split(off, max(len(off) // 50, 1))]
     seconds = sheets * lines / LINE_HZ
     return {
         "sheets": at,
-        "measured": len(found),
+        "measured": len(measured),
         "lines": sheets * lines,
         "offset_lines": OFFSET_LINES,
         "fraction": fraction,
@@ -133,7 +136,7 @@ def _blocks(
     sheets: int,
     rng: np.random.Generator,
 ) -> Iterator[tuple[float, int, Grab]]:
-    """A camera's blocks in the order and at the time of their arrival, by its own clock and the way's delays."""
+    """Yield a camera's blocks in order and at the time of their arrival, by its own clock and random delays."""
     rate = 1 + (CLOCK_PPM * 1e-6 if sensor else 0.0)
     empty = np.zeros((later, PIXELS), np.uint16)
     rest, number, arrived_s = empty, 0, 0.0

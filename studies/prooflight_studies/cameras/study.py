@@ -1,7 +1,7 @@
-"""``prooflight study cameras``: what cameras on loopback do to a run, measured part by part; writes ``cameras.md``.
+"""``prooflight study cameras``: effects of cameras on a run, on loopback, measured part by part; writes ``cameras.md``.
 
-Each part's figures are kept as soon as they are there, so that the page can be made of parts measured apart: those that
-want a quiet machine have a command of their own.
+Each part's figures are stored as soon as they are measured, so that the page can combine parts measured separately:
+those that need an idle machine have a command of their own.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ PARTS: Final = ("job", "losses", "unseen", "deaths", "away", "step", "speed")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How much of everything."""
+    """Size of each part of the study."""
 
     designs: int
-    """That teach the press."""
+    """Number of designs on which the press is trained."""
     prints: int
     sheets: int
     losses: int
     loss_sheets: int
     loss_prints: int
-    """On whose sheets they fall, over and over."""
+    """Number of prints on whose sheets the losses fall, repeatedly."""
     unseen_prints: int
     deaths: int
     taken: int
@@ -49,11 +49,11 @@ class Plan:
     step_sheets: int
     rates_mb_s: tuple[float, ...]
     seconds: float
-    """Of each rate."""
+    """Duration of each rate."""
 
     @classmethod
     def of(cls, *, quick: bool) -> Plan:
-        """The whole study, or a minute's version."""
+        """Return the plan of the whole study, or of a minute's version."""
         if quick:
             return cls(
                 designs=24,
@@ -78,28 +78,31 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """Where it works and with what."""
+    """Paths and plan of the study."""
 
     out: Path
     cache: Path
     plan: Plan
     seed: int
     press: Path | None
-    """Taught for all detectors, for the part ``unseen``; None: the press of the job, taught for ours."""
+    """Press trained for all detectors, for the part ``unseen``.
+
+    None: the job's press, trained for the matched filter.
+    """
     progress: Callable[[str], None]
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
-        """Measure what is not known yet; again: all parts named."""
+        """Measure parts that are not stored yet; again: all parts named."""
         for part in parts:
-            if part in self._known() and not again:
+            if part in self._stored() and not again:
                 self.progress(f"{part}: known")
                 continue
-            found = {part: getattr(self, f"_{part}")()}
+            measured = {part: getattr(self, f"_{part}")()}
             with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._known() | found, indent=1))
+                unfinished.write_text(json.dumps(self._stored() | measured, indent=1))
             self._write()
         self._write()
-        return self._known()
+        return self._stored()
 
     def _job(self) -> list[dict[str, Any]]:
         return job_rows(self._rig(), sheets=self.plan.sheets, progress=self.progress)
@@ -118,8 +121,8 @@ class Study:
         return unseen_rows(press, prints=self.plan.unseen_prints, seed=self.seed, progress=self.progress)
 
     def _deaths(self) -> dict[str, Any]:
-        found = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
-        return found | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
+        figures = death_figures(self._rig(), deaths=self.plan.deaths, progress=self.progress)
+        return figures | {"taken": taken_figures(times=self.plan.taken, progress=self.progress)}
 
     def _away(self) -> dict[str, Any]:
         return away_figures(self._rig(), minutes=self.plan.away_minutes, progress=self.progress)
@@ -148,15 +151,15 @@ class Study:
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"figures-{self.plan.prints}-{self.plan.sheets}-{self.seed}.json"
 
-    def _known(self) -> dict[str, Any]:
+    def _stored(self) -> dict[str, Any]:
         return json.loads(self._results.read_text()) if self._results.exists() else {}
 
     def _write(self) -> None:
-        found = cameras_results(self._known(), seed=self.seed, plan=self.plan)
-        write_page(self.out / "cameras.md", "cameras", found)
+        results = cameras_results(self._stored(), seed=self.seed, plan=self.plan)
+        write_page(self.out / "cameras.md", "cameras", results)
 
 
-def cameras_results(known: dict[str, Any], *, seed: int, plan: Plan) -> dict[str, Any]:
-    """All figures of the page; None for parts that were not measured."""
-    parts = {part: known.get(part) for part in PARTS}
+def cameras_results(measured: dict[str, Any], *, seed: int, plan: Plan) -> dict[str, Any]:
+    """Return all figures of the page; None for parts that were not measured."""
+    parts = {part: measured.get(part) for part in PARTS}
     return parts | {"seed": seed, "plan": asdict(plan), "prototype_mb_s": PROTOTYPE_MB_S}

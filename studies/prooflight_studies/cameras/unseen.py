@@ -1,4 +1,4 @@
-"""Lines that were lost, before detectors that know nothing of it: none calls a misprint what is none for it."""
+"""Lost lines before detectors that ignore them: no detector may call a misprint what is none without the loss."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 RUNS: Final = (1, 3, 32, 64)
-"""Lines that are lost at once: a packet's, a block's."""
+"""Numbers of lines that are lost at once: a packet's, a block's."""
 DETECTORS: Final = ("chi-square", "bayes", "ours")
 
 
 def unseen_rows(
     press_at: Path, *, prints: int, seed: int, progress: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """A row of each detector and world: the same prints with and without a run of lost lines."""
+    """Return a row for each detector and world: the same prints with and without a run of lost lines."""
     press = Press.load(press_at)
     pieces = Pieces(seed=DESIGN_SEED + 7, dpi=press.dpi)
     pages = [press.geometry.lay(pieces.page(index)) for index in range(prints)]
@@ -54,7 +54,7 @@ def _scan(press: Press, page: Any, world: str, seed: int, index: int) -> Any:
 
 def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, seed: int) -> dict[str, Any]:
     rng = stream(seed, "camera-losses", 3)
-    good = made_misprints = skipped = unfilled = kept = 0
+    good = false_misprints = skipped = unfilled = misprints_kept = 0
     ratios = []
     for index, (page, scan) in enumerate(zip(pages, scans, strict=True)):
         prepared = inspector.prepare(page)
@@ -65,16 +65,16 @@ def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, se
             holed = scan.copy()
             holed[:, first : first + lines] = holed[:, first - 1 : first]
             unseen = (Unseen(first, first + lines),)
-            found = inspect_where_seen(inspector, prepared, holed, unseen=unseen, seed=index).verdict
+            checked = inspect_where_seen(inspector, prepared, holed, unseen=unseen, seed=index).verdict
             plain = inspector.inspect(prepared, holed, seed=index).verdict
             if usual.verdict == "good":
-                made_misprints += found.verdict == "misprint"
+                false_misprints += checked.verdict == "misprint"
                 unfilled += plain.verdict == "misprint"
-                skipped += found.verdict == "not-inspected"
+                skipped += checked.verdict == "not-inspected"
             else:
-                kept += found.verdict == "misprint"
-            if usual.score and found.score is not None:
-                ratios.append(found.score / usual.score)
+                misprints_kept += checked.verdict == "misprint"
+            if usual.score and checked.score is not None:
+                ratios.append(checked.score / usual.score)
     return {
         "detector": name,
         "world": world,
@@ -82,11 +82,11 @@ def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, se
         "runs": len(pages) * len(RUNS),
         "good": good,
         "good_runs": good * len(RUNS),
-        "made_misprints": made_misprints,
+        "made_misprints": false_misprints,
         "made_misprints_unfilled": unfilled,
         "skipped": skipped,
         "misprint_runs": (len(pages) - good) * len(RUNS),
-        "misprints_kept": kept,
+        "misprints_kept": misprints_kept,
         "score_median": float(np.median(ratios)) if ratios else None,
         "score_most": float(np.max(ratios)) if ratios else None,
     }

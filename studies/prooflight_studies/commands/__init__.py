@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Add them to ``prooflight``."""
+    """Add the commands to ``prooflight``."""
     for command in (
         *(world.misprints, world.corpus, world.worlds, world.registration, world.calibration),
         *(

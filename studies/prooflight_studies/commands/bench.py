@@ -1,4 +1,4 @@
-"""``prooflight bench``: speed beside baselines, in one run."""
+"""``prooflight bench``: speed relative to baselines, in one run."""
 
 from __future__ import annotations
 

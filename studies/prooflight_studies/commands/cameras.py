@@ -1,4 +1,4 @@
-"""``prooflight study cameras``: cameras on loopback, their losses, deaths and speed."""
+"""``prooflight study cameras``: cameras on loopback, their losses, failures and speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def cameras(
@@ -27,7 +27,7 @@ def cameras(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Cameras on loopback, part by part: to the byte, lost, dead and back, in step, how fast; writes cameras.md."""
+    """Measure cameras on loopback, part by part: lines, losses, failures, synchronisation, speed; writes cameras.md."""
     from prooflight_studies.cameras.study import PARTS, Plan, Study
 
     for one in part or ():
@@ -42,5 +42,5 @@ def cameras(
         press=press,
         progress=show.steps(quiet=json),
     )
-    found = study.run(tuple(part) if part else PARTS, again=again)
-    told(found, out / "cameras.md", json=json)
+    results = study.run(tuple(part) if part else PARTS, again=again)
+    report_results(results, out / "cameras.md", json=json)

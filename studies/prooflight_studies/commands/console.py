@@ -1,4 +1,4 @@
-"""``prooflight study console``: how soon a verdict is seen, and what the console costs."""
+"""``prooflight study console``: the delay until a verdict is shown, and the cost of the console."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def console(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """From a verdict to its being seen, with 50 live pages; real inspection beside them; memory; pages.
+    """Measure the delay from a verdict to its display on 50 live pages, their load on an inspection, and memory.
 
     Writes console.md.
     """
-    from prooflight_studies.console.beside import Beside
+    from prooflight_studies.console.beside import LoadPlan
     from prooflight_studies.console.study import CLIENTS, QUICK_CLIENTS, run_console_part, run_console_study
 
     if part not in PARTS:
@@ -50,7 +50,7 @@ def console(
                 raise RequestError(
                     "part", f"{part} inspects a job on a press", remedy="give --press and --job"
                 )
-            plan = Beside(
+            plan = LoadPlan(
                 press=press,
                 job=job,
                 rate_hz=rate,
@@ -59,15 +59,15 @@ def console(
                 paired=part == "beside",
                 quick=quick,
             )
-        told = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
+        figures = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
         if json:
-            show.print_json(told)
+            show.print_json(figures)
         else:
             show.written(out / "console.md")
         return
-    found = run_console_study(out, quick=quick, progress=steps)
+    results = run_console_study(out, quick=quick, progress=steps)
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (
@@ -75,7 +75,7 @@ def console(
             *(f"{value:.3f} s" for value in (one.median_s, one.p99_s, one.greatest_s)),
             str(one.missing),
         )
-        for one in found.delays
+        for one in results.delays
     )
     show_table("From the verdict", ("to", "median", "99 %", "at most", "never came"), cells)
     show.written(out / "console.md")

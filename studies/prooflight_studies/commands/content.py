@@ -14,7 +14,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 
 class Part(StrEnum):
-    """Of the study."""
+    """Parts of the study."""
 
     CODES = "codes"
     TEXT = "text"
@@ -34,19 +34,19 @@ def content(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Codes of eight symbologies, or numbers of 6 to 10 pt, good and wrong: what is caught; writes content.md."""
+    """Print codes of eight symbologies, or numbers of 6 to 10 pt, and count what is caught; writes content.md."""
     if part is Part.TEXT:
         _text(out, seed=seed, sheets=sheets, pitches_mm=pitch, cache=cache, quick=quick, json=json)
         return
     from prooflight_studies.content.study import run_content_study
 
-    found = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    results = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         tuple(str(row[name]) for name in ("pitch_mm", "printed", "asked", "read", "misread"))
-        for row in found.totals
+        for row in results.totals
     )
     show_table("Good prints", ("mm a pixel", "printed", "asked", "read", "misread"), cells)
     show.written(out / "content.md")
@@ -58,7 +58,7 @@ def _text(
     from prooflight_studies.content.numbers import PITCHES_MM, run_text_study
     from prooflight_studies.content.study import write_text
 
-    found = run_text_study(
+    results = run_text_study(
         cache / "content-text",
         seed=seed,
         sheets=sheets,
@@ -66,11 +66,11 @@ def _text(
         quick=quick,
         progress=show.steps(quiet=json),
     )
-    write_text(out, found)
+    write_text(out, results)
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     names = ("pitch_mm", "points", "wrong", "printed", "before", "after")
-    cells = (tuple(str(row[name]) for name in names) for row in found.caught)
+    cells = (tuple(str(row[name]) for name in names) for row in results.caught)
     show_table("Wrong digits", ("mm a pixel", "pt", "wrong", "printed", "caught before", "after"), cells)
     show.written(out / "content.md")

@@ -1,4 +1,4 @@
-"""``prooflight study detectability``: what would be caught on the pages of a job, before they are printed."""
+"""``prooflight study detectability``: defects that would be caught on a job's pages, before they are printed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def detectability(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Smallest spot, faintest streak and density change caught, as maps, and verified; writes detectability.md."""
+    """Map the least spot, streak and density change that is caught, and verify the maps; writes detectability.md."""
     from prooflight.pages.job import parse_pages
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
@@ -37,7 +37,7 @@ def detectability(
     source = job_source(job, loaded, profile=profile)
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else None
-    found = run_detectability_study(
+    results = run_detectability_study(
         source,
         loaded,
         out,
@@ -50,18 +50,18 @@ def detectability(
     rows: list[dict[str, Any]] = [
         {"page": page.name, "inks_percent": page.reach.inks_percent}
         | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
-        for page in found.pages
-    ] + [{"page": name, "good_prints_alarm": True} for name in found.alarming]
+        for page in results.pages
+    ] + [{"page": name, "good_prints_alarm": True} for name in results.alarming]
     if json:
         show.print_json(rows)
         return
     cells = []
-    for page in found.pages:
+    for page in results.pages:
         verified = (page.verified[name] for name in (*NAMES, "none"))
         cells.append((page.name, *(f"{one.caught} of {one.of}" for one in verified)))
     headings = ("page", *NAMES.values(), "good prints that alarmed")
     show_table("Caught of what should be caught at 99 %", headings, cells)
-    for name in found.alarming:
+    for name in results.alarming:
         show.people.print(
             f"{name}: good prints of it alarm; most likely no design that taught the press is like it."
         )

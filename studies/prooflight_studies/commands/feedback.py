@@ -1,4 +1,4 @@
-"""``prooflight study feedback``: a press calibrated anew by what people say of its sheets."""
+"""``prooflight study feedback``: a press recalibrated by labels that people give its sheets."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def feedback(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Promised and realised false alarms of a press that drifted, before and after words; writes feedback.md."""
+    """Compare target and realised false alarms of a drifted press before and after feedback; writes feedback.md."""
     from prooflight_studies.feedback.pool import PoolPlan
     from prooflight_studies.feedback.study import run_feedback_study
 
-    found = run_feedback_study(
+    results = run_feedback_study(
         out,
         cache=cache / "feedback",
         plan=PoolPlan.quick(seed) if quick else PoolPlan(seed=seed),
@@ -33,11 +33,11 @@ def feedback(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (row.way, str(row.told or "-"), f"{row.realised:.2%}", f"{row.within:.0%}", f"{row.caught:.1%}")
-        for row in found.rows
+        for row in results.rows
     )
     headings = ("threshold by", "sheets told", "realised", "within 1.5 times", "misprints caught")
     show_table("Promised: 1.00%", headings, cells)

@@ -1,4 +1,4 @@
-"""``prooflight study gate``: a bad sheet never reaches the good tray, measured."""
+"""``prooflight study gate``: how often a bad sheet reaches the good tray."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def gate(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Misprints, failures of camera, link, controller and watch, where every sheet went and who counts it; gate.md."""
+    """Count where every sheet went under failures of camera, link, controller and watch, and who counts it; gate.md."""
     from prooflight_studies.gate.study import PARTS, run_gate_study
 
     for one in part or ():
         if one not in PARTS:
             raise RequestError("part", f"there is no {one!r}", remedy=f"choose {', '.join(PARTS)}")
-    found = run_gate_study(
+    results = run_gate_study(
         out,
         parts=part or PARTS,
         cache=cache,
@@ -47,6 +47,6 @@ def gate(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "gate.md")

@@ -30,7 +30,7 @@ def golden(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
+    """Inspect scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
     from prooflight_studies.golden.study import plain, run_golden_study
 
     rows = run_golden_study(
@@ -44,5 +44,5 @@ def golden(
         numbers = (f"{row.found_percent:.1f}", f"{row.false_per_image:.2f}", f"{row.mean_overlap:.2f}")
         cells.append((row.method, row.tuned_on, *numbers))
     headings = ("method", "tuned on", "found %", "false an image", "mean overlap")
-    show_table("Marked defects found against a golden scan", headings, cells, words=2)
+    show_table("Marked defects found against a golden scan", headings, cells, text_columns=2)
     show.written(out / "golden.md")

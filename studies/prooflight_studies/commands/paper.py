@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, report_results
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,7 +24,7 @@ Cluster = Annotated[
 ]
 
 PUBLISHED_SEED = 3
-"""Of ``paper.md``: one that played no part in choosing what it measures."""
+"""Seed of ``paper.md``; it played no part in choosing the settings that are measured."""
 OneWorld = Annotated[
     str | None, typer.Option("--world", metavar="ideal|press", help="One world; default both.")
 ]
@@ -40,7 +40,7 @@ def paper(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Tables 1 to 4 in the ideal and the press world, oracle and honest thresholds; writes paper.md.
+    """Reproduce tables 1 to 4 in the ideal and the press world, oracle and honest thresholds; writes paper.md.
 
     Published with seed 3; with 7 the noise of table 4 was chosen.
     """
@@ -58,7 +58,7 @@ def paper(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    told(parts, out / "paper.md", json=json)
+    report_results(parts, out / "paper.md", json=json)
 
 
 def robustness(
@@ -71,7 +71,7 @@ def robustness(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """What a wrong belief about the camera costs each detector, kept and relearned; writes robustness.md."""
+    """Measure the cost of a wrong model of the camera to each detector, kept and relearned; writes robustness.md."""
     from prooflight.press.press_file import TWO_SENSORS, PressFile
     from prooflight_studies.robustness.study import run_robustness_study
 
@@ -86,7 +86,7 @@ def robustness(
         cluster=cluster,
         progress=show.steps(quiet=json),
     )
-    told(parts, out / "robustness.md", json=json)
+    report_results(parts, out / "robustness.md", json=json)
 
 
 def design(
@@ -133,7 +133,7 @@ def design(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """What a camera's parts buy: errors per 10,000 pages against hardware and computing; writes design.md."""
+    """Compare designs of a camera: errors per 10,000 pages against hardware and computing; writes design.md."""
     from prooflight.press.press_file import PressFile
     from prooflight_studies.design.choices import Prices, choices, parse_prices
     from prooflight_studies.design.study import run_design_study

@@ -1,4 +1,4 @@
-"""``prooflight study press``: our detector in the press world."""
+"""``prooflight study press``, ``ranking``, ``stress``: our detector in the press world."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def press(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Costs, misses by kind and severity, places, kinds and promises of our detector; writes press.md.
+    """Measure costs, misses, positions, kinds and false-alarm rates of our detector; writes press.md.
 
     A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
     """
@@ -58,7 +58,7 @@ def press(
         ablations=plan.ablations and ablations,
     )
     out.mkdir(parents=True, exist_ok=True)
-    found = run_press_study(
+    results = run_press_study(
         PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
         out,
         cache=cache / "press",
@@ -68,10 +68,10 @@ def press(
         progress=show.steps(quiet=json),
     )
     if json:
-        methods = found.verdicts.methods
+        methods = results.verdicts.methods
         show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
     else:
-        show.written(out / found.page)
+        show.written(out / results.page)
 
 
 def ranking(
@@ -85,13 +85,13 @@ def ranking(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The ranking that is shipped, taught and judged by folds; writes ranking.md."""
+    """Train the shipped ranking and evaluate it by cross-validation; writes ranking.md."""
     from prooflight.detectors.matched_filter import shipped
     from prooflight_studies.ranking.rows import RankingPlan
     from prooflight_studies.ranking.study import run_ranking_study
 
     out.mkdir(parents=True, exist_ok=True)
-    found = run_ranking_study(
+    results = run_ranking_study(
         out,
         cache=cache / "ranking",
         plan=RankingPlan.quick() if quick else RankingPlan(),
@@ -101,7 +101,7 @@ def ranking(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "ranking.md")
 
@@ -130,7 +130,7 @@ def stress(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """What no detector was taught by: alarms before and after learning, misprints of other kinds; writes stress.md."""
+    """Evaluate on untrained nuisances, before and after learning, and on untrained misprints; writes stress.md."""
     from dataclasses import replace
 
     from prooflight_studies.harness.folder import Folder
@@ -143,7 +143,7 @@ def stress(
     given = {"runs": runs, "marks": marks, "wrong": wrong, "good": good}
     plan = replace(plan, **{name: count for name, count in given.items() if count})
     out.mkdir(parents=True, exist_ok=True)
-    found = run_stress_study(
+    results = run_stress_study(
         stress_file,
         out,
         cache=cache / "stress",
@@ -153,6 +153,6 @@ def stress(
         progress=show.steps(quiet=json),
     )
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
         show.written(out / "stress.md")

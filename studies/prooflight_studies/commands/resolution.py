@@ -23,15 +23,15 @@ def resolution(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Real PDFs printed at 600 and 1200 dpi, expected from coarser rasters: false alarms; writes resolution.md."""
+    """Print real PDFs at 600 and 1200 dpi, and inspect them against coarser rasters; writes resolution.md."""
     from prooflight.press.artefact import Press
     from prooflight_studies.resolution.study import run_resolution_study
 
-    found = run_resolution_study(
+    results = run_resolution_study(
         Press.load(press), pages, out, seed=seed, most=most, quick=quick, progress=show.steps(quiet=json)
     )
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (
@@ -40,9 +40,9 @@ def resolution(
             row["false_alarms"],
             f"{row['caught']} of {row['misprints']}",
         )
-        for row in found.rows
+        for row in results.rows
     )
     show_table(
-        "Printed and expected", ("printed at", "drawn finer", "false alarms", "caught"), cells, words=1
+        "Printed and expected", ("printed at", "drawn finer", "false alarms", "caught"), cells, text_columns=1
     )
     show.written(out / "resolution.md")

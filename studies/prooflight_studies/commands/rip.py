@@ -1,4 +1,4 @@
-"""``prooflight study rip``: our RIP and Ghostscript beside the specification."""
+"""``prooflight study rip``: our RIP and Ghostscript compared with the specification."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def rip(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Small PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
+    """Rasterise PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
     from prooflight_studies.rip.study import run_rip_study
 
-    found = run_rip_study(
+    results = run_rip_study(
         out, cases=cases, pages=pages, most=4 if quick else None, progress=show.steps(quiet=json)
     )
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (
@@ -38,7 +38,7 @@ def rip(
             row.clause,
             *(" ".join(map(str, inks)) or "-" for inks in (row.right, row.ours, row.ghostscript)),
         )
-        for row in found.rows
+        for row in results.rows
     )
-    show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, words=2)
+    show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, text_columns=2)
     show.written(out / "rip.md")

@@ -1,4 +1,4 @@
-"""``prooflight study running``: the running press in real time, through faults, and what creeps."""
+"""``prooflight study running``: the running press in real time, under faults and slow drift."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, told
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def running(
@@ -37,7 +37,7 @@ def running(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The running press measured part by part, going on where it was; writes running.md after each part."""
+    """Measure the running press part by part, resuming an interrupted study; writes running.md after each part."""
     from prooflight_studies.running.study import PARTS, Plan, Study
 
     for one in part or ():
@@ -55,5 +55,5 @@ def running(
         inspectors=threads or os.cpu_count() or 1,
         progress=show.steps(quiet=json),
     )
-    found = study.run(tuple(part) if part else PARTS, again=again)
-    told(found, out / "running.md", json=json)
+    results = study.run(tuple(part) if part else PARTS, again=again)
+    report_results(results, out / "running.md", json=json)

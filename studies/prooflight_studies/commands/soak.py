@@ -19,16 +19,16 @@ def soak(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """An hour of pages with random faults, as fast as possible: what is said of them; writes soak.md."""
+    """Play an hour of pages with random faults, as fast as possible, and check the reports; writes soak.md."""
     from prooflight_studies.soak.study import run_soak_study
 
-    found = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    results = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
-        for kind, row in found.kinds.items()
+        for kind, row in results.kinds.items()
     )
-    show_table(f"{found.sheets} sheets", ("fault", "drawn", "named", "in step"), cells)
+    show_table(f"{results.sheets} sheets", ("fault", "drawn", "named", "in step"), cells)
     show.written(out / "soak.md")

@@ -33,19 +33,21 @@ PagesDir = Annotated[
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
 
 
-def told(found: object, written: Path, *, json: bool) -> None:
-    """What was found, for programs, or where it is written, for people."""
+def report_results(results: object, path: Path, *, json: bool) -> None:
+    """Print the results for programs, or where they are written for people."""
     if json:
-        show.print_json(found)
+        show.print_json(results)
     else:
-        show.written(written)
+        show.written(path)
 
 
-def show_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1) -> None:
-    """Rows for people; words: so many columns stand to the left, numbers to the right."""
+def show_table(
+    title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1
+) -> None:
+    """Print rows as a table for people; text_columns: number of columns aligned left, before the numbers."""
     table = Table(title=title, title_justify="left")
     for place, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if place < words else "right")
+        table.add_column(heading, justify="left" if place < text_columns else "right")
     for row in rows:
         table.add_row(*row)
     show.people.print(table)
@@ -60,7 +62,7 @@ def ink(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """All ink models on one chart: cross-validation, learning curves, speed; writes ink.md and its picture."""
+    """Evaluate all ink models on one chart: cross-validation, learning curves, speed; writes ink.md and its picture."""
     from prooflight_studies.ink.study import run_ink_study
 
     tell = show.steps(quiet=json)
@@ -85,7 +87,7 @@ def inks(
     fit: Annotated[bool, typer.Option("--fit", help="Fit the coefficients again.")] = False,
     json: Json = False,
 ) -> None:
-    """The built-in inks against the ISO 12647-2 coated aims."""
+    """Compare the built-in inks with the ISO 12647-2 coated aims."""
     from prooflight.inks.built_in import COEFFICIENTS
     from prooflight_studies.ink.built_in_fit import aim_differences, fit_built_in
 
@@ -115,7 +117,7 @@ def tables(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The look-up tables against the exact model, on the colours of real pages; writes tables.md."""
+    """Compare the look-up tables with the exact model, on the colours of real pages; writes tables.md."""
     from prooflight.press.press_file import PressFile
     from prooflight_studies.tables.study import run_table_study, with_chart
 
@@ -136,7 +138,7 @@ def tables(
         numbers = (*(f"{error:.4f}" for error in errors), f"{row.sigma_percent:.3f} %")
         cells.append((row.press, row.inks, row.sensor, row.colours, *numbers))
     headings = ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma")
-    show_table("Tables against the exact model, errors in sigma", headings, cells, words=4)
+    show_table("Tables against the exact model, errors in sigma", headings, cells, text_columns=4)
     show.written(out / "tables.md")
 
 
@@ -152,7 +154,7 @@ def figures(
     seed: Annotated[int, typer.Option(help="Of specimen, noise and misprint.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """The paper's figures 3 to 8 for a press and a page: light, tables, noise, error map, statistics, cost."""
+    """Draw the paper's figures 3 to 8 for a press and a page: light, tables, noise, error map, statistics, cost."""
     from prooflight.press.press_file import PressFile
     from prooflight.simulation.scans import MisprintRequest
     from prooflight_studies.paper.figures import Exhibit, draw_figures
@@ -184,12 +186,12 @@ def page(
     from prooflight_studies.harness.page import page_again
 
     path = page_again(results, out)
-    told({"page": str(path)}, path, json=json)
+    report_results({"page": str(path)}, path, json=json)
 
 
 @contextlib.contextmanager
 def job_or_sample(job: Path | None) -> Iterator[Path]:
-    """The job's path, or that of the sample job, which is there as long as the context lasts."""
+    """Yield the job's path, or that of the sample job, which exists as long as the context lasts."""
     if job is not None:
         yield job
         return
@@ -208,7 +210,7 @@ def edges(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Prediction at the edges of letters and lines against the exact camera; writes edges.md."""
+    """Compare prediction at the edges of letters and lines with the exact camera; writes edges.md."""
     from prooflight_studies.edges.study import run_edge_study
 
     study = run_edge_study(pages, out, quick=quick, progress=show.steps(quiet=json))
@@ -221,5 +223,5 @@ def edges(
             errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
             cells.append((truth, row.name, *(f"{error:.2f}" for error in errors)))
     headings = ("truth", "prediction", "rms", "median", "all pixels, rms")
-    show_table("Errors at edges, in sigma", headings, cells, words=2)
+    show_table("Errors at edges, in sigma", headings, cells, text_columns=2)
     show.written(out / "edges.md")

@@ -46,7 +46,7 @@ def visible(
         return
     for table in results.marks:
         rows = ((one.mark, one.place, f"{one.caught} of {one.prints}") for one in table.caught)
-        show_table(f"Marks, {table.camera} a pixel", ("mark", "on", "caught"), rows, words=2)
+        show_table(f"Marks, {table.camera} a pixel", ("mark", "on", "caught"), rows, text_columns=2)
         good = ((one.pages, counted(one.alarms, one.prints)) for one in table.good)
         show_table("Good prints that alarm", ("pages", "alarms"), good)
     show.written(out / "visible.md")

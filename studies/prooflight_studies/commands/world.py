@@ -17,7 +17,7 @@ from prooflight_studies.commands.study import (
     Quick,
     Results,
     job_or_sample,
-    told,
+    report_results,
 )
 
 
@@ -27,7 +27,7 @@ def misprints(
     seed: Annotated[int, typer.Option(help="Of the misprints.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """All twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
+    """Draw all twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
     from prooflight.commissioning.appearance import appearance_srgb
     from prooflight.inks.built_in import built_in_inks
     from prooflight_studies.misprints.sheet import draw_misprint_sheet
@@ -37,7 +37,7 @@ def misprints(
     with job_or_sample(job) as job_path:
         table = appearance_srgb(built_in_inks())
         draw_misprint_sheet(path, job_path, table, seed=seed, progress=show.steps(quiet=json))
-    told({"picture": str(path)}, path, json=json)
+    report_results({"picture": str(path)}, path, json=json)
 
 
 def corpus(
@@ -47,12 +47,12 @@ def corpus(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """The composed page designs that studies use, beside real pages; writes corpus.md and its pictures."""
+    """Measure the composed page designs of the studies, and real pages; writes corpus.md and its pictures."""
     from prooflight_studies.corpus.sheet import run_corpus_study
 
     out.mkdir(parents=True, exist_ok=True)
-    found = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(found, out / "corpus.md", json=json)
+    results = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(results, out / "corpus.md", json=json)
 
 
 def worlds(
@@ -62,12 +62,12 @@ def worlds(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Fast scans of the press world against exact ones through the full spectral path; writes worlds.md."""
+    """Compare fast scans of the press world with exact ones by the full spectral path; writes worlds.md."""
     from prooflight_studies.worlds.study import run_world_study
 
     out.mkdir(parents=True, exist_ok=True)
     rows = run_world_study(pages, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(rows, out / "worlds.md", json=json)
+    report_results(rows, out / "worlds.md", json=json)
 
 
 def registration(
@@ -78,14 +78,14 @@ def registration(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """How well pages are found in press-world scans; writes registration.md."""
+    """Measure the accuracy of registration in press-world scans; writes registration.md."""
     from prooflight.commissioning.build import build_press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.registration.study import CROP_PIXELS, run_register_study
 
     out.mkdir(parents=True, exist_ok=True)
     press_file = PressFile.prototype()
-    found = run_register_study(
+    results = run_register_study(
         build_press(press_file, seed=1),
         build_press(press_file, seed=1, pixels=CROP_PIXELS),
         out,
@@ -95,7 +95,7 @@ def registration(
         **({"designs": 6, "prints": 2, "crop_designs": 4} if quick else {}),
         progress=show.steps(quiet=json),
     )
-    told(found, out / "registration.md", json=json)
+    report_results(results, out / "registration.md", json=json)
 
 
 def calibration(
@@ -105,11 +105,11 @@ def calibration(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Tables learned from scans of printed charts, beside the truth; writes calibration.md."""
+    """Compare tables learned from scans of printed charts with the truth; writes calibration.md."""
     from prooflight_studies.calibration.study import run_calibration_study
 
     out.mkdir(parents=True, exist_ok=True)
     with job_or_sample(None) as sample:
         jobs = {"sample job": sample} | ({} if pages is None else {"real pages": pages})
         rows = run_calibration_study(jobs, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    told(rows, out / "calibration.md", json=json)
+    report_results(rows, out / "calibration.md", json=json)

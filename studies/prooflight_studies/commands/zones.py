@@ -1,4 +1,4 @@
-"""``prooflight study zones``: zones' price as foretold and as it came."""
+"""``prooflight study zones``: the cost of zones, as predicted and as observed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def zones(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Careful and ignored zones: price foretold and come, false alarms, what is hidden; writes zones.md."""
+    """Measure the predicted and observed cost of careful and ignored zones, and false alarms; writes zones.md."""
     from prooflight_studies.zones.study import run_zones_study
 
-    found = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    results = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
     if json:
-        show.print_json(asdict(found))
+        show.print_json(asdict(results))
         return
     cells = (
         (str(row["zones"]), *(f"{row[at]['alarms']} of {row[at]['prints']}" for at in ("without", "with")))
-        for row in found.good
+        for row in results.good
     )
     show_table("Good prints that alarm", ("zones", "without", "with"), cells)
     show.written(out / "zones.md")

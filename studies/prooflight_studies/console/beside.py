@@ -1,4 +1,4 @@
-"""Browsers beside a real inspection: verdicts with and without them in turn, CPU and memory of both processes."""
+"""Load of browsers on a real inspection: verdicts with and without them in turn, CPU and memory of both processes."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 
 WINDOW_S, QUICK_WINDOW_S = 60.0, 10.0
 SETTLES_S: Final = 3.0
-"""Of each window, which is not counted: sheets of the one before are still judged."""
+"""Start of each window that is not counted: sheets of the window before are still judged."""
 SAMPLED_S, QUICK_SAMPLED_S = 10.0, 2.0
-"""Between two looks at memory."""
+"""Time between two samples of memory."""
 BLOCKS: Final = 12
-"""Means of memory over so many parts, by which its slope has an interval: samples that follow each other are alike."""
+"""Number of parts whose mean memory gives the slope an interval, since successive samples are correlated."""
 MISPRINT, EVERY = "spots-voids", 25
 STARTS_S: Final = 1800.0
-"""For the drum's sheets to be printed and the first designs to be ready."""
+"""Time limit for printing the drum's sheets and preparing the first designs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """What is watched."""
+class LoadPlan:
+    """Press, job and load of one measurement."""
 
     press: Path
     job: Path
@@ -53,18 +53,18 @@ class Beside:
     minutes: float
     clients: int
     paired: bool
-    """Windows with and without browsers in turn; else browsers all the time."""
+    """Whether windows with and without browsers alternate; otherwise browsers are connected all the time."""
     quick: bool
 
 
-def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Watch, look, measure; RequestError: the run did not begin."""
+def measure_load(plan: LoadPlan, *, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Inspect under the load of browsers and measure; RequestError: the run did not begin."""
     window_s = QUICK_WINDOW_S if plan.quick else WINDOW_S
     sampled_s = QUICK_SAMPLED_S if plan.quick else SAMPLED_S
     seconds = 60 * plan.minutes
     with tempfile.TemporaryDirectory() as folder:
         settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
-        held, port = session(settings), free_port()
+        secret, port = session(settings), free_port()
         console = spawned(settings, Listening(port=port), ready=nothing)
         watching = _Watching(plan, settings.journal, sheets=int(plan.rate_hz * (seconds + 60)))
         try:
@@ -80,7 +80,7 @@ def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, An
                 left = f"{max(seconds - (time.monotonic() - begun_s), 0) / 60:.0f} minutes left"
                 progress(f"window {at + 1}, {plan.clients if watched else 0} live pages; {left}")
                 if watched:
-                    with Listeners((LOOPBACK, port), session=held, count=plan.clients):
+                    with Listeners((LOOPBACK, port), session=secret, count=plan.clients):
                         windows.append(
                             _window(window_s, sampled_s, pids, samples, begun_s) | {"watched": True}
                         )
@@ -94,9 +94,9 @@ def run_beside(plan: Beside, *, progress: Callable[[str], None]) -> dict[str, An
 
 
 class _Watching:
-    """``watch`` in a process of its own, whose verdicts are read as they are told."""
+    """``watch`` in a process of its own, whose verdicts are read as they are reported."""
 
-    def __init__(self, plan: Beside, journal: Path, *, sheets: int) -> None:
+    def __init__(self, plan: LoadPlan, journal: Path, *, sheets: int) -> None:
         command = [
             *(sys.executable, "-m", "prooflight", "watch", str(plan.job), "--press", str(plan.press)),
             *("--source", f"drum:{plan.rate_hz:g}", "--sheets", str(sheets), "--journal", str(journal)),
@@ -107,21 +107,21 @@ class _Watching:
         )
         self.pid = self._process.pid
         self.seen: list[tuple[float, float | None, bool, str]] = []
-        """When each verdict was told, its latency [ms], whether it was late, and what it was."""
+        """Time at which each verdict was reported, its latency [ms], whether it was late, and the verdict."""
         self._first, self._said = threading.Event(), ""
         self._threads = [threading.Thread(target=one, daemon=True) for one in (self._read, self._hear)]
         for thread in self._threads:
             thread.start()
 
     def wait(self) -> None:
-        """Until the first verdict; RequestError: there is none."""
+        """Wait for the first verdict; RequestError: there is none."""
         if not self._first.wait(STARTS_S) or not self.seen:
             raise RequestError(
                 "watch", self._said.strip()[-400:] or "told no verdict", remedy="look at it alone"
             )
 
     def end(self) -> None:
-        """Stop it; what has passed is still inspected."""
+        """Stop the process; sheets that have passed are still inspected."""
         if self._process.poll() is None:
             self._process.terminate()
         self._process.wait(60)
@@ -132,12 +132,14 @@ class _Watching:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             try:
-                told = json.loads(line)
+                message = json.loads(line)
             except ValueError:
                 continue
-            if isinstance(told, dict) and "latency_ms" in told:
-                verdict = str(told.get("verdict"))
-                self.seen.append((time.monotonic(), told["latency_ms"], bool(told.get("late")), verdict))
+            if isinstance(message, dict) and "latency_ms" in message:
+                verdict = str(message.get("verdict"))
+                self.seen.append(
+                    (time.monotonic(), message["latency_ms"], bool(message.get("late")), verdict)
+                )
                 self._first.set()
         self._first.set()
 
@@ -150,7 +152,7 @@ class _Watching:
 def _window(
     seconds: float, sampled_s: float, pids: dict[str, int], samples: list[dict[str, float]], begun_s: float
 ) -> dict[str, Any]:
-    """Let time pass, and sample memory meanwhile."""
+    """Wait for ``seconds``, and sample memory meanwhile."""
     start_s, used = time.monotonic(), {name: cpu_s(pid) for name, pid in pids.items()}
     while (left_s := start_s + seconds - time.monotonic()) > 0:
         time.sleep(min(sampled_s, left_s))
@@ -168,12 +170,12 @@ def _window(
 
 
 def _figures(
-    plan: Beside,
+    plan: LoadPlan,
     windows: list[dict[str, Any]],
     samples: list[dict[str, float]],
     seen: Sequence[tuple[float, float | None, bool, str]],
 ) -> dict[str, Any]:
-    """What the page says."""
+    """Return the figures of the page."""
     rows = []
     for one in windows:
         inside = [each for each in seen if one["from_s"] + SETTLES_S <= each[0] < one["to_s"]]
@@ -199,7 +201,7 @@ def _figures(
         "clients": plan.clients,
         "quick": plan.quick,
         "windows": rows,
-        "kinds": [_together([row for row in rows if row["watched"] is kind], kind) for kind in (False, True)],
+        "kinds": [_combined([row for row in rows if row["watched"] is kind], kind) for kind in (False, True)],
         "difference_ms": paired_difference(rows),
         "memory": {
             name: slope([one["s"] for one in samples], [one[name] for one in samples])
@@ -209,14 +211,14 @@ def _figures(
     }
 
 
-def _together(rows: list[dict[str, Any]], watched: bool) -> dict[str, Any] | None:
-    """All windows of a kind; the median and 99 % are means over windows."""
+def _combined(rows: list[dict[str, Any]], watched: bool) -> dict[str, Any] | None:
+    """Combine all windows of a kind; the median and 99 % are means over windows."""
     if not rows:
         return None
 
     def mean(name: str) -> float | None:
-        known = [row[name] for row in rows if row[name] is not None]
-        return float(np.mean(known)) if known else None
+        values = [row[name] for row in rows if row[name] is not None]
+        return float(np.mean(values)) if values else None
 
     counted = {name: sum(row[name] for row in rows) for name in ("sheets", "late", "not_inspected")}
     means = {name: mean(name) for name in ("median_ms", "p99_ms", "watch_percent", "console_percent")}
@@ -225,7 +227,10 @@ def _together(rows: list[dict[str, Any]], watched: bool) -> dict[str, Any] | Non
 
 
 def paired_difference(rows: list[dict[str, Any]]) -> dict[str, float] | None:
-    """Median with browsers less that of the window before without, and its 95 % interval (t); None: too few pairs."""
+    """Return the median with browsers less that of the window before without, and its 95 % interval (t).
+
+    None: there are too few pairs.
+    """
     pairs = [
         after["median_ms"] - before["median_ms"]
         for before, after in zip(rows[::2], rows[1::2], strict=False)
@@ -241,18 +246,21 @@ def paired_difference(rows: list[dict[str, Any]]) -> dict[str, float] | None:
 
 
 def slope(seconds: Sequence[float], values: Sequence[float]) -> dict[str, float] | None:
-    """Of memory [MB/h] after the first tenth, by means of ``BLOCKS`` parts, with its 95 % interval; None: too few."""
-    kept = [(s, v) for s, v in zip(seconds, values, strict=True) if s >= 0.1 * seconds[-1]]
-    if len(kept) < BLOCKS:
+    """Return the slope of memory [MB/h] after the first tenth, from means of ``BLOCKS`` parts, with its 95 % interval.
+
+    None: there are too few samples.
+    """
+    steady = [(s, v) for s, v in zip(seconds, values, strict=True) if s >= 0.1 * seconds[-1]]
+    if len(steady) < BLOCKS:
         return None
-    parts = np.array_split(np.array(kept), BLOCKS)
+    parts = np.array_split(np.array(steady), BLOCKS)
     x, y = (np.array([part[:, k].mean() for part in parts]) for k in (0, 1))
-    found = stats.linregress(x / 3600, y)
-    wide = float(stats.t.ppf(0.975, BLOCKS - 2) * found.stderr)
+    fit = stats.linregress(x / 3600, y)
+    wide = float(stats.t.ppf(0.975, BLOCKS - 2) * fit.stderr)
     return {
-        "mb_per_h": float(found.slope),
-        "low": float(found.slope) - wide,
-        "high": float(found.slope) + wide,
+        "mb_per_h": float(fit.slope),
+        "low": float(fit.slope) - wide,
+        "high": float(fit.slope) + wide,
         "first_mb": float(values[0]),
         "last_mb": float(values[-1]),
         "most_mb": float(max(values)),

@@ -1,4 +1,7 @@
-"""Whoever looks: browsers' live connections by the dozen, and one real browser, each noting when a sheet was there."""
+"""Clients of the console, each noting when a sheet arrived.
+
+They are dozens of browsers' live connections, and one real browser.
+"""
 
 from __future__ import annotations
 
@@ -31,21 +34,21 @@ WATCH: Final = """() => {
   };
   new MutationObserver(look).observe(document.getElementById("main"), { childList: true, subtree: true });
 }"""
-"""Notes each sheet of the strip, and the state `stop`, when a frame with it was drawn."""
+"""Script that notes the time at which a frame with each sheet of the strip, and with the state `stop`, was drawn."""
 
 
 class Listeners:
-    """So many live connections, as a browser on the page Now holds one; use it as a context."""
+    """Live connections, each like that of a browser on the page Now; use it as a context."""
 
     def __init__(self, address: tuple[str, int], *, session: str, count: int) -> None:
         self._address, self._session, self._count = address, session, count
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="listeners", daemon=True)
         self.seen: dict[int, list[float]] = {}
-        """When each sheet came to each of them; Unix time. [s]"""
+        """Times at which each sheet reached the connections; Unix time. [s]"""
         self.connected = 0
         self.lost: list[str] = []
-        """Why a connection ended before it should, one line each."""
+        """Reason of each connection that ended early, one line each."""
         self._tasks: list[asyncio.Task[None]] = []
         self._ending = False
 
@@ -75,8 +78,8 @@ class Listeners:
 
     async def _listen(self, ready: asyncio.Event) -> None:
         reader, writer = await asyncio.open_connection(*self._address, limit=1 << 22)
-        asked = f"GET /now/events HTTP/1.1\r\nHost: {self._address[0]}\r\nCookie: {COOKIE}={self._session}\r\n\r\n"
-        writer.write(asked.encode())
+        request = f"GET /now/events HTTP/1.1\r\nHost: {self._address[0]}\r\nCookie: {COOKIE}={self._session}\r\n\r\n"
+        writer.write(request.encode())
         kind = ""
         try:
             async for raw in reader:
@@ -99,13 +102,16 @@ class Listeners:
 
 
 class Window:
-    """The page Now in a real browser; ``seen`` afterwards. Use it as a context; ``found`` says whether there is one."""
+    """The page Now in a real browser; ``seen`` afterwards.
+
+    Use it as a context; ``found`` says whether there is a browser.
+    """
 
     def __init__(self, address: str, session: str) -> None:
         self._address, self._session = address, session
         self._started: Any = None
         self.seen: dict[int | str, float] = {}
-        """When a frame with each sheet was drawn, and when the state `stop` first was; Unix time. [s]"""
+        """Times at which a frame with each sheet, and the first with the state `stop`, were drawn; Unix time. [s]"""
 
     @property
     def found(self) -> bool:

@@ -1,4 +1,4 @@
-"""What a page costs a browser: first contentful paint, bytes without pictures, requests, and what axe-core finds."""
+"""Load of each page on a browser: first contentful paint, bytes without pictures, requests, axe-core's violations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PAGES: Final = {
     "/setup/tokens": "form",
     "/setup/audit": "table",
 }
-"""And what is there when each is whole."""
+"""Paths of the pages, and a selector that matches when each is complete."""
 LOADS, QUICK_LOADS = 7, 1
 SHEETS: Final = 400
 MOST_BYTES: Final = 300_000
@@ -46,15 +46,15 @@ PAINTED: Final = """() => new Promise((done) => {
 
 
 def measure_loads(
-    made: Callable[[int, bool], PageRecord],
+    record: Callable[[int, bool], PageRecord],
     facts: Callable[[int], RunFacts],
     *,
     quick: bool,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Of every page, loaded with an empty cache each time. RequestError: no browser is installed.
+    """Measure every page, loaded with an empty cache each time. RequestError: no browser is installed.
 
-    made: a sheet by its number, and whether it is an alarm. facts: of a run of so many sheets.
+    record: returns a sheet by its number and whether it is an alarm. facts: returns those of a run of so many sheets.
     """
     if find_spec("playwright") is None or not CHROMIUM.exists():
         raise RequestError(
@@ -72,7 +72,7 @@ def measure_loads(
         with Journal.open(str(settings.journal)) as journal:
             run = journal.begin_run(facts(SHEETS))
             for sheet in range(SHEETS):
-                journal.record(run, made(sheet, sheet % 40 == 0))
+                journal.record(run, record(sheet, sheet % 40 == 0))
             journal.commit()
         secret, port = session(settings, role=Role.ADMIN), free_port()
         console = spawned(settings, Listening(port=port), ready=nothing)
@@ -112,19 +112,21 @@ def _load(browser: Any, address: str, path: str, whole: str, secret: str, axe: A
     network.send("Network.enable")
     kinds: dict[str, str] = {}
     got: dict[str, int] = {}
-    network.on("Network.responseReceived", lambda told: kinds.update({told["requestId"]: told["type"]}))
+    network.on(
+        "Network.responseReceived", lambda message: kinds.update({message["requestId"]: message["type"]})
+    )
     network.on(
         "Network.loadingFinished",
-        lambda told: got.update({told["requestId"]: int(told["encodedDataLength"])}),
+        lambda message: got.update({message["requestId"]: int(message["encodedDataLength"])}),
     )
     page.goto(address + path)
     page.wait_for_selector(whole)
     page.evaluate("document.fonts.ready.then(() => true)")
-    told = {
+    figures = {
         "paint_ms": float(page.evaluate(PAINTED)),
         "bytes": sum(length for request, length in got.items() if kinds.get(request) != "Image"),
         "requests": len(kinds),
         "violations": None if axe is None else int(axe.run(page).violations_count),
     }
     context.close()
-    return told
+    return figures

@@ -1,4 +1,4 @@
-"""A console for a study: who is signed in, where it listens, and what its process takes."""
+"""A console for a study: its session, port, and the CPU time and memory of its process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STARTS_S: Final = 60.0
 
 
 def session(settings: ConsoleSettings, *, role: Role = Role.VIEWER) -> str:
-    """Of somebody who looks on."""
+    """Sign in a user of this role and return the session."""
     accounts = Accounts(settings.data)
     try:
         accounts.add(role.value, role, by="study")
@@ -29,18 +29,18 @@ def session(settings: ConsoleSettings, *, role: Role = Role.VIEWER) -> str:
 
 
 def nothing(_address: str, _link: str | None) -> None:
-    """Where the console is, is known."""
+    """Ignore the console's address, which the study knows."""
 
 
 def free_port() -> int:
-    """Of loopback, that nobody holds at this moment."""
-    with socket.socket() as made:
-        made.bind((LOOPBACK, 0))
-        return int(made.getsockname()[1])
+    """Return a port of the loopback interface that is free at this moment."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
 
 
 def wait_until_it_answers(port: int) -> None:
-    """OSError: nobody listens there in time."""
+    """Wait until a server accepts connections at the port; OSError: none does in time."""
     until = time.monotonic() + STARTS_S
     while True:
         try:
@@ -54,18 +54,18 @@ def wait_until_it_answers(port: int) -> None:
 
 
 def cpu_s(pid: int) -> float | None:
-    """CPU time of a process so far, its threads' as well; Linux only, proc(5)."""
+    """Return the CPU time of a process so far, including its threads; Linux only, proc(5)."""
     try:
-        told = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:
         return None
-    return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def megabytes(pid: int) -> float | None:
-    """Resident memory of a process; Linux only, proc(5)."""
+    """Return the resident memory of a process; Linux only, proc(5)."""
     try:
-        told = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+        fields = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
     except OSError:
         return None
-    return int(told[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

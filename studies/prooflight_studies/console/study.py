@@ -1,4 +1,4 @@
-"""From a verdict to its being seen: sheets are recorded as by a press, many look on, and the console is watched."""
+"""Delay from a verdict to its display: sheets are recorded as by a press, and many clients watch."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.line.recording import COMMIT_S, Recorder
 from prooflight.server.running import LOOPBACK, Listening, spawned
 from prooflight.server.settings import ConsoleSettings
-from prooflight_studies.console.beside import Beside, run_beside
+from prooflight_studies.console.beside import LoadPlan, measure_load
 from prooflight_studies.console.listeners import Listeners, Window
 from prooflight_studies.console.loads import measure_loads
 from prooflight_studies.console.serving import (
@@ -38,42 +38,42 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 RATE_HZ: Final = 5.0
-"""Sheets a second: the paper's press."""
+"""Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0
 QUICK_S: Final = 8.0
 CLIENTS, QUICK_CLIENTS = 50, 8
 FIRST_ALARM: Final = 40
-"""Sheet of the watched part that is the first misprint; then one in ``ALARM_EVERY``."""
+"""Index in the watched part of the first misprint; then one in ``ALARM_EVERY``."""
 ALARM_EVERY: Final = 25
 ALARM_S: Final = 1.0
-"""The issue's bound from a verdict to its alarm."""
+"""Required bound on the delay from a verdict to its alarm."""
 AFTER_S: Final = 3.0
-"""For what still comes when the last sheet was recorded."""
+"""Time after the last sheet for messages that are still on their way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Of the console's process in one part of the study."""
+    """Load of the console's process in one part of the study."""
 
     seconds: float
     cpu_percent: float | None
-    """Of one core; None: this system does not tell."""
+    """CPU load, of one core; None: this system does not report it."""
     first_mb: float | None
     last_mb: float | None
-    """Memory at its beginning and end."""
+    """Memory at the beginning and end of the part."""
     sheets: int
     record_ms: float
-    """Longest that whoever inspects waited to hand a sheet to the journal."""
+    """Longest time that the inspection waited to hand a sheet to the journal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delay:
-    """From verdict to somebody."""
+    """Delay from a verdict to one kind of client."""
 
     who: str
     sheets: int
     missing: int
-    """Sheets that never came."""
+    """Number of sheets that never arrived."""
     median_s: float
     p99_s: float
     greatest_s: float
@@ -81,7 +81,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsoleFigures:
-    """What was measured."""
+    """Results of the live part."""
 
     alone: Load
     watched: Load
@@ -90,10 +90,10 @@ class ConsoleFigures:
     lost: tuple[str, ...]
     delays: tuple[Delay, ...]
     alarm_s: float | None
-    """From the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
+    """Delay from the first misprint's verdict to the state `stop` on the screen; None: no browser is installed."""
     cores: int
     load: float
-    """Of the machine when the study began, a core: above 0.5 others worked as well."""
+    """Load of the machine, a core, when the study began: above 0.5 other programs were running."""
 
 
 def run_console_study(
@@ -102,13 +102,13 @@ def run_console_study(
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> ConsoleFigures:
-    """Serve, record, look, measure; writes ``console.md``."""
+    """Serve, record sheets, connect clients and measure; writes ``console.md``."""
     load = os.getloadavg()[0] / (os.cpu_count() or 1)
     alone_s, watched_s = (QUICK_S, QUICK_S * 2) if quick else (ALONE_S, WATCHED_S)
     clients = QUICK_CLIENTS if quick else CLIENTS
     with tempfile.TemporaryDirectory() as folder:
         settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
-        held = session(settings)
+        secret = session(settings)
         port = free_port()
         progress("starting the console")
         process = spawned(settings, Listening(port=port), ready=nothing)
@@ -123,8 +123,8 @@ def run_console_study(
                     progress(f"{clients} live pages and a browser open")
                     address = f"http://{LOOPBACK}:{port}"
                     with (
-                        Window(address, held) as window,
-                        Listeners((LOOPBACK, port), session=held, count=clients) as listeners,
+                        Window(address, secret) as window,
+                        Listeners((LOOPBACK, port), session=secret, count=clients) as listeners,
                     ):
                         progress(f"{watched_s:.0f} s with {clients} live pages")
                         watched = press.go_on(watched_s, alarms=True)
@@ -132,15 +132,15 @@ def run_console_study(
         finally:
             process.terminate()
             process.join()
-    told = {number: at for number, at in press.told.items() if number >= alone.sheets}
+    verdict_times = {number: at for number, at in press.verdict_times.items() if number >= alone.sheets}
     everybody = [(number, at) for number, times in listeners.seen.items() for at in times]
-    delays = [_delay("live pages", told, everybody, times=clients)]
+    delays = [_delay("live pages", verdict_times, everybody, times=clients)]
     alarm_s = None
     if window.seen:
         drawn = [(number, at) for number, at in window.seen.items() if isinstance(number, int)]
-        delays.append(_delay("browser", told, drawn, times=1))
+        delays.append(_delay("browser", verdict_times, drawn, times=1))
         if "stop" in window.seen:
-            alarm_s = window.seen["stop"] - told[alone.sheets + FIRST_ALARM]
+            alarm_s = window.seen["stop"] - verdict_times[alone.sheets + FIRST_ALARM]
     figures = ConsoleFigures(
         alone=alone,
         watched=watched,
@@ -154,53 +154,53 @@ def run_console_study(
     )
     stated: dict[str, Any] = {"rate_hz": RATE_HZ, "commit_s": COMMIT_S, "quick": quick, "bound_s": ALARM_S}
     stated["alarm_every"] = ALARM_EVERY
-    write_page(results / "console.md", "console", _known(results) | asdict(figures) | stated)
+    write_page(results / "console.md", "console", _stored(results) | asdict(figures) | stated)
     return figures
 
 
 def run_console_part(
-    results: Path, part: str, *, plan: Beside | None, quick: bool, progress: Callable[[str], None]
+    results: Path, part: str, *, plan: LoadPlan | None, quick: bool, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure ``beside``, ``hour`` or ``pages`` and keep the others; RequestError: the rest was never measured.
+    """Measure ``beside``, ``hour`` or ``pages`` and keep the others.
 
-    plan: what is watched; None: of ``pages``.
+    plan: what is measured; None for ``pages``. RequestError: the rest was never measured.
     """
-    known = _known(results)
-    if "alone" not in known:
+    stored = _stored(results)
+    if "alone" not in stored:
         remedy = "run `prooflight study console` first"
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
     if plan is None:
-        found = measure_loads(
+        figures = measure_loads(
             lambda sheet, alarm: _sheet(sheet, alarm=alarm), _facts, quick=quick, progress=progress
         )
     else:
-        found = run_beside(plan, progress=progress)
+        figures = measure_load(plan, progress=progress)
     cores = os.cpu_count() or 1
-    found |= {"cores": cores, "load": os.getloadavg()[0] / cores}
-    write_page(results / "console.md", "console", known | {part: found})
-    return found
+    figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
+    write_page(results / "console.md", "console", stored | {part: figures})
+    return figures
 
 
-def _known(results: Path) -> dict[str, Any]:
-    """Figures that were measured before."""
+def _stored(results: Path) -> dict[str, Any]:
+    """Return the figures that were measured before."""
     try:
-        found = json.loads((results / "console.json").read_text(encoding="utf-8"))
+        stored = json.loads((results / "console.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return {name: value for name, value in found.items() if name != "study"}
+    return {name: value for name, value in stored.items() if name != "study"}
 
 
 class _Press:
-    """Records sheets at a press's rate, and notes when."""
+    """Recorder of sheets at a press's rate, which notes their times."""
 
     def __init__(self, recorder: Recorder, *, pid: int) -> None:
         self._recorder, self._pid = recorder, pid
         self._number = 0
-        self.told: dict[int, float] = {}
-        """When each verdict was made; Unix time. [s]"""
+        self.verdict_times: dict[int, float] = {}
+        """Time of each verdict; Unix time. [s]"""
 
     def go_on(self, seconds: float, *, alarms: bool) -> Load:
-        """Record for so long."""
+        """Record sheets for ``seconds``."""
         count = int(seconds * RATE_HZ)
         begun, used, memory = time.monotonic(), cpu_s(self._pid), megabytes(self._pid)
         longest = 0.0
@@ -208,7 +208,7 @@ class _Press:
             time.sleep(max(begun + at / RATE_HZ - time.monotonic(), 0.0))
             alarm = alarms and at >= FIRST_ALARM and (at - FIRST_ALARM) % ALARM_EVERY == 0
             page = _sheet(self._number, alarm=alarm)
-            self.told[self._number] = time.time()
+            self.verdict_times[self._number] = time.time()
             before = time.monotonic()
             self._recorder.record(page)
             longest = max(longest, time.monotonic() - before)
@@ -225,14 +225,14 @@ class _Press:
         )
 
 
-def _delay(who: str, told: dict[int, float], seen: list[tuple[int, float]], *, times: int) -> Delay:
-    waited = np.array([at - told[number] for number, at in seen if number in told])
+def _delay(who: str, verdict_times: dict[int, float], seen: list[tuple[int, float]], *, times: int) -> Delay:
+    waited = np.array([at - verdict_times[number] for number, at in seen if number in verdict_times])
     if not waited.size:
         waited = np.array([np.inf])
     return Delay(
         who=who,
-        sheets=len(told),
-        missing=times * len(told) - sum(number in told for number, _ in seen),
+        sheets=len(verdict_times),
+        missing=times * len(verdict_times) - sum(number in verdict_times for number, _ in seen),
         median_s=float(np.median(waited)),
         p99_s=float(np.quantile(waited, 0.99)),
         greatest_s=float(waited.max()),
@@ -240,7 +240,7 @@ def _delay(who: str, told: dict[int, float], seen: list[tuple[int, float]], *, t
 
 
 def _sheet(number: int, *, alarm: bool) -> PageRecord:
-    """As long a row as a real one's; nothing was looked at."""
+    """Return a record as long as a real one's; no sheet was inspected."""
     names = ("gain", "register-x", "register-y")
     nuisance = {f"{name}-{ink}": 0.02 * math.sin(number) for name in names for ink in INK_NAMES}
     verdict = Verdict(

@@ -1,4 +1,4 @@
-"""Numbers on prints of the press world: whether a wrong digit alarms, by the ranking alone and with glyphs weighed."""
+"""Numbers on prints of the press world: whether a wrong digit alarms, by the ranking alone and with the glyph test."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ if TYPE_CHECKING:
 
 PITCHES_MM: Final = (0.254, 0.127)
 SHEETS: Final = 168
-"""Of each size: 504 wrong digits, a third of each kind."""
+"""Number of sheets of each size: 504 wrong digits, a third of each kind."""
 SHEETS_A_DAY: Final = 4
 QUICK: Final = 4
 QUICK_DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
-TAUGHT_BY: Final = 70_001
-"""Seed of the designs by which `press build` teaches a press."""
+TRAINING_SEED: Final = 70_001
+"""Seed of the designs on which `press build` trains a press."""
 NEAR_MM: Final = 1.0
-"""By which a place that the verdict names may lie off the wrong digit."""
+"""Tolerance between the position that the verdict reports and the wrong digit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TextFound:
-    """What the page says of numbers."""
+class TextResults:
+    """Results of the part on numbers."""
 
     seed: int
     sheets: int
-    """Of each size, at each pitch."""
+    """Number of sheets of each size, at each pitch."""
     pitches_mm: list[float]
     promise: float
-    """One good page in 1 / promise may alarm."""
+    """Target false-alarm rate: one good page in 1 / promise may alarm."""
     caught: list[dict[str, float | int | str]]
-    """By pitch, size and what is wrong."""
+    """Counts by pitch, size and kind of error."""
     good: list[dict[str, float | int | str]]
-    """By pitch."""
+    """Counts by pitch."""
     margins: list[dict[str, float]]
-    """By pitch: S of good prints and of wrong ones."""
+    """Glyph score S of good prints and of wrong ones, by pitch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +81,16 @@ class TextPiece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextWork:
-    """Prints a day's sheets, each once well and once with each kind of wrong digit, and inspects them."""
+    """Inspection of a day's sheets, each printed once well and once with each kind of wrong digit."""
 
     press: Path
     seed: int
 
     def __call__(self, piece: TextPiece) -> Rows:
-        """Columns: points, wrong (an index of ``WRONGS``; -1: good), before, after, near, named, s."""
+        """Return the rows of a day.
+
+        Columns: points, wrong (an index of ``WRONGS``; -1: good), before, after, near, named, s.
+        """
         bench = _Bench.at(self.press)
         at = POINTS.index(piece.points)
         session = Session.draw(
@@ -112,7 +115,7 @@ class TextWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Bench:
-    """A press with its detector as it is, and as it would be did it not weigh glyphs."""
+    """A press with its detector as it is, and with the same detector without the glyph test."""
 
     press: Press
     inspector: Inspector
@@ -136,8 +139,8 @@ class _Bench:
             session=session,
         )
         done = ready.inspect(Scan(dn=scan.dn, name="print"))
-        kept = {name: array for name, array in done.kept.items() if name != "glyphs"}
-        before = self.before.decided_again(KeptArrays(kept, self.before.name))
+        stored = {name: array for name, array in done.kept.items() if name != "glyphs"}
+        before = self.before.decided_again(KeptArrays(stored, self.before.name))
         after = done.verdict.verdict == "misprint"
         return {
             "before": before.misprint,
@@ -163,21 +166,21 @@ def _bench(path: Path) -> _Bench:
     )
 
 
-def without_glyphs(ours: CalibratedDetector) -> CalibratedDetector:
-    """The same that promises as much and weighs no glyphs."""
+def without_glyphs(detector: CalibratedDetector) -> CalibratedDetector:
+    """Return the same detector with the same false-alarm rate, but without the glyph test."""
     return CalibratedDetector.calibrated(
-        ours.model,
-        ours.own,
-        references=ours.references,
-        pages=replace(ours.pages, glyphs=np.zeros(0)),
-        false_alarm_rate=ours.promise.asked,
-        misprint_rate=ours.misprint_rate,
-        real=ours.real,
+        detector.model,
+        detector.own,
+        references=detector.references,
+        pages=replace(detector.pages, glyphs=np.zeros(0)),
+        false_alarm_rate=detector.promise.asked,
+        misprint_rate=detector.misprint_rate,
+        real=detector.real,
     )
 
 
 def _near(done: Inspection, page: Page, printed: Page) -> bool:
-    """Whether the first place of a verdict is where the raster was changed."""
+    """Return whether the first region of a verdict is where the raster was changed."""
     if not done.verdict.regions:
         return False
     rows, columns = np.nonzero((page.cmyk != printed.cmyk).any(axis=-1))
@@ -202,12 +205,12 @@ def run_text_study(
     quick: bool = False,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> TextFound:
-    """Teach a press at each pitch, print so many sheets of numbers of each size, and count alarms."""
+) -> TextResults:
+    """Train a press at each pitch, print sheets of numbers of each size, and count alarms."""
     sheets, designs = (QUICK, QUICK_DESIGNS) if quick else (sheets, DESIGNS)
     every: list[tuple[float, Rows]] = []
     for pitch_mm in pitches_mm[:1] if quick else pitches_mm:
-        path = _taught(cache, pitch_mm, designs, processes=processes, progress=progress)
+        path = _trained_press(cache, pitch_mm, designs, processes=processes, progress=progress)
         pieces = [
             TextPiece(pitch_mm=pitch_mm, points=points, first=first, sheets=min(SHEETS_A_DAY, sheets - first))
             for points in POINTS
@@ -222,10 +225,10 @@ def run_text_study(
             progress=lambda done, total: progress(f"{pitch_mm} mm: {done} of {total} press days"),  # noqa: B023
         )
         every.append((pitch_mm, rows))
-    return text_found(every, seed=seed, sheets=sheets)
+    return text_results(every, seed=seed, sheets=sheets)
 
 
-def _taught(
+def _trained_press(
     cache: Path,
     pitch_mm: float,
     designs: int,
@@ -233,14 +236,14 @@ def _taught(
     processes: int | None,
     progress: Callable[[str], None],
 ) -> Path:
-    """A press as `press build` makes it, at a pitch; kept."""
+    """Return the path of a press that is trained as by `press build` at a pitch; cached."""
     facts = {"pitch_mm": pitch_mm, "designs": designs, "algorithms": ALGORITHMS}
     path = cache / f"taught-{digest_of(facts)[:16]}.press"
     if not path.exists():
         cache.mkdir(parents=True, exist_ok=True)
         progress(f"making a press whose pixels lie {pitch_mm} mm apart, by {designs} designs")
         press = build_press(at_pitch(PressFile.prototype(), pitch_mm), seed=SPECIMEN_SEED)
-        corpus = Corpus(seed=TAUGHT_BY, dpi=press.dpi)
+        corpus = Corpus(seed=TRAINING_SEED, dpi=press.dpi)
         trained(
             press,
             corpus,
@@ -252,9 +255,9 @@ def _taught(
     return path
 
 
-def text_found(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextFound:
-    """Counts of rows by pitch."""
-    return TextFound(
+def text_results(every: list[tuple[float, Rows]], *, seed: int, sheets: int) -> TextResults:
+    """Count rows by pitch."""
+    return TextResults(
         seed=seed,
         sheets=sheets,
         pitches_mm=[pitch_mm for pitch_mm, _ in every],

@@ -1,4 +1,4 @@
-"""Sheets of codes: what stands on them, and how it is damaged."""
+"""Sheets of codes, and their damage."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SYMBOLOGIES: Final = ("EAN13", "EAN8", "UPCA", "Code128", "Code39", "ITF", "QRCode", "DataMatrix")
-"""As the library that draws them calls them."""
+"""Symbologies, as the library that draws them names them."""
 LINEAR: Final = frozenset(SYMBOLOGIES[:6])
 MODULES_MM: Final = {True: (0.25, 0.30, 0.33, 0.40, 0.50), False: (0.35, 0.45, 0.60, 0.80)}
-"""Narrowest bars of linear codes, and squares of the others: GS1 allows 0.264 mm on retail and 0.255 to 0.615 mm
-on Data Matrix and QR codes; smaller ones are common."""
+"""Widths of modules: narrowest bars of linear codes, and squares of the others.
+
+GS1 allows 0.264 mm on retail and 0.255 to 0.615 mm on Data Matrix and QR codes; smaller ones are common.
+"""
 HEIGHT_MM: Final = 14.0
-"""Of bars."""
+"""Height of the bars."""
 CELLS: Final = (3, 5)
-"""Codes across and down a sheet."""
+"""Number of codes across and down a sheet."""
 A4_MM: Final = (210.0, 297.0)
 MARGIN_MM: Final = 12.0
 DIGITS: Final = {"EAN13": 12, "EAN8": 7, "UPCA": 11, "ITF": 14}
@@ -36,9 +38,9 @@ STREAK_MM: Final = (0.1, 1.5)
 VOID_MM: Final = (0.5, 10.0)
 """Diameter of a white disc in the code."""
 INK_LEFT: Final = (0.8, 0.15)
-"""Share of the code's ink."""
+"""Remaining share of the code's ink."""
 BLUR_MM: Final = (0.05, 0.6)
-"""Standard deviation."""
+"""Standard deviation of the blur."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,23 +51,23 @@ class Placed:
     text: str
     module_mm: float
     turned: bool
-    """Whether it runs along the travel."""
+    """Whether the code runs along the travel."""
     rows: slice
     columns: slice
-    """Of the sheet's raster, without quiet zone."""
+    """Area of the code on the sheet's raster, without quiet zone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Damage:
-    """What was done to a code."""
+    """Damage of one code."""
 
     kind: str
     severity: float
-    """0 to 1."""
+    """Severity, 0 to 1."""
 
 
 def code_sheet(number: int, *, dpi: float, rng: np.random.Generator) -> tuple[Page, tuple[Placed, ...]]:
-    """A sheet of codes of all symbologies, one in a cell, black on white; cells too small for one stay empty."""
+    """Draw a sheet of codes of all symbologies, one in a cell, black on white; cells too small for one stay empty."""
     pixel_mm = MM_PER_INCH / dpi
     cmyk = np.zeros((round(A4_MM[1] / pixel_mm), round(A4_MM[0] / pixel_mm), 4), np.uint8)
     across, down = CELLS
@@ -102,7 +104,7 @@ def code_sheet(number: int, *, dpi: float, rng: np.random.Generator) -> tuple[Pa
 def damaged(
     page: Page, placed: tuple[Placed, ...], *, rng: np.random.Generator
 ) -> tuple[Page, tuple[Damage, ...]]:
-    """A copy of a sheet on which something happened to every code."""
+    """Return a copy of a sheet on which every code is damaged."""
     cmyk = page.cmyk.copy()
     damages = []
     for at, code in enumerate(placed):
@@ -114,7 +116,7 @@ def damaged(
 
 
 def between(limits: tuple[float, float], severity: float) -> float:
-    """From the first limit at severity 0 to the second at 1, geometrically."""
+    """Interpolate geometrically from the first limit at severity 0 to the second at 1."""
     return float(limits[0] * (limits[1] / limits[0]) ** severity)
 
 
@@ -160,7 +162,7 @@ def _text(symbology: str, rng: np.random.Generator) -> str:
 
 
 def _pattern(symbology: str, text: str) -> NDArray[np.bool_]:
-    """Dark modules (rows, columns), no quiet zone."""
+    """Return the dark modules (rows, columns), without quiet zone."""
     drawn = zxingcpp.create_barcode(text, getattr(zxingcpp.BarcodeFormat, symbology))
     dark = np.array(drawn.to_image(scale=1, add_hrt=False, add_quiet_zones=False)) < 128
     rows, columns = np.flatnonzero(dark.any(axis=1)), np.flatnonzero(dark.any(axis=0))
@@ -168,7 +170,7 @@ def _pattern(symbology: str, text: str) -> NDArray[np.bool_]:
 
 
 def _raster(dark: NDArray[np.bool_], module_mm: float, pixel_mm: float, *, linear: bool) -> NDArray[np.uint8]:
-    """Ink of a code, its edges at the nearest raster pixels as a RIP sets them."""
+    """Return the ink of a code, its edges at the nearest raster pixels as a RIP sets them."""
     columns = np.rint(np.arange(dark.shape[1] + 1) * module_mm / pixel_mm).astype(int)
     if linear:
         bars = np.repeat(dark[0], np.diff(columns))

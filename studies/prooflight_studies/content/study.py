@@ -1,4 +1,4 @@
-"""Codes on prints of the press world: whether they read, what damage they stand, and what reading costs."""
+"""Codes on prints of the press world: whether they are read, the damage they tolerate, and the cost of reading."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from prooflight.inspection.codes.page_code import PageCode
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-    from prooflight_studies.content.numbers import TextFound
+    from prooflight_studies.content.numbers import TextResults
     from prooflight_studies.content.sheets import Damage, Placed
 
 PITCHES_MM: Final = (0.105, 0.127)
 SHEETS: Final = 40
-"""500 codes and some at each pitch, 15 a sheet less those that no cell has room for."""
+"""Number of sheets: a little over 500 codes at each pitch, 15 a sheet less those that fit no cell."""
 SHEETS_A_DAY: Final = 6
 QUICK: Final = 2
 SPECIMEN_SEED: Final = 1
@@ -51,7 +51,7 @@ NAMES: Final = {
     "DataMatrix": "Data Matrix",
 }
 WORN: Final = 1.5
-"""A grade below C is a warning."""
+"""Grade below which a code is a warning: C."""
 READ_GOAL: Final = 0.998
 COST_GOAL_MS: Final = 5.0
 
@@ -64,9 +64,9 @@ class Row:
     symbology: str
     module_mm: float
     found: bool
-    """In the lines that the camera must see of the page."""
+    """Whether the code was found in the lines that the camera must see of the page."""
     asked: bool
-    """Whether inspection asks scans for it."""
+    """Whether inspection reads it on scans."""
     damage: Damage | None
     right: bool = False
     misread: bool = False
@@ -75,18 +75,18 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Of one sheet, on one core. [ms]"""
+    """Processor time for one sheet, on one core. [ms]"""
 
     finding_ms: float
-    """Once a design."""
+    """Time to find the codes, once a design."""
     reading_ms: float
-    """Every sheet; of all its codes."""
+    """Time to read all its codes, every sheet."""
     codes: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What the page says."""
+class ContentResults:
+    """Results of the study, as the page shows them."""
 
     seed: int
     sheets: int
@@ -94,13 +94,13 @@ class Found:
     read_goal: float
     cost_goal_ms: float
     read: list[dict[str, float | int | str]]
-    """By pitch and symbology, of good prints."""
+    """Good prints by pitch and symbology."""
     totals: list[dict[str, float | int | str]]
-    """By pitch."""
+    """Good prints by pitch."""
     too_fine: list[dict[str, float | int | str]]
-    """By pitch and module."""
+    """Good prints by pitch and module."""
     damaged: list[dict[str, float | int | str]]
-    """By pitch and damage."""
+    """Damaged prints by pitch and damage."""
     finding_ms: float
     reading_ms_a_code: float
     reading_ms_a_page: float
@@ -109,7 +109,7 @@ class Found:
 
 def run_content_study(
     out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
-) -> Found:
+) -> ContentResults:
     """Print sheets of codes at both pitches, good and damaged, and read them; writes content.md."""
     sheets = QUICK if quick else SHEETS
     rows: list[Row] = []
@@ -122,28 +122,30 @@ def run_content_study(
             more, cost = _sheet(press, pitch_mm, number, seed=seed)
             rows += more
             costs.append(cost)
-    found = _found(rows, costs, seed=seed, sheets=sheets)
+    results = _results(rows, costs, seed=seed, sheets=sheets)
     write_page(
-        out / "content.md", "content", {"text": None} | plain(found) | _kept(out, lambda name: name == "text")
+        out / "content.md",
+        "content",
+        {"text": None} | plain(results) | _stored(out, lambda name: name == "text"),
     )
-    return found
+    return results
 
 
-def write_text(out: Path, found: TextFound) -> None:
-    """Write what was found of numbers into content.md, beside what it says of codes."""
-    of_codes = _kept(out, lambda name: name not in ("study", "text"))
-    write_page(out / "content.md", "content", {"totals": []} | of_codes | {"text": plain(found)})
+def write_text(out: Path, results: TextResults) -> None:
+    """Write the results on numbers into content.md, next to those on codes."""
+    of_codes = _stored(out, lambda name: name not in ("study", "text"))
+    write_page(out / "content.md", "content", {"totals": []} | of_codes | {"text": plain(results)})
 
 
-def _kept(out: Path, wanted: Callable[[str], bool]) -> dict[str, Any]:
-    """Of the page's results as they lie in ``out``, those that are wanted; none where there are none."""
+def _stored(out: Path, wanted: Callable[[str], bool]) -> dict[str, Any]:
+    """Return the wanted part of the results that are stored in ``out``; none where there are none."""
     path = out / "content.json"
-    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    return {name: value for name, value in kept.items() if wanted(name)}
+    stored = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return {name: value for name, value in stored.items() if wanted(name)}
 
 
 def _sheet(press: Press, pitch_mm: float, number: int, *, seed: int) -> tuple[list[Row], Cost]:
-    """One sheet, printed well and damaged on the same press day."""
+    """Print one sheet well and damaged on the same press day, and read its codes."""
     rng = stream(seed, "content-sheet", number)
     page, placed = code_sheet(number, dpi=press.dpi, rng=rng)
     spoilt, damages = damaged(page, placed, rng=rng)
@@ -164,9 +166,9 @@ def _sheet(press: Press, pitch_mm: float, number: int, *, seed: int) -> tuple[li
         reading_ms = reading_ms or (time.process_time() - begun) * 1e3
     rows = []
     for at, one in enumerate(placed):
-        known = _known(one, codes, page)
+        index = _index_of(one, codes, page)
         for read, damage in zip(reads, (None, damages[at]), strict=True):
-            rows.append(_row(pitch_mm, one, known, codes, read, damage))
+            rows.append(_row(pitch_mm, one, index, codes, read, damage))
     return rows, Cost(finding_ms=finding_ms, reading_ms=reading_ms, codes=len(codes))
 
 
@@ -177,8 +179,8 @@ def _printed(page: Page, press: Press, session: Session, rng: np.random.Generato
     return scan.dn
 
 
-def _known(placed: Placed, codes: Iterable[PageCode], page: Page) -> int | None:
-    """Which of the codes that were found on the page it is; None: it was not found."""
+def _index_of(placed: Placed, codes: Iterable[PageCode], page: Page) -> int | None:
+    """Return the index of the found code that a placed one is; None: it was not found."""
     middle = [(part.start + part.stop) / 2 * page.pixel_mm for part in (placed.columns, placed.rows)]
     for at, code in enumerate(codes):
         x, y, width, height = code.box_mm
@@ -190,7 +192,7 @@ def _known(placed: Placed, codes: Iterable[PageCode], page: Page) -> int | None:
 def _row(
     pitch_mm: float,
     placed: Placed,
-    known: int | None,
+    index: int | None,
     codes: tuple[PageCode, ...],
     read: tuple[Code, ...],
     damage: Damage | None,
@@ -199,13 +201,13 @@ def _row(
         pitch_mm=pitch_mm,
         symbology=NAMES[placed.symbology],
         module_mm=placed.module_mm,
-        found=known is not None,
-        asked=known is not None and codes[known].sure,
+        found=index is not None,
+        asked=index is not None and codes[index].sure,
         damage=damage,
     )
-    if known is None:
+    if index is None:
         return of_code
-    code = read[known]
+    code = read[index]
     return replace(
         of_code,
         right=code.read == code.text,
@@ -214,11 +216,11 @@ def _row(
     )
 
 
-def _found(rows: list[Row], costs: list[Cost], *, seed: int, sheets: int) -> Found:
+def _results(rows: list[Row], costs: list[Cost], *, seed: int, sheets: int) -> ContentResults:
     good = [row for row in rows if row.damage is None]
     bad = [row for row in rows if row.damage is not None and row.asked]
     codes = sum(cost.codes for cost in costs)
-    return Found(
+    return ContentResults(
         seed=seed,
         sheets=sheets,
         days=-(-sheets // SHEETS_A_DAY),
@@ -256,16 +258,16 @@ def _kind(row: Row) -> str:
 
 
 def _of_good(pitch: float, name: str, rows: list[Row]) -> dict[str, float | int | str]:
-    asked = [row for row in rows if row.asked]
+    readable = [row for row in rows if row.asked]
     return {
         "pitch_mm": pitch,
         "symbology": name,
         "printed": len(rows),
         "found": sum(row.found for row in rows),
-        "asked": len(asked),
-        "read": sum(row.right for row in asked),
+        "asked": len(readable),
+        "read": sum(row.right for row in readable),
         "misread": sum(row.misread for row in rows),
-        "grade": float(np.mean([row.grade for row in asked if row.grade is not None] or [np.nan])),
+        "grade": float(np.mean([row.grade for row in readable if row.grade is not None] or [np.nan])),
     }
 
 

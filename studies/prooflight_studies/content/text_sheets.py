@@ -1,4 +1,4 @@
-"""Sheets of numbers as invoices have them, and one digit of one number that is wrong."""
+"""Sheets of numbers like those of invoices, with one digit of one number wrong."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 POINTS: Final = (6, 8, 10)
 FACES: Final = ("helv", "hebo", "tiro", "cour", "DejaVuSans", "STIXGeneral")
-"""Helvetica, Helvetica Bold, Times and Courier as MuPDF draws PDF's base fonts; the others come with matplotlib."""
+"""Faces: Helvetica, Helvetica Bold, Times, Courier as MuPDF draws PDF's base fonts; the others come with matplotlib."""
 WRONGS: Final = ("swapped", "dropped", "replaced")
-"""Two neighbours of a number in each other's place; a digit that is not there; another digit in its place."""
+"""Kinds of errors: two neighbouring digits exchanged, a digit missing, a digit replaced by another."""
 PAGE_MM: Final = (100.0, 70.0)
 MARGIN_MM: Final = 6.0
 LEADING: Final = 1.3
-"""From row to row. [sizes]"""
+"""Distance from row to row. [sizes]"""
 COLUMNS_MM: Final = (6.0, 42.0, 60.0, 94.0)
-"""Left edge of the words, right edges of the numbers."""
+"""Left edge of the words, and right edges of the numbers."""
 FINE: Final = 8
-"""Steps of an outline to a raster pixel: a pixel is inked if its middle lies within."""
+"""Steps of an outline per raster pixel: a pixel is inked if its centre is inside."""
 POINT_MM: Final = MM_PER_INCH / 72
 BLACK: Final = (0, 0, 0, 255)
 COLOURS: Final = ((255, 180, 0, 0), (0, 255, 230, 0), (230, 0, 255, 60), (0, 0, 0, 180))
-"""Of text that is not black, CMYK: blue, red, green, grey."""
+"""CMYK colours of text that is not black: blue, red, green, grey."""
 TINTS: Final = ((0, 0, 0, 26), (0, 0, 51, 0), (38, 0, 0, 0), (0, 26, 38, 13))
-"""Behind every second row of sheets that have one."""
+"""CMYK tints behind every second row of sheets that have a tint."""
 WORDS: Final = ("Item", "Order", "Paper A4", "Carriage", "Discount", "Service", "Lot", "Unit", "Account")
 LEAST_DIGITS: Final = 4
 
@@ -49,18 +49,18 @@ class Number:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextSheet:
-    """What stands on a sheet, in words."""
+    """Content of a sheet, before rasterisation."""
 
     points: int
     face: str
     ink: tuple[int, int, int, int]
     tint: tuple[int, int, int, int] | None
     words: tuple[Number, ...]
-    """Set from the left, like the numbers otherwise."""
+    """Words, set from the left at ``right_mm``; otherwise like the numbers."""
     numbers: tuple[Number, ...]
 
     def raster(self, number: int, *, dpi: float) -> Page:
-        """The page."""
+        """Rasterise the page."""
         pixel_mm = MM_PER_INCH / dpi
         cmyk = np.zeros((round(PAGE_MM[1] / pixel_mm), round(PAGE_MM[0] / pixel_mm), 4), np.uint8)
         leading_mm = self.points * LEADING * POINT_MM
@@ -87,7 +87,7 @@ class TextSheet:
 
 
 def text_sheet(points: int, *, rng: np.random.Generator) -> TextSheet:
-    """A sheet of rows of a word and three numbers."""
+    """Draw a sheet with rows of a word and three numbers."""
     leading_mm = points * LEADING * POINT_MM
     words, numbers = [], []
     for baseline_mm in np.arange(MARGIN_MM + 0.75 * leading_mm, PAGE_MM[1] - MARGIN_MM, leading_mm):
@@ -107,7 +107,7 @@ def text_sheet(points: int, *, rng: np.random.Generator) -> TextSheet:
 
 
 def with_wrong_digit(sheet: TextSheet, wrong: str, *, rng: np.random.Generator) -> TextSheet:
-    """The sheet with one number of at least four digits wrong; wrong: of ``WRONGS``."""
+    """Return the sheet with one number of at least four digits wrong; wrong: one of ``WRONGS``."""
     able = [at for at, one in enumerate(sheet.numbers) if _places(one.text, wrong)]
     at = int(rng.choice(able))
     text = sheet.numbers[at].text
@@ -125,7 +125,7 @@ def with_wrong_digit(sheet: TextSheet, wrong: str, *, rng: np.random.Generator) 
 
 
 def _places(text: str, wrong: str) -> list[int]:
-    """Where a number may go wrong so."""
+    """Return the positions at which a number can have this error."""
     digits = [at for at, letter in enumerate(text) if letter.isdigit()]
     if len(digits) < LEAST_DIGITS:
         return []
@@ -162,14 +162,14 @@ def _font(face: str, size_px: float) -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=4096)
 def advance(face: str, letter: str) -> float:
-    """How far the pen moves on. [em]"""
+    """Return the advance width of a letter. [em]"""
     letter = "0" if letter == "\N{FIGURE SPACE}" else letter
     return float(_font(face, 2048).getlength(letter)) / 2048
 
 
 @lru_cache(maxsize=4096)
 def _outline(face: str, letter: str, size_px: float) -> tuple[NDArray[np.bool_], int, int]:
-    """A letter ``FINE`` times as large, and its corner from the pen."""
+    """Return a letter ``FINE`` times as large, and its corner relative to the pen."""
     font = _font(face, size_px * FINE)
     left, top, right, bottom = (round(edge) for edge in font.getbbox(letter, anchor="ls"))
     picture = Image.new("1", (max(right - left, 1) + 2, max(bottom - top, 1) + 2))
@@ -180,7 +180,7 @@ def _outline(face: str, letter: str, size_px: float) -> tuple[NDArray[np.bool_],
 def inked(
     face: str, letter: str, size_px: float, pen_px: float, baseline_px: float
 ) -> tuple[NDArray[np.bool_], int, int]:
-    """Raster pixels of a letter and the column and row of its corner."""
+    """Return the raster pixels of a letter and the column and row of its corner."""
     if letter == "\N{FIGURE SPACE}":
         return np.zeros((0, 0), np.bool_), 0, 0
     fine, left, top = _outline(face, letter, size_px)

@@ -1,4 +1,4 @@
-"""What a page is like in figures: how white, how inked, in which inks, how many edges."""
+"""Figures of a page: its white, its ink coverage by ink, and its edges."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 CAMERA_PIXEL_MM: Final = 0.1054
-"""Of the paper's camera: 2048 pixels over about 216 mm."""
+"""Pixel of the paper's camera: 2048 pixels over about 216 mm."""
 EDGE_CONTRAST: Final = 0.20
-"""A pixel is at an edge where its 3 x 3 neighbourhood spans more than this share of paper white."""
+"""Share of paper white that the 3 x 3 neighbourhood of a pixel at an edge spans at least."""
 SOLIDS_L: Final = (56.0, 48.0, 89.0, 16.0)
 PAPER_L: Final = 95.0
 """CIE L* of solid C, M, Y, K and of coated paper, ISO 12647-2:2013, printing condition 1."""
@@ -30,16 +30,16 @@ PAPER_L: Final = 95.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageFigures:
-    """What a page is like; shares of its area unless said otherwise."""
+    """Figures of a page; shares of its area unless stated otherwise."""
 
     white: float
     cyan: float
-    """Mean coverage, and so the next three."""
+    """Mean coverage of cyan; the next three are of the other inks."""
     magenta: float
     yellow: float
     black: float
     total_ink: float
-    """Sum of the four."""
+    """Sum of the four coverages."""
     black_alone: float
     """Share of the printed area that carries no ink but black."""
     edges: float
@@ -60,7 +60,7 @@ NAMES: Final = {
 
 
 def page_figures(page: Page) -> PageFigures:
-    """The figures of a page at 482 dpi or any other resolution that is not coarser than the camera's."""
+    """Return the figures of a page at 482 dpi or any other resolution that is not coarser than the camera's."""
     cmyk = page.cmyk
     packed = cmyk.view(np.uint32)[..., 0]  # four inks at once
     inked = packed != 0
@@ -94,22 +94,22 @@ def _edge_share(page: Page) -> float:
 
 
 def _luminance(lightness: float) -> float:
-    """CIE 15: L* above 8 -> Y / Yn."""
+    """Convert L* above 8 to Y / Yn (CIE 15)."""
     return ((lightness + 16) / 116) ** 3
 
 
 def table(pages: Iterable[PageFigures]) -> NDArray[np.float64]:
-    """(pages, figures), the figures in the order of ``NAMES``."""
+    """Return a table (pages, figures), the figures in the order of ``NAMES``."""
     return np.array([astuple(figures) for figures in pages])
 
 
 def in_black(figures: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which pages of a table carry no ink but black."""
+    """Return which pages of a table have no ink but black."""
     return np.asarray(figures[:, 1:4].sum(axis=1) == 0)
 
 
 def summary(figures: NDArray[np.float64]) -> dict[str, object]:
-    """Quartiles of every figure of a table, and the share of pages in black alone."""
+    """Return quartiles of every figure of a table, and the share of pages in black alone."""
     quartiles = np.quantile(figures, (0.25, 0.5, 0.75), axis=0).T
     rows: dict[str, object] = {
         name: [round(float(value), 4) for value in row] for name, row in zip(NAMES, quartiles, strict=True)
@@ -118,15 +118,15 @@ def summary(figures: NDArray[np.float64]) -> dict[str, object]:
 
 
 def corpus_results(
-    ours: NDArray[np.float64],
-    theirs: NDArray[np.float64] | None,
+    designs: NDArray[np.float64],
+    real: NDArray[np.float64] | None,
     *,
     seed: int,
     dpi: float,
     times: Mapping[float, Sequence[float]],
     sheets: Sequence[str],
 ) -> dict[str, Any]:
-    """All figures of the page. ours, theirs: tables of designs and of real pages.
+    """Return all figures of the page. ours, theirs: tables of designs and of real pages.
 
     times: of drawing, by resolution [s]; sheets: file names of contact sheets.
     """
@@ -136,16 +136,16 @@ def corpus_results(
         "black_alone": BLACK_ALONE,
         "camera_pixel_mm": CAMERA_PIXEL_MM,
         "edge_contrast": EDGE_CONTRAST,
-        "designs": {"pages": len(ours), "in_black": in_black(ours).sum()},
-        "real": None if theirs is None else _beside(ours, theirs),
+        "designs": {"pages": len(designs), "in_black": in_black(designs).sum()},
+        "real": None if real is None else _comparison(designs, real),
         "shares": [
             {
                 "name": name,
-                "designs": np.quantile(ours[:, column], QUARTILES),
-                "real": None if theirs is None else np.quantile(theirs[:, column], QUARTILES),
+                "designs": np.quantile(designs[:, column], QUARTILES),
+                "real": None if real is None else np.quantile(real[:, column], QUARTILES),
                 "distance": None
-                if theirs is None
-                else stats.ks_2samp(ours[:, column], theirs[:, column]).statistic,
+                if real is None
+                else stats.ks_2samp(designs[:, column], real[:, column]).statistic,
             }
             for column, name in enumerate(NAMES.values())
         ],
@@ -159,12 +159,12 @@ def corpus_results(
     }
 
 
-def _beside(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> dict[str, Any]:
-    """The real pages, and the distance that two samples of one kind so large exceed in ``SIGNIFICANCE`` of cases."""
-    bound = np.sqrt(-0.5 * np.log(SIGNIFICANCE / 2) * (1 / len(ours) + 1 / len(theirs)))
+def _comparison(designs: NDArray[np.float64], real: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the figures of the real pages, and the critical value of the two-sample distance at ``SIGNIFICANCE``."""
+    bound = np.sqrt(-0.5 * np.log(SIGNIFICANCE / 2) * (1 / len(designs) + 1 / len(real)))
     return {
-        "pages": len(theirs),
-        "in_black": in_black(theirs).sum(),
+        "pages": len(real),
+        "in_black": in_black(real).sum(),
         "distance_bound": bound,
         "significance": SIGNIFICANCE,
     }

@@ -1,4 +1,4 @@
-"""Leafing through designs: contact sheets, figures of every page, and the study that writes ``corpus.md``."""
+"""Overview of designs: contact sheets, figures of every page, and the study that writes ``corpus.md``."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
 
 STUDY_DPI: Final = 482.0
-"""Two raster pixels a camera pixel."""
+"""Resolution with two raster pixels a camera pixel."""
 FAST_DPI: Final = 200.0
 SOLIDS_RGB: Final = np.array([(0, 158, 227), (230, 0, 126), (255, 237, 0), (29, 29, 27)], np.float32) / 255
-"""How the solids look on a screen; for contact sheets alone, usual values."""
+"""Usual colours of the solids on a screen; for contact sheets alone."""
 DESIGNS: Final = 200
 DESIGNS_QUICK: Final = 20
 TIMED: Final = 40
 THUMBNAIL_PX: Final = (108, 150)
-"""Width and height of a page's place on a contact sheet."""
+"""Width and height of a page's cell on a contact sheet."""
 SHEET_COLUMNS: Final = 14
 A_SHEET: Final = 100
 JPEG_QUALITY: Final = 72
 
 
 def thumbnail(page: Page) -> NDArray[np.uint8]:
-    """The page on a grey place of ``THUMBNAIL_PX``, RGB."""
+    """Return the page on a grey cell of ``THUMBNAIL_PX``, RGB."""
     wide, tall = (extent - 6 for extent in THUMBNAIL_PX)
     scale = min(wide / page.cmyk.shape[1], tall / page.cmyk.shape[0])
     size = tuple(max(round(extent * scale), 1) for extent in page.cmyk.shape[1::-1])
@@ -58,7 +58,7 @@ def thumbnail(page: Page) -> NDArray[np.uint8]:
 def write_contact_sheet(
     path: Path, thumbnails: Sequence[NDArray[np.uint8]], columns: int = SHEET_COLUMNS
 ) -> None:
-    """Thumbnails in rows, as JPEG."""
+    """Write thumbnails in rows, as JPEG."""
     empty = np.full_like(thumbnails[0], 128)
     places = [*thumbnails, *[empty] * (-len(thumbnails) % columns)]
     rows = [np.hstack(places[first : first + columns]) for first in range(0, len(places), columns)]
@@ -69,7 +69,7 @@ def write_contact_sheet(
 
 
 def draw_distributions(path: Path, drawn: NDArray[np.float64], real: NDArray[np.float64]) -> None:
-    """Share of pages at or below a value, for every figure, designs and real pages."""
+    """Draw the share of pages at or below a value, for every figure, of designs and real pages."""
     figure = Figure(figsize=(9.2, 4.4), dpi=110, layout="constrained")
     for axes, name, ours, theirs in zip(
         figure.subplots(2, 4, sharey=True).flat, NAMES.values(), drawn.T, real.T, strict=True
@@ -86,14 +86,14 @@ def draw_distributions(path: Path, drawn: NDArray[np.float64], real: NDArray[np.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignSummary:
-    """One page looked at."""
+    """Figures and thumbnail of one page."""
 
     figures: PageFigures
     thumbnail: NDArray[np.uint8]
 
 
 def summary_of(designs: Designs, index: int) -> DesignSummary:
-    """Draw or rip one page, measure it and make it small."""
+    """Draw or rip one page, measure it and reduce it to a thumbnail."""
     page = designs.page(index)
     return DesignSummary(figures=page_figures(page), thumbnail=thumbnail(page))
 
@@ -107,42 +107,44 @@ def run_corpus_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
-    """Look at the designs of a seed and, if given, at a folder of real pages; write ``corpus.md`` and its pictures.
+    """Measure the designs of a seed and, if given, a folder of real pages; write ``corpus.md`` and its pictures.
 
     Returns the figures' quartiles of both and the mean times. JobError: a page of the folder cannot be used.
     """
     number = DESIGNS_QUICK if quick else DESIGNS
-    theirs = None
+    real_figures = None
     if pages is not None:
         folder = Folder(path=pages, dpi=STUDY_DPI)
         progress(f"looking at the {len(folder)} pages of {pages.name}")
         real = in_order(partial(summary_of, folder), range(len(folder)), processes=processes)
-        theirs = table(summary.figures for summary in real)
+        real_figures = table(summary.figures for summary in real)
     progress(f"drawing {number} designs")
     drawn = list(
         in_order(partial(summary_of, Corpus(seed=seed, dpi=STUDY_DPI)), range(number), processes=processes)
     )
-    ours = table(summary.figures for summary in drawn)
+    design_figures = table(summary.figures for summary in drawn)
     times = {FAST_DPI: _times_s(seed, FAST_DPI, number), STUDY_DPI: _times_s(seed, STUDY_DPI, number)}
     sheets = []
     for first in range(0, number, A_SHEET):
         sheets.append(results / f"corpus-{first // A_SHEET + 1}.jpg")
         write_contact_sheet(sheets[-1], [summary.thumbnail for summary in drawn[first : first + A_SHEET]])
-    if theirs is not None:
-        draw_distributions(results / "corpus-figures.png", ours, theirs)
+    if real_figures is not None:
+        draw_distributions(results / "corpus-figures.png", design_figures, real_figures)
     names = [sheet.name for sheet in sheets]
-    found = corpus_results(ours, theirs, seed=seed, dpi=STUDY_DPI, times=times, sheets=names)
-    write_page(results / "corpus.md", "corpus", found)
+    findings = corpus_results(
+        design_figures, real_figures, seed=seed, dpi=STUDY_DPI, times=times, sheets=names
+    )
+    write_page(results / "corpus.md", "corpus", findings)
     return {
         "seed": seed,
-        "designs": summary(ours),
-        "pages": None if theirs is None else summary(theirs),
+        "designs": summary(design_figures),
+        "pages": None if real_figures is None else summary(real_figures),
         "mean_cpu_s": {f"{dpi:g} dpi": round(float(np.mean(taken)), 4) for dpi, taken in times.items()},
     }
 
 
 def _times_s(seed: int, dpi: float, number: int) -> list[float]:
-    """Processor time to draw each of up to ``TIMED`` designs, in this process."""
+    """Return the processor time to draw each of up to ``TIMED`` designs, in this process."""
     times = []
     for index in range(min(number, TIMED)):
         started = time.process_time()

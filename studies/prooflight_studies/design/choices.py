@@ -1,4 +1,4 @@
-"""Designs of a camera to choose among, and what their hardware costs: the words of ``study design``."""
+"""Designs of a camera to choose from, and the cost of their hardware: the options of ``study design``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Value = int | float | str
 SENSORS: Final = "sensors"
-"""Not a field of press files: how many of its sensors, first to last, a design has."""
+"""Name of a choice that is no field of press files: the number of the file's sensors that a design has."""
 EFFICIENCY_FILE: Final = "quantum_efficiency.file"
 MOST_CENTS: Final = 1e15
 AS_IT_IS: Final = "as it is"
@@ -28,7 +28,7 @@ _REMEDY: Final = "give FIELD=a,b,c, or FIELD+FIELD=a+b,c+d for values that go to
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """What one design is other than the press file: fields and their values, none for the file as it is."""
+    """Difference of one design from the press file: fields and their values, none for the file as it is."""
 
     values: tuple[tuple[str, Value], ...] = ()
 
@@ -36,7 +36,10 @@ class Choice:
         return ", ".join(f"{field.rpartition('.')[2]} {value}" for field, value in self.values) or AS_IT_IS
 
     def press_file(self, base: PressFile) -> PressFile:
-        """The press file of this design. PressFileError, RequestError: there is no such field, value or sensor."""
+        """Return the press file of this design.
+
+        PressFileError, RequestError: there is no such field, value or sensor.
+        """
         values = dict(self.values)
         count = values.pop(SENSORS, None)
         if count is not None:
@@ -48,8 +51,10 @@ class Choice:
 
 
 def choices(texts: Sequence[str], *, each_alone: bool = False) -> tuple[Choice, ...]:
-    """Of ``--vary`` texts: all combinations, the last running fastest; each_alone: the file as it is, then one change
-    at a time. RequestError: a text names no field or no values, or a field twice.
+    """Parse ``--vary`` texts into all combinations, the last running fastest.
+
+    each_alone: return the file as it is, then one change at a time. RequestError: a text names no field or no values,
+    or a field twice.
     """
     if not texts:
         raise RequestError("--vary", "is missing", remedy=_REMEDY)
@@ -68,7 +73,7 @@ def choices(texts: Sequence[str], *, each_alone: bool = False) -> tuple[Choice, 
 
 
 def _steps(text: str) -> list[Choice]:
-    """``FIELD=a,b`` or ``FIELD+FIELD=a+b,c+d``."""
+    """Parse ``FIELD=a,b`` or ``FIELD+FIELD=a+b,c+d``."""
     names, equals, rows = text.partition("=")
     fields = names.split("+")
     if not equals or not all(field.strip() for field in fields):
@@ -100,7 +105,7 @@ def _with_sensors(base: PressFile, count: Value) -> PressFile:
 
 
 def _without_curve(base: PressFile, field: str) -> PressFile:
-    """A file is about to replace the curve that stands in the press file: numbers are kept out of its way."""
+    """Replace the curve in the press file, whose numbers would conflict with the file that is set next."""
     tree = tomllib.loads(base.text)
     number = field.split(".")[1]
     for place, sensor in enumerate(tree["sensor"]):
@@ -112,16 +117,16 @@ def _without_curve(base: PressFile, field: str) -> PressFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prices:
-    """What the user says that hardware and computing cost."""
+    """Costs of hardware and computing, as the user states them."""
 
     sensor_cents: float = 0.0
-    """One sensor with its share of lens and electronics. [cent]"""
+    """Cost of one sensor with its share of lens and electronics. [cent]"""
     computing_cents: float = 0.0
-    """Comparing 10,000 pages of one sensor of the press file; more pixels a page cost more. [cent]"""
+    """Cost of comparing 10,000 pages of one sensor of the press file; more pixels a page cost more. [cent]"""
     life_pages: float = 1e8
     """Pages over which hardware is written off. assumed: 100 pages a minute in two shifts for four years. [-]"""
     of_values: tuple[tuple[str, str, float], ...] = ()
-    """(field, value as text, cents): what a design with that value costs more than the press file. [cent]"""
+    """Surcharges (field, value as text, cents): extra cost of a design with that value over the press file. [cent]"""
 
     def __post_init__(self) -> None:
         for name, value in (("--sensor-cost", self.sensor_cents), ("--computing-cost", self.computing_cents)):
@@ -131,14 +136,14 @@ class Prices:
             raise RequestError("--life-pages", f"{self.life_pages} is no life", remedy="give pages above 0")
 
     def hardware_cents(self, choice: Choice, sensors: int) -> float:
-        """Of 10,000 pages. [cent]"""
+        """Return the hardware cost of 10,000 pages. [cent]"""
         given = {(field, _as_text(value)) for field, value in choice.values}
         extra = sum(cents for field, value, cents in self.of_values if (field, value) in given)
         return (sensors * self.sensor_cents + extra) * 10_000 / self.life_pages
 
 
 def parse_prices(texts: Sequence[str], of: Sequence[Choice]) -> tuple[tuple[str, str, float], ...]:
-    """``FIELD=VALUE:CENTS`` each, below 0 where the value is the cheaper one.
+    """Parse texts ``FIELD=VALUE:CENTS``, below 0 where the value is the cheaper one.
 
     RequestError for anything else, and for a value that no design has.
     """

@@ -1,4 +1,4 @@
-"""The picture of the design study: what errors cost against what hardware and computing cost."""
+"""The picture of the design study: cost of errors against cost of hardware and computing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROOM = 0.25
 
 
 def draw_designs(path: Path, rows: Sequence[DesignRow], *, detector: str) -> None:
-    """One panel a world: designs with 95 % intervals, the efficient ones filled and joined, the least total dotted."""
+    """Draw one panel a world: designs with 95 % intervals, efficient ones filled and joined, the least total dotted."""
     worlds = list(dict.fromkeys(row.world for row in rows))
     figure = new_figure(6.2 * len(worlds), 4.8, pads_inch=(0.1, 0.08))
     designs = list(dict.fromkeys(row.design for row in rows))

@@ -1,4 +1,4 @@
-"""Rows of each design of a camera -> its errors, their cost, and what pays."""
+"""Errors of each design of a camera, their cost, and the efficient designs, from the rows of the study."""
 
 from __future__ import annotations
 
@@ -40,58 +40,58 @@ DETECTORS: Final = (BAYES, CHI_SQUARE, *OF_BASELINES)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateResult:
-    """One design in one world, before money."""
+    """Results of one design in one world, before costs."""
 
     resampled: NDArray[np.float64]
-    """(resamples,) c with press days drawn again, the same draws for every camera. [-]"""
+    """Cost c with resampled press days, the same resamples for every camera, (resamples,). [-]"""
     cost: float
-    """c at the press's own alpha, threshold chosen on the tuning pages. [-]"""
+    """Cost c at the press's own alpha, threshold chosen on the tuning pages. [-]"""
     false_alarms: int
     good: int
     missed: int
     bad: int
     area: float
     how: str
-    """How the detector reads, as chosen on the tuning pages."""
+    """Reading of the detector, as chosen on the tuning pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRow:
-    """What one design costs in one world; money per 10,000 pages."""
+    """Costs of one design in one world; money per 10,000 pages."""
 
     design: str
     world: World
     sensors: int
     pixel_pitch_mm: float
     pages_per_s: float
-    """A4, short edge first, without gaps. [1/s]"""
+    """Pages a second: A4, short edge first, without gaps. [1/s]"""
     white_snr: float
-    """Of the first sensor on paper, signal above dark over temporal sigma. [-]"""
+    """Signal-to-noise ratio of the first sensor on paper: signal above dark over temporal sigma. [-]"""
     cost: Interval
-    """c of equation 7 at the press's alpha. [-]"""
+    """Cost c of equation 7 at the press's alpha. [-]"""
     false_alarms: int
     good: int
     missed: int
     bad: int
     area: float
     error_cents: Interval
-    """False alarms and misses. [cent]"""
+    """Cost of false alarms and misses. [cent]"""
     saving_cents: Interval
     """Errors of the first design less those of this one, on the same pages. [cent]"""
     hardware_cents: float
     computing_cents: float
     efficient: bool
-    """No other design has both fewer errors and cheaper hardware and computing."""
+    """Whether no other design has both fewer errors and cheaper hardware and computing."""
     how: str
 
     @property
     def bought_cents(self) -> float:
-        """Hardware and computing. [cent]"""
+        """Cost of hardware and computing. [cent]"""
         return self.hardware_cents + self.computing_cents
 
     @property
     def total_cents(self) -> float:
-        """Errors, hardware and computing. [cent]"""
+        """Cost of errors, hardware and computing. [cent]"""
         return self.error_cents.value + self.bought_cents
 
 
@@ -105,7 +105,7 @@ def design_results(
     coarser: float,
     command: str,
 ) -> dict[str, Any]:
-    """All figures of the page; command: what regenerates it."""
+    """Return all figures of the page; command: the one that regenerates it."""
     without = bill(costs, costs.alpha, pages=PAGES)
     return {
         "command": command,
@@ -138,21 +138,24 @@ def judged(
     days: NDArray[np.int64],
     seed: int,
 ) -> CandidateResult:
-    """Learn, tune and test one design; sets: rows to ``learn``, ``tune`` and ``test``; days: all to test on, rising."""
+    """Train, tune and test one design.
+
+    sets: rows to ``learn``, ``tune`` and ``test``; days: all to test on, rising.
+    """
     (tune_score, test_score), how = _scores(sets, frame, detector)
     threshold = least_cost(scored(sets["tune"], tune_score), costs.alpha).threshold
     pages = scored(sets["test"], test_score)
-    found = at_threshold(pages, threshold)
+    rates = at_threshold(pages, threshold)
     good, bad = int((~pages.bad).sum()), int(pages.bad.sum())
     # The same draws for every camera; days that left no pages count as drawn, so that differences between two cameras
     # are of the same pages.
     place, drawn = drawn_clusters(pages.day, stream(seed, "bootstrap"), clusters=days)
     return CandidateResult(
         resampled=resampled_costs(pages, costs.alpha, threshold=threshold, place=place, drawn=drawn),
-        cost=found.cost(costs.alpha),
-        false_alarms=round(found.false_alarms * good),
+        cost=rates.cost(costs.alpha),
+        false_alarms=round(rates.false_alarms * good),
         good=good,
-        missed=round(found.misses * bad),
+        missed=round(rates.misses * bad),
         bad=bad,
         area=area_under_roc(pages),
         how=how,
@@ -160,7 +163,7 @@ def judged(
 
 
 def _scores(sets: dict[str, Rows], frame: int, detector: str) -> tuple[list[NDArray[np.float64]], str]:
-    """Scores of the tuning and of the test pages."""
+    """Return the scores of the tuning and of the test pages."""
     others = [sets["tune"], sets["test"]]
     if detector == BAYES:
         reading, _ = chosen_reading(sets["learn"], sets["tune"], frame=frame)
@@ -172,12 +175,12 @@ def _scores(sets: dict[str, Rows], frame: int, detector: str) -> tuple[list[NDAr
 
 
 def cents_per_unit(costs: RunningCosts) -> float:
-    """What a normalised cost of 1 comes to on 10,000 pages. [cent]"""
+    """Return the cost of 10,000 pages for a normalised cost of 1. [cent]"""
     return bill(costs, 1.0, pages=PAGES).with_system
 
 
 def efficient(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Of (bought, errors) each: whether none other is at least as good in both and better in one.
+    """Return for each (bought, errors) whether no other is at least as good in both and better in one.
 
     >>> efficient([(0, 9.0), (5, 4.0), (6, 5.0), (5, 4.0)])
     [True, True, False, True]

@@ -1,4 +1,4 @@
-"""What a camera's parts buy (paper, section 5.3): errors per 10,000 pages against hardware; writes ``design.md``."""
+"""Value of a camera's parts (paper, section 5.3): errors per 10,000 pages against hardware; writes ``design.md``."""
 
 from __future__ import annotations
 
@@ -38,30 +38,31 @@ if TYPE_CHECKING:
     from prooflight_studies.design.choices import Choice, Prices
 
 COARSER: Final = 5.0
-"""Pixels so many times as wide as each design's own: a study in minutes, and designs keep their proportions."""
+"""Factor on the pixel width of each design: the study takes minutes, and designs keep their proportions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """A design, ready to be studied."""
+    """A design with its camera and press."""
 
     choice: Choice
     camera: Camera
-    """With its own pixels."""
+    """Camera with its own pixels."""
     press: Press
-    """With coarser ones."""
+    """Press with coarser pixels."""
 
     @property
     def pixels_per_page(self) -> float:
-        """Of all sensors over A4's length and the camera's field. [-]"""
+        """Pixels of all sensors over A4's length and the camera's field. [-]"""
         lines = A4_LENGTH_MM / self.camera.line_pitch_mm
         return lines * self.camera.sensors[0].pixels * len(self.camera.sensors)
 
 
 def design_plans(*, seed: int, quick: bool, more: int = 1, world: str | None = None) -> list[Plan]:
-    """The ideal and the press world; fewer page designs in the latter, where scans cost five times as much.
+    """Return the plans of the ideal and the press world.
 
-    more: how many times as many page designs. world: one alone. RequestError: there is no such world.
+    The latter has fewer page designs, as its scans cost five times as much. more: factor on the number of page designs.
+    world: one alone. RequestError: there is no such world.
     """
     pilot, learn, tune, test = (2, 12, 8, 12) if quick else (4, 30 * more, 20 * more, 40 * more)
     a_day = 4 if quick else 10
@@ -79,17 +80,17 @@ def candidates(
     coarser: float = COARSER,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Candidate]:
-    """Every design built, before any is studied. PressFileError, RequestError: one of them cannot be."""
+    """Build every design, before any is studied. PressFileError, RequestError: one of them cannot be built."""
     if not coarser > 0:
         raise RequestError("--coarser", f"{coarser:g} is no factor", remedy="give 1 or more")
     files = [choice.press_file(base) for choice in chosen]
     cameras = [file.camera() for file in files]
-    found = []
+    built = []
     for choice, file, camera in zip(chosen, files, cameras, strict=True):
         progress(f"building {choice}")
         coarse = at_pitch(file, camera.pixel_pitch_mm * coarser)
-        found.append(Candidate(choice=choice, camera=camera, press=build_press(coarse, seed=SPECIMEN_SEED)))
-    return found
+        built.append(Candidate(choice=choice, camera=camera, press=build_press(coarse, seed=SPECIMEN_SEED)))
+    return built
 
 
 def run_design_study(
@@ -114,7 +115,7 @@ def run_design_study(
     """Study every design in every plan's world and write ``design.md`` and its picture into ``results``.
 
     All designs see the same page designs, misprints and press days, and are judged at the press file's costs. cache:
-    where rows are kept; what was studied once is not studied again. RequestError: there is no such detector.
+    folder of rows, from which results are reused. RequestError: there is no such detector.
     """
     if detector not in DETECTORS:
         remedy = f"choose one of {', '.join(DETECTORS)}"
@@ -124,7 +125,7 @@ def run_design_study(
     costs = base.costs()
     rows: list[DesignRow] = []
     for plan in used:
-        found = []
+        judgements = []
         for candidate in of:
             what = f"{plan.world} world, {candidate.choice}"
             scans = watched_rows(
@@ -134,11 +135,11 @@ def run_design_study(
                 cache,
                 processes=processes,
                 cluster=cluster,
-                told=partial(_told, progress, what),
+                progress_of=partial(_progress_of, progress, what),
             )
             sets = {of_set: chosen_rows(scans, plan, of_set, noise=1.0) for of_set in JUDGED}
             frame = len(FRAMES[plan.world]) - 1  # where registration found the page, if the world moves it
-            found.append(
+            judgements.append(
                 judged(
                     sets,
                     frame=frame,
@@ -148,7 +149,7 @@ def run_design_study(
                     seed=plan.seed,
                 )
             )
-        rows += _with_money(of, found, plan, prices)
+        rows += _with_money(of, judgements, plan, prices)
     draw_designs(results / "design.png", rows, detector=detector)
     shown = design_results(
         rows, used, costs=costs, prices=prices, detector=detector, coarser=coarser, command=command
@@ -157,8 +158,8 @@ def run_design_study(
     return rows
 
 
-def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
-    """How many days' scans are made; the pilot's few days pass unsaid."""
+def _progress_of(progress: Callable[[str], None], what: str, step: str) -> Callable[[int, int], None]:
+    """Return a progress callback for the days of scans; the pilot's few days are not reported."""
 
     def tell(done: int, days: int) -> None:
         if step == "scans":
@@ -168,11 +169,11 @@ def _told(progress: Callable[[str], None], what: str, step: str) -> Callable[[in
 
 
 def _with_money(
-    of: Sequence[Candidate], found: Sequence[CandidateResult], plan: Plan, prices: Prices
+    of: Sequence[Candidate], judgements: Sequence[CandidateResult], plan: Plan, prices: Prices
 ) -> list[DesignRow]:
-    first = found[0]
+    first = judgements[0]
     rows = []
-    for candidate, one in zip(of, found, strict=True):
+    for candidate, one in zip(of, judgements, strict=True):
         costs, camera = candidate.press.costs, candidate.camera
         share = candidate.pixels_per_page / _per_sensor(of[0])
         sensor = candidate.press.sensors[0]

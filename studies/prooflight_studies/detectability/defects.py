@@ -1,4 +1,4 @@
-"""Pages with a defect just as strong as is said to be caught where it lies."""
+"""Pages with a defect of just the strength that is predicted to be caught at its position."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 STREAK_MM: Final = 0.254 * STREAK_WIDTH
 BLACK: Final = 3
 EDGE_MM: Final = 6.0
-"""Defects are printed no nearer to the page's edges."""
+"""Least distance of printed defects from the page's edges."""
 
 
 def spotted(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
-    """The page with a black spot as small as is said to be caught where it lies; None: there is no such place."""
+    """Add the smallest black spot that is predicted to be caught at its position; None: there is no such place."""
     place = _drawn_tile(page, of_page, of_page.spot_mm, EDGE_MM, rng)
     if place is None:
         return None
@@ -44,7 +44,7 @@ def spotted(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None
 
 
 def streaked(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
-    """The page with a black streak 0.5 mm wide as faint as is said to be caught where it lies."""
+    """Add the faintest black streak 0.5 mm wide that is predicted to be caught at its position."""
     x = (np.arange(of_page.streak_percent.size) + 0.5) * of_page.pixel_mm + of_page.left_mm
     columns = np.flatnonzero(_inside(x, page.width_mm) & np.isfinite(of_page.streak_percent))
     if not columns.size:
@@ -59,7 +59,7 @@ def streaked(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | Non
 
 
 def patched(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
-    """The page with less of all inks in a square, by as much as is said to be caught where it lies."""
+    """Reduce all inks in a square, by the least loss that is predicted to be caught at its position."""
     side_mm = PATCH_TILES * of_page.tile_mm
     place = _drawn_tile(page, of_page, of_page.patch_percent, EDGE_MM + side_mm / 2, rng)
     if place is None:
@@ -74,14 +74,14 @@ def patched(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None
 
 
 def paled(page: Page, of_page: Reach, rng: np.random.Generator) -> Page | None:
-    """The page with less of one ink, by as much as is said to be caught."""
-    known = {letter: least for letter, least in of_page.inks_percent.items() if np.isfinite(least)}
-    if not known:
+    """Reduce one ink, by the least loss that is predicted to be caught."""
+    caught = {letter: least for letter, least in of_page.inks_percent.items() if np.isfinite(least)}
+    if not caught:
         return None
-    letter = str(rng.choice(sorted(known)))
+    letter = str(rng.choice(sorted(caught)))
     ink = INK_LETTERS.index(letter)
     cmyk = page.cmyk.copy()
-    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - known[letter] / 100), rng)
+    cmyk[..., ink] = _rounded(cmyk[..., ink] * (1 - caught[letter] / 100), rng)
     return replace(page, cmyk=cmyk)
 
 
@@ -91,7 +91,7 @@ DRAWN: Final = {"spot": spotted, "streak": streaked, "patch": patched, "ink": pa
 def _drawn_tile(
     page: Page, of_page: Reach, least: NDArray[np.float64], edge_mm: float, rng: np.random.Generator
 ) -> tuple[int, int, float, float] | None:
-    """Row and column of a tile where ``least`` is finite, and its middle on the page, y and x. [mm]"""
+    """Return row and column of a tile where ``least`` is finite, and its middle on the page, y and x. [mm]"""
     y, x = (
         np.arange(count) * of_page.tile_mm + of_page.tile_mm / 2 + first
         for count, first in zip(least.shape, (of_page.top_mm, of_page.left_mm), strict=True)
@@ -110,5 +110,5 @@ def _inside(place_mm: NDArray[np.floating], extent_mm: float, edge_mm: float = E
 
 
 def _rounded(values: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """To whole codes, at random, so that the mean is right."""
+    """Round to whole codes, at random, so that the mean is right."""
     return np.clip(np.floor(values + rng.random(values.shape)), 0, 255).astype(np.uint8)

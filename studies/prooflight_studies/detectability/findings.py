@@ -1,4 +1,4 @@
-"""What the study of detectability finds on each page of a job."""
+"""Results of the study of detectability on each page of a job."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from prooflight_studies.detectability.closed_form import Reach
 
 PRINTS: Final = 4
-"""Good prints of a page, one of which must pass."""
+"""Number of good prints of a page, one of which must pass."""
 NAMES: Final = {"spot": "spots", "streak": "streaks", "patch": "pale patches", "ink": "pale inks"}
 DEFECTS: Final = tuple(NAMES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caught:
-    """Of one defect on one page, printed as faint as should be caught at 99 %."""
+    """Counts of one defect on one page, printed as faint as should be caught at 99 %."""
 
     of: int
     caught: int
@@ -32,43 +32,43 @@ class Caught:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PageReach:
-    """One page of the job."""
+    """Results of one page of the job."""
 
     name: str
     reach: Reach
     half: Reach
-    """What is caught in every second print."""
+    """Least defects that are caught in every second print."""
     wanted: dict[str, tuple[float, float]]
-    """By defect: strengths that are caught in every second print and in 99 of 100."""
+    """Strengths that are caught in every second print and in 99 of 100, by defect."""
     verified: dict[str, Caught]
-    """By defect; ``none``: good prints that alarmed."""
+    """Counts by defect; ``none``: good prints that alarmed."""
 
     @property
     def picture(self) -> str:
-        """Its file."""
+        """File name of the page's picture."""
         return f"detectability-{self.name}.png"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JobReach:
-    """All pages."""
+    """Results of all pages."""
 
     pages: list[PageReach]
     prints: dict[str, int]
-    """By defect: from which it was learned how strong it must be."""
+    """Number of prints from which the necessary strength was learned, by defect."""
     alarming: list[str]
-    """Names of pages of which ``PRINTS`` good prints alarmed: whatever were wrong with them would drown."""
+    """Names of pages of which ``PRINTS`` good prints alarmed, so that a defect could not be distinguished."""
 
 
 def job_results(
-    job: JobReach, press: Press, ours: CalibratedDetector, *, trials: int, seed: int
+    job: JobReach, press: Press, detector: CalibratedDetector, *, trials: int, seed: int
 ) -> dict[str, Any]:
-    """All figures of the page; trials: prints of each page and defect that verified."""
+    """Return all figures of the page; trials: prints of each page and defect for verification."""
     return {
         "press": press.name,
         "sensors": len(press.sensors),
         "pixel_pitch_mm": press.geometry.pixel_pitch_mm,
-        "promise": ours.promise,
+        "promise": detector.promise,
         "trials": trials,
         "seed": seed,
         "good_prints": PRINTS,
@@ -107,9 +107,9 @@ def _of_reach(reach: Reach) -> dict[str, Any]:
 
 
 def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
-    """Percentiles over the page, and the share of its places where nothing is caught, where values are infinite."""
-    known = values[~np.isnan(values)]
-    finite = known[np.isfinite(known)]
+    """Return percentiles over the page, and the share of its places where values are infinite: nothing is caught."""
+    on_page = values[~np.isnan(values)]
+    finite = on_page[np.isfinite(on_page)]
     low, middle, high = np.percentile(finite, (5, 50, 95)).tolist() if finite.size else (None, None, None)
-    nowhere = 1 - finite.size / max(known.size, 1)
+    nowhere = 1 - finite.size / max(on_page.size, 1)
     return {"low": low, "middle": middle, "high": high, "nowhere": nowhere}

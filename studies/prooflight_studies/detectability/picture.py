@@ -1,4 +1,4 @@
-"""Maps of what would be caught on a page, beside the page itself."""
+"""Maps of the least defects that would be caught on a page, next to the page itself."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from prooflight_studies.detectability.closed_form import Reach
 
 NOWHERE: Final = "#b3261e"
-"""Colour of places where nothing of the kind would be caught."""
+"""Colour of places where no defect of the kind would be caught."""
 TICKS: Final = {"spot": (0.2, 0.5, 1, 2, 5, 10), "patch": (5, 10, 20, 50, 100)}
 COLOUR_OF_INK: Final = {"C": "#0091c8", "M": "#c8006f", "Y": "#c9a800", "K": "#222222"}
 
 
 def draw_reach(path: Path, page: Page, reach: Reach, press: Press) -> None:
-    """The page; the smallest spot; the faintest streak; the smallest loss of density, in places and of inks."""
+    """Draw the page, the smallest spot, the faintest streak, and the smallest loss of density of places and inks."""
     ratio = page.height_mm / page.width_mm
     figure = Figure(figsize=(15.5, 4.1 * ratio + 2.6), dpi=100, layout="constrained")
     grid = figure.add_gridspec(2, 3, height_ratios=[4.1 * ratio, 1.7])

@@ -1,7 +1,7 @@
 """The smallest spot, the faintest streak and density change that a press would catch on each page of a job.
 
-How strong a defect must be on each page is learned from prints with such defects; what is so strong where follows in
-closed form; and that is verified by further prints with defects just so strong.
+The strength at which a defect is caught on a page is learned from prints with such defects; the amounts with this
+strength follow in closed form; and they are verified on further prints with defects of these amounts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
-from prooflight_studies.detectability.closed_form import Reach, Telling
+from prooflight_studies.detectability.closed_form import Reach, Strengths
 from prooflight_studies.detectability.defects import DRAWN
 from prooflight_studies.detectability.findings import (
     DEFECTS,
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 
 HALF: Final = 0.5
 LEARNED, VERIFIED = range(2)
-"""Uses of a print; no press day is of both."""
+"""Uses of a print; no press day is for both."""
 LEARNING: Final = 160
-"""Prints with each defect, over all pages, from which it is learned how strong it must be."""
+"""Number of prints with each defect, over all pages, from which the necessary strength is learned."""
 TRIALS: Final = 12
-"""Of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
+"""Number of prints of each defect on each page; 0.99^12 = 0.89 of the time all are caught."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class JobPages:
     job: JobSource
 
     def page(self, index: int) -> Page:
-        """Page ``index`` + 1."""
+        """Return page ``index`` + 1."""
         return opened(self.job).page(index + 1)
 
 
@@ -78,11 +78,11 @@ def run_detectability_study(
 ) -> JobReach:
     """Write ``detectability.md`` and a picture of each page into ``results``.
 
-    pages: numbers of the job's; None: all. RequestError: the press was not taught our detector, or alarms at good
+    pages: numbers of the job's; None: all. RequestError: our detector was not trained for the press, or alarms on good
     prints of all these pages.
     """
-    ours = press.ours
-    if ours is None:
+    detector = press.ours
+    if detector is None:
         remedy = "build it with `prooflight press build --detector quick`"
         raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
     results.mkdir(parents=True, exist_ok=True)
@@ -96,19 +96,19 @@ def run_detectability_study(
             return PressDay(
                 day=SimulatedDay.begin("press", press, rng),
                 page=lambda index: fitted(source.page(index), press.geometry),
-                residual_variance=ours.model.residual_variance,
-                prior=ours.model.prior,
+                residual_variance=detector.model.residual_variance,
+                prior=detector.model.prior,
             )
 
-        return _Bench(ours, day, number, stream(seed, "detectability-telling", number))
+        return _Bench(detector, day, number, stream(seed, "detectability-telling", number))
 
     alarming: list[str] = []
-    telling: list[int] = []
-    wanted = {defect: Psychometric.unknown(ours.promise.rate) for defect in DEFECTS}
+    detectable: list[int] = []
+    wanted = {defect: Psychometric.unknown(detector.promise.rate) for defect in DEFECTS}
     left = learning
     for turn, number in enumerate(numbers):
         one = bench(number)
-        if one.telling is None:
+        if one.strengths is None:
             progress(f"page {number}: {PRINTS} good prints of it alarm")
             alarming.append(one.page.name)
             continue
@@ -116,18 +116,18 @@ def run_detectability_study(
         progress(f"page {number}: {prints} prints with each defect, to learn how strong it must be")
         wanted = one.learned(wanted, prints, stream(seed, "detectability-learning", number))
         left -= prints
-        telling.append(number)
-    if not telling:
+        detectable.append(number)
+    if not detectable:
         what = f"{PRINTS} good prints of {'it' if len(alarming) == 1 else 'each'} alarm"
         raise RequestError(", ".join(alarming), what, remedy="teach the press by more designs")
-    found = []
-    for number in telling:
+    reaches = []
+    for number in detectable:
         one = bench(number)  # again, because a job may have more pages than memory holds ready
-        assert one.telling is not None
+        assert one.strengths is not None
         half, sure = (
             {defect: of.strength(number, chance) for defect, of in wanted.items()} for chance in (HALF, SURE)
         )
-        reach, verified = Reach.of(one.telling, sure), {}
+        reach, verified = Reach.of(one.strengths, sure), {}
         for index, defect in enumerate(("none", *DEFECTS)):
             progress(f"page {number}: {trials} prints with {NAMES.get(defect, 'nothing wrong')}")
             rng = stream(seed, "detectability-trials", number, index)
@@ -135,15 +135,15 @@ def run_detectability_study(
         page = PageReach(
             name=one.page.name,
             reach=reach,
-            half=Reach.of(one.telling, half),
+            half=Reach.of(one.strengths, half),
             wanted={defect: (half[defect], sure[defect]) for defect in wanted},
             verified=verified,
         )
         draw_reach(results / page.picture, one.page, reach, press)
-        found.append(page)
+        reaches.append(page)
     learned = {defect: of.prints for defect, of in wanted.items()}
-    job_reach = JobReach(pages=found, prints=learned, alarming=alarming)
-    shown = job_results(job_reach, press, ours, trials=trials, seed=seed)
+    job_reach = JobReach(pages=reaches, prints=learned, alarming=alarming)
+    shown = job_results(job_reach, press, detector, trials=trials, seed=seed)
     write_page(results / "detectability.md", "detectability", shown)
     return job_reach
 
@@ -151,63 +151,63 @@ def run_detectability_study(
 class _Bench:
     """One page, every print of it on a press day of its own.
 
-    day: gives the press day of a print by its use, ``LEARNED`` or ``VERIFIED``, and its number: no day is of both.
+    day: returns the press day of a print by its use, ``LEARNED`` or ``VERIFIED``, and its number: no day is for both.
     """
 
     def __init__(
         self,
-        ours: CalibratedDetector,
+        detector: CalibratedDetector,
         day: Callable[[int, int], PressDay],
         number: int,
         rng: np.random.Generator,
     ) -> None:
-        self.ours, self.day, self.number = ours, day, number
+        self.detector, self.day, self.number = detector, day, number
         good, self.known = day(LEARNED, 0).design(number - 1)
         self.page = good.page
-        self.telling = self._telling(rng)
+        self.strengths = self._strengths(rng)
 
-    def _telling(self, rng: np.random.Generator) -> Telling | None:
-        """From the first of a few good prints that does not alarm; None if all do."""
+    def _strengths(self, rng: np.random.Generator) -> Strengths | None:
+        """Return the strengths from the first of a few good prints that does not alarm; None if all do."""
         for turn in range(PRINTS):
             analysis, statistics = self._analysed(self.page, self.day(LEARNED, turn), rng)
-            looked_up(self.ours.model, statistics, self.known.page_features)
-            if self._score(analysis, statistics) <= self.ours.threshold:
-                return Telling.of(analysis.sums, analysis.fit, statistics, self.ours.model.scatter)
+            looked_up(self.detector.model, statistics, self.known.page_features)
+            if self._score(analysis, statistics) <= self.detector.threshold:
+                return Strengths.of(analysis.sums, analysis.fit, statistics, self.detector.model.scatter)
         return None
 
     def learned(
         self, wanted: Mapping[str, Psychometric], prints: int, rng: np.random.Generator
     ) -> dict[str, Psychometric]:
-        """What is known after so many prints of this page with each defect."""
-        assert self.telling is not None
-        found = dict(wanted)
+        """Return the posterior after ``prints`` prints of this page with each defect."""
+        assert self.strengths is not None
+        posteriors = dict(wanted)
         for turn in range(prints):
             day = self.day(LEARNED, PRINTS + turn)
-            tried = {defect: one.next(self.number, rng) for defect, one in found.items()}
-            reach = Reach.of(self.telling, tried)
+            tried = {defect: one.next(self.number, rng) for defect, one in posteriors.items()}
+            reach = Reach.of(self.strengths, tried)
             for defect, strength in tried.items():
                 printed = DRAWN[defect](self.page, reach, rng)
                 if printed is not None:
                     caught = self._alarms(printed, day, rng)
-                    found[defect] = found[defect].seen(self.number, strength, caught=caught)
-        return found
+                    posteriors[defect] = posteriors[defect].seen(self.number, strength, caught=caught)
+        return posteriors
 
     def verified(self, of_page: Reach, defect: str, trials: int, rng: np.random.Generator) -> Caught:
-        """Prints with a defect just as strong as should be caught, on days on which nothing was learned."""
-        caught = made = 0
+        """Count the prints that are caught, with a defect just as strong as should be, on days without learning."""
+        caught = prints = 0
         for turn in range(trials):
             printed = self.page if defect == "none" else DRAWN[defect](self.page, of_page, rng)
             if printed is None:
                 continue
-            made += 1
+            prints += 1
             caught += self._alarms(printed, self.day(VERIFIED, turn), rng)
-        return Caught(of=made, caught=caught)
+        return Caught(of=prints, caught=caught)
 
     def _alarms(self, printed: Page, day: PressDay, rng: np.random.Generator) -> bool:
-        return self._score(*self._analysed(printed, day, rng)) > self.ours.threshold
+        return self._score(*self._analysed(printed, day, rng)) > self.detector.threshold
 
     def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
-        model = self.ours.model.widened(self.known.colours.widening)
+        model = self.detector.model.widened(self.known.colours.widening)
         values, another = model.laid_out(statistics), shows_another(analysis.found)
         return score_of(model, values, self.known.page_features, another=another)
 
@@ -217,5 +217,5 @@ class _Bench:
         scan = day.day.recorded(day.day.seen_in_press(printed, rng), rng)
         analysis = day.analysed(self.known, scan)
         return analysis, all_statistics(
-            analysis.sums, analysis.marks, analysis.fit, analysis.found, self.ours.model.scatter
+            analysis.sums, analysis.marks, analysis.fit, analysis.found, self.detector.model.scatter
         )

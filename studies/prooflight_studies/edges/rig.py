@@ -1,4 +1,4 @@
-"""One specimen of a press and its exact camera, and the ways to predict what it sees of a PDF page."""
+"""One specimen of a press and its exact camera, and the methods to predict its signal of a PDF page."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ EDGE_CONTRAST: Final = 0.2
 """A pixel is at an edge where the truth spans more than this share of white in its 3 x 3 neighbourhood."""
 BAND_MM: Final = 40.0
 BAND_CENTRES: Final = (0.2, 0.5, 0.8)
-"""Where on the page's height the bands lie in which truth and prediction are compared. [-]"""
+"""Centres of the bands in which truth and prediction are compared, as shares of the page's height. [-]"""
 SEED: Final = 1
 
 
@@ -53,7 +53,7 @@ class Rig:
 
     @classmethod
     def build(cls, press_file: PressFile, *, seed: int = SEED, pixels: int | None = None) -> Rig:
-        """The specimen that ``build_press`` draws first from the same seed."""
+        """Build the specimen that ``build_press`` draws first from the same seed."""
         press = build_press(press_file, seed=seed, pixels=pixels)
         camera = with_pixels(press_file.camera(), press.geometry.pixels)
         rng = stream(seed, "specimen")
@@ -67,14 +67,14 @@ class Band:
 
     lines: slice
     mean_dn: NDArray[np.float64]
-    """(lines, pixels) without noise or rounding. [DN]"""
+    """Mean signal without noise or rounding, (lines, pixels). [DN]"""
     sigma_dn: NDArray[np.float64]
-    """(lines, pixels) temporal. [DN]"""
+    """Temporal standard deviation, (lines, pixels). [DN]"""
     edges: NDArray[np.bool_]
 
     @classmethod
     def seen(cls, rig: Rig, lines: slice, electrons: NDArray[np.floating]) -> Band:
-        """Mean photo-electrons (lines, pixels) as digital numbers of the specimen, and where their edges are."""
+        """Convert mean photo-electrons (lines, pixels) to digital numbers of the specimen, and find their edges."""
         sensor, pattern = rig.camera.sensors[0], rig.patterns[0]
         light = electrons.astype(np.float64)
         mean = (
@@ -88,18 +88,21 @@ class Band:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sheet:
-    """The PDF page under study, and how the rig sees it."""
+    """The PDF page under study, and its position in the scan."""
 
     pdf: Path
     width_mm: float
     height_mm: float
     lines: int
     bands: tuple[slice, ...]
-    """Lines of the scan at which truth and prediction are compared."""
+    """Lines of the scan in which truth and prediction are compared."""
 
     @classmethod
     def lay(cls, rig: Rig, pdf: Path, *, band_mm: float = BAND_MM) -> Sheet:
-        """Bands at ``BAND_CENTRES``; RequestError if the page does not fit or is not printed as its MediaBox."""
+        """Place a page with bands at ``BAND_CENTRES``.
+
+        RequestError: the page does not fit or is not printed as its MediaBox.
+        """
         with PdfJob(pdf) as job:
             width_mm, height_mm = job.page_sizes_mm[0]
         geometry = rig.press.geometry
@@ -112,7 +115,7 @@ class Sheet:
         return cls(pdf=pdf, width_mm=width_mm, height_mm=height_mm, lines=last, bands=bands)
 
     def part(self, rig: Rig, band: slice, supersampling: int) -> tuple[Page, float]:
-        """A raster of the page around a band, reaching as far as light does, and where it begins on the page [mm]."""
+        """Return a raster of the page around a band, as far as light spreads, and the height of its top [mm]."""
         centres = rig.press.geometry.centres_y_mm(self.lines)[band]
         margin_mm = (MARGIN_PIXELS + 2) * rig.press.geometry.line_pitch_mm
         top_mm = max(float(centres[0]) - margin_mm, 0.0)
@@ -122,7 +125,10 @@ class Sheet:
 
 
 def rip_part(pdf: Path, top_mm: float, bottom_mm: float, *, dpi: float) -> Page:
-    """The first page between two heights; a whole page at 8 times the camera's pixels is more than MuPDF draws."""
+    """Rasterise the first page between two heights.
+
+    A whole page at 8 times the camera's pixels is more than MuPDF draws.
+    """
     import pymupdf  # imported late: an extra
 
     to_points = POINTS_PER_INCH / MM_PER_INCH
@@ -143,7 +149,7 @@ def rip_part(pdf: Path, top_mm: float, bottom_mm: float, *, dpi: float) -> Page:
 
 
 def truth(rig: Rig, sheet: Sheet, page: Page, band: slice, *, top_mm: float = 0.0) -> Band:
-    """A band through the full spectral path; ``page``: a raster that begins top_mm below the page's top."""
+    """Compute a band through the full spectral path; ``page``: a raster that begins top_mm below the page's top."""
     geometry = rig.press.geometry
     electrons = page_electrons(
         replace(rig.camera, sensors=rig.camera.sensors[:1]),
@@ -159,10 +165,10 @@ def truth(rig: Rig, sheet: Sheet, page: Page, band: slice, *, top_mm: float = 0.
 def predicted(
     rig: Rig, sheet: Sheet, page: Page, *, top_mm: float = 0.0, corrected: bool = True
 ) -> NDArray[np.float32]:
-    """What the press predicts of the first sensor, without its columns' gains and offsets, (lines, pixels) [DN].
+    """Return the press's prediction of the first sensor, without its columns' gains and offsets, (lines, pixels) [DN].
 
-    The raster's width is the page's rounded to whole pixels: its left edge is laid where the page's is. corrected:
-    False leaves out the lens correction.
+    The raster's width is the page's rounded to whole pixels: its left edge is placed at the page's. corrected: False
+    leaves out the lens correction.
     """
     geometry = rig.press.geometry
     shift_mm = geometry.left_mm(sheet.width_mm) - geometry.left_mm(page.width_mm)
@@ -176,16 +182,16 @@ def predicted(
 
 
 def in_columns(rig: Rig, signal_dn: NDArray[np.floating]) -> NDArray[np.float64]:
-    """A signal (lines, pixels) as the specimen's columns give it."""
+    """Apply the gains and offsets of the specimen's columns to a signal (lines, pixels)."""
     model = rig.press.sensors[0]
     return np.asarray(model.column_offset_dn + model.column_gain * signal_dn, dtype=np.float64)
 
 
-def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A signal predicted without lens correction (lines, pixels) as a round, endless footprint would give it.
+def with_round_footprint(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Convert a signal predicted without lens correction (lines, pixels) to that of a round, endless footprint.
 
-    The short separable footprint's transfer function is divided out and the exact one put in its place, by FFT at the
-    camera's resolution: what they differ by is smooth, so that is fine enough. Padded with backing.
+    The short separable footprint's transfer function is divided out and replaced by the exact one, by FFT at the
+    camera's resolution, which suffices since their difference is smooth. The image is padded with backing.
     """
     model = rig.press.sensors[0]
     lines, pixels = signal_dn.shape
@@ -204,7 +210,10 @@ def made_round(rig: Rig, signal_dn: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def averaged(rig: Rig, page: Page, blocks: int) -> NDArray[np.float32]:
-    """Signals of a raster looked up one by one, then averaged over square blocks: (rows, columns) / blocks [DN]."""
+    """Return signals of a raster, looked up one by one, then averaged over square blocks. [DN]
+
+    The result has the raster's rows and columns divided by blocks.
+    """
     rows, columns = (extent // blocks * blocks for extent in page.cmyk.shape[:2])
     result = np.zeros((rows // blocks, columns // blocks), np.float32)
     signal, _ = exactly_looked_up(page.cmyk[:rows].reshape(-1, 4), rig.press.sensors[0])
@@ -217,7 +226,7 @@ def averaged(rig: Rig, page: Page, blocks: int) -> NDArray[np.float32]:
 def sampled(
     rig: Rig, sheet: Sheet, signal_dn: NDArray[np.float32], *, raster_pixel_mm: float, top_mm: float
 ) -> NDArray[np.float32]:
-    """A signal on a raster that begins top_mm below the page's top, seen by every pixel of the scan. [DN]"""
+    """Sample a signal on a raster that begins top_mm below the page's top at every pixel of the scan. [DN]"""
     geometry, model = rig.press.geometry, rig.press.sensors[0]
     across, along = page_taps(
         model.footprint,

@@ -1,7 +1,7 @@
-"""How well a page is predicted where it matters and is hardest: at the edges of letters and thin lines.
+"""Accuracy of the prediction where it matters most and is hardest: at the edges of letters and thin lines.
 
-The truth is the exact camera (``exact.exposure``) without noise, on a raster much finer than any that prediction
-uses, and once more on the very raster that prediction is given; the prediction is the one that presses run.
+The truth is the exact camera (``exact.exposure``) without noise, on a raster much finer than any that prediction uses,
+and once more on the same raster as the prediction; the prediction is the one that presses use.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from prooflight_studies.edges.rig import (
     Sheet,
     averaged,
     in_columns,
-    made_round,
     predicted,
     sampled,
     truth,
+    with_round_footprint,
 )
 from prooflight_studies.harness.page import write_page
 
@@ -45,18 +45,18 @@ if TYPE_CHECKING:
 TRUTH: Final = 8
 """Raster pixels across a camera pixel in the truth."""
 FINER_TRUTH: Final = 16
-"""The same in what the truth itself is compared with, on a strip of one page."""
+"""Raster pixels in the reference of the truth itself, on a strip of one page."""
 FINER_BAND_MM: Final = 10.0
 SUPERSAMPLINGS: Final = (1, 2, 3, 4)
-"""Of whole pages, ripped and predicted as a press does it."""
+"""Supersampling factors of whole pages, ripped and predicted as by a press."""
 AVERAGED_TO: Final = (4, 2)
 STRATA: Final = ("dense text", "line art/tables")
 PAGES_A_STRATUM: Final = 5
 MOST_PICTURE: Final = 0.01
-"""Share of a chosen page that images may cover."""
+"""Greatest share of a chosen page that images may cover."""
 FEWEST_LETTERS: Final = 100
 WIDEST_MM: Final = 215.95
-"""Of the prototype's field, letter paper (215.9 mm) just fits."""
+"""Greatest page width that fits the prototype's field; letter paper (215.9 mm) just does."""
 MANIFEST_FILES: Final = GivenFiles(
     error=RequestError, remedy="give the manifest of the pages, a JSON list", largest_mb=8
 )
@@ -70,7 +70,7 @@ _LOG_BINS: Final = np.linspace(
 
 @dataclass(slots=True, kw_only=True)
 class ErrorSum:
-    """Errors of one way to predict, gathered over pages."""
+    """Errors of one method of prediction, accumulated over pages."""
 
     name: str
     edge_pixels: int = 0
@@ -84,7 +84,7 @@ class ErrorSum:
     predict_cpu_s: list[float] = field(default_factory=list)
 
     def add(self, predicted_dn: NDArray[np.floating], true: Band) -> None:
-        """Take in the lines of a band, (lines, pixels) [DN]."""
+        """Add the lines of a band, (lines, pixels) [DN]."""
         edges, sigma_dn = true.edges, true.sigma_dn
         z = (predicted_dn - true.mean_dn) / sigma_dn
         at_edges = z[edges]
@@ -100,7 +100,7 @@ class ErrorSum:
         self._right += slope @ at_edges
 
     def row(self) -> ErrorRow:
-        """The figures; needs edge pixels."""
+        """Return the figures; needs edge pixels."""
         # A pattern that lies too far right by m is too dark or too light by -m times the slope.
         fitted = np.linalg.lstsq(self._normal, self._right, rcond=None)[0]
         left = max(self._edge_squares - float(fitted @ self._right), 0.0)
@@ -121,18 +121,18 @@ class ErrorSum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorRow:
-    """One way to predict, over all pages; errors in units of the temporal sigma."""
+    """Errors of one method of prediction, over all pages, in units of the temporal sigma."""
 
     name: str
     edge_rms_sigma: float
     edge_median_sigma: float
-    """Half of the edge pixels lie closer."""
+    """Median magnitude of the error at edge pixels."""
     shifted_edge_rms_sigma: float
-    """After the best constant shift, the same on every page."""
+    """Rms after the best constant shift, the same on every page."""
     all_rms_sigma: float
     right_pixels: float
     down_pixels: float
-    """How far the prediction lies to the right and down of the truth. [camera pixels]"""
+    """Displacement of the prediction to the right and down relative to the truth. [camera pixels]"""
     edge_pixels: int
     rip_cpu_s: float | None
     predict_cpu_s: float | None
@@ -141,7 +141,7 @@ class ErrorRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeStudy:
-    """Everything the result page shows."""
+    """All results that the page shows."""
 
     pages: tuple[str, ...]
     criterion: str
@@ -151,11 +151,11 @@ class EdgeStudy:
     same_raster: tuple[ErrorRow, ...]
     goal_sigma: float = GOAL_SIGMA
     supersampling: int = SUPERSAMPLING
-    """The default, at which the goal is to be met."""
+    """Default supersampling, at which the goal is to be met."""
 
 
 class ManifestEntry(BaseModel):
-    """What the choice of pages asks of one in the manifest; what else stands there is of no interest."""
+    """Properties of a page in the manifest that its choice needs; others are ignored."""
 
     id: Annotated[str, Field(pattern=r"^[\w-]{1,100}$")]
     strata: list[str]
@@ -173,7 +173,7 @@ def run_edge_study(
     rig: Rig | None = None,
     pdfs: Sequence[Path] | None = None,
 ) -> EdgeStudy:
-    """Study pages of a folder with its manifest beside it, or the given PDFs; write ``edges.md`` into ``results``.
+    """Study pages of a folder with a manifest next to it, or the given PDFs; write ``edges.md`` into ``results``.
 
     quick: one page of each stratum. rig: the prototype's if absent. RequestError: a page cannot be used.
     """
@@ -215,7 +215,7 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
             done = time.process_time()
             short = predicted(rig, sheet, page, corrected=False)
             short_done = time.process_time()
-            rounded = made_round(rig, short)
+            rounded = with_round_footprint(rig, short)
             round_done = time.process_time()
             vector = gather(f"v{s}", f"s = {s}")
             vector.rip_cpu_s.append(ripped - started)
@@ -240,7 +240,7 @@ def _study_page(rig: Rig, sheet: Sheet, sums: dict[str, ErrorSum]) -> None:
         gather(f"r{TRUTH}", f"s = {TRUTH}").add(in_columns(rig, signal)[band], of_vector)
         short = predicted(rig, sheet, page, top_mm=top_mm, corrected=False)
         gather(f"r{TRUTH}, FFT", f"s = {TRUTH}, FFT").add(
-            in_columns(rig, made_round(rig, short))[band], of_vector
+            in_columns(rig, with_round_footprint(rig, short))[band], of_vector
         )
         for s in AVERAGED_TO:
             blocks = TRUTH // s
@@ -263,7 +263,10 @@ def _truth_itself(rig: Rig, sheet: Sheet) -> ErrorRow:
 
 
 def choose_pages(folder: Path, a_stratum: int = PAGES_A_STRATUM) -> list[Path]:
-    """The first pages of each stratum of the manifest beside ``folder`` that fit and have text and few pictures."""
+    """Return the first pages of each stratum of the manifest that fit and have text and few pictures.
+
+    The manifest is next to ``folder``.
+    """
     manifest = folder.resolve().parent / "pages_manifest.json"
     if not manifest.is_file():
         raise RequestError(manifest, "is not there", remedy="give the folder of pages that it lies beside")
@@ -283,7 +286,7 @@ def choose_pages(folder: Path, a_stratum: int = PAGES_A_STRATUM) -> list[Path]:
 
 
 def read_manifest(path: Path) -> list[ManifestEntry]:
-    """All pages of a manifest; RequestError: it is no JSON, or an entry lacks what is asked of it."""
+    """Read all pages of a manifest; RequestError: it is no JSON, or an entry lacks a property."""
     text = MANIFEST_FILES.read_text(path)
     try:
         return TypeAdapter(list[ManifestEntry]).validate_json(text)

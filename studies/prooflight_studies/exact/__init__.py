@@ -1,1 +1,1 @@
-"""The exact camera: a page through the full spectral path, which the fast one is judged by."""
+"""The exact camera: a page through the full spectral path, the reference for the fast path."""

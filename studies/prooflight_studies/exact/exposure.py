@@ -1,12 +1,12 @@
 """The whole camera on a whole page, exactly: every wavelength blurred by its own diffraction, round, not separable.
 
-The reference that fast prediction is judged by. Light of band l from a raster pixel reaches the camera's pixel through
-the MTF of that band. Weighted by light x QE and summed over bands, the 36 MTFs span few shapes: the white-paper mean
-and two corrections (``spectral_blur``), so a page is a few scalar images, each filtered once by FFT.
+It is the reference for the fast prediction. Light of band l from a raster pixel reaches the camera's pixel through the
+MTF of that band. Weighted by light x QE and summed over bands, the 36 MTFs span few shapes: the white-paper mean and
+two corrections (``spectral_blur``), so a page is a few scalar images, each filtered once by FFT.
 
 A raster pixel is a square of even light. Its spectrum repeats at the raster's frequency, and all repeats within the
-lens's cut-off are summed, so nothing is lost to the raster's own sampling. Pages are done in tiles. Beyond a tile's
-margin light is taken from the wrong place of the same tile (an FFT is circular): diffraction's tail holds about
+lens's cut-off are summed, so that the raster's own sampling loses nothing. Pages are processed in tiles. Beyond a
+tile's margin light is taken from the wrong place of the same tile (an FFT is circular): diffraction's tail holds about
 2 / (pi^3 f_c d) of an edge beyond d pixels, f_c the cut-off in cycles a pixel; see ``MARGIN_PIXELS``.
 """
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from prooflight.pages.sampling import Footprint, Taps
 
 MARGIN_PIXELS = 48
-"""Camera pixels around a tile that are computed and thrown away; 0.02 % of an edge lies beyond (f_c = 7.5)."""
+"""Camera pixels around a tile that are computed and discarded; 0.02 % of an edge is beyond them (f_c = 7.5)."""
 TILE_PIXELS = 512
 """Camera pixels along a tile's side, margins included: at 8 raster pixels each, 67 MB an image."""
 _FILTER_ROWS = 128  # rows of a filter at a time, to stay in cache
@@ -56,11 +56,12 @@ def page_electrons(
     rank: int = RANK,
     tile_pixels: int = TILE_PIXELS,
 ) -> NDArray[np.float32]:
-    """Mean photo-electrons of a page through the full spectral path, without dark signal or noise.
+    """Compute the mean photo-electrons of a page by the full spectral path, without dark signal or noise.
 
-    centres_x_mm (pixels,) and centres_y_mm (lines,): where camera pixels lie on the page, as evenly as the camera
-    samples; both pitches must be whole numbers of raster pixels. Off the page lies a backing of even reflectance.
-    falloff: the lens's cos^4 as well. Returns (sensors, lines, pixels) [e-]. RequestError: the raster does not fit.
+    centres_x_mm (pixels,) and centres_y_mm (lines,): positions of camera pixels on the page, as evenly as the camera
+    samples; both pitches must be whole numbers of raster pixels. Off the page is a backing of even reflectance.
+    falloff: whether to apply the lens's cos^4. Returns (sensors, lines, pixels) [e-]. RequestError: the raster does not
+    fit.
     """
     grid = _Grid.fit(camera, page, centres_x_mm, centres_y_mm, tile_pixels)
     codes = page.packed
@@ -90,7 +91,7 @@ def read_out_page(
     rng: np.random.Generator,
     noise: Noise = Noise.ALL,
 ) -> NDArray[np.uint16]:
-    """A scan of what ``page_electrons`` returns: (sensors, lines, pixels) [e-] -> [DN]."""
+    """Return a scan of what ``page_electrons`` returns: (sensors, lines, pixels) [e-] -> [DN]."""
     # An FFT in single precision may put the blackest ink a little below no light at all.
     return np.stack(
         [
@@ -108,7 +109,7 @@ def page_taps(
     raster_pixel_mm: float,
     raster_shape: tuple[int, ...],
 ) -> tuple[Taps, Taps]:
-    """Taps across the web and along the travel of a raster of raster_shape (rows, columns)."""
+    """Return taps across the web and along the travel of a raster of raster_shape (rows, columns)."""
     across = taps(
         footprint.across,
         reach_mm=footprint.reach_mm,
@@ -127,20 +128,20 @@ def page_taps(
 
 
 def distinct_colours(codes: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """The different values of a raster (rows, columns), in increasing order; runs make it quick on real pages."""
+    """Return the different values of a raster (rows, columns), in increasing order; runs make it fast on real pages."""
     bands = [np.unique(_runs(codes[top : top + 256])[0]) for top in range(0, len(codes), 256)]
     return np.unique(np.concatenate(bands))
 
 
 def _runs(codes: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.int64]]:
-    """Values and lengths of the runs of equal pixels in a raster read row by row."""
+    """Return values and lengths of the runs of equal pixels in a raster read row by row."""
     flat = codes.ravel()
     starts = np.concatenate([[0], np.flatnonzero(flat[1:] != flat[:-1]) + 1])
     return flat[starts], np.diff(starts, append=flat.size)
 
 
 def _amounts(colours: NDArray[np.uint32], inks: ReflectanceModel, blur: SpectralBlur) -> NDArray[np.float32]:
-    """What each colour puts into each shape: (colours,) -> (colours, rank) [e-]."""
+    """Return the amount of each shape in each colour: (colours,) -> (colours, rank) [e-]."""
     amounts = np.empty((colours.size, blur.bands_e.shape[1]), np.float32)
     for start in range(0, colours.size, _COLOUR_CHUNK):
         chunk = colours[start : start + _COLOUR_CHUNK]
@@ -151,7 +152,7 @@ def _amounts(colours: NDArray[np.uint32], inks: ReflectanceModel, blur: Spectral
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """How a raster lies under the camera's pixels, and the tiles it is worked in."""
+    """Position of a raster relative to the camera's pixels, and its tiles."""
 
     lines: int
     pixels: int
@@ -159,10 +160,10 @@ class _Grid:
     columns_per_pixel: int
     first_row: int
     first_column: int
-    """Raster pixel whose centre is nearest to that of the first camera pixel."""
+    """Index of the raster pixel whose centre is nearest to that of the first camera pixel."""
     row_offset: float
     column_offset: float
-    """How far the camera pixel's centre lies beyond that one's. [raster pixels]"""
+    """Distance of the camera pixel's centre beyond that one's. [raster pixels]"""
     tile: tuple[int, int]
     """Lines and columns of a tile, margins included. [camera pixels]"""
 
@@ -178,7 +179,7 @@ class _Grid:
         if tile_pixels <= 2 * MARGIN_PIXELS:
             message = f"tile_pixels must be above {2 * MARGIN_PIXELS}, both margins, got {tile_pixels}"
             raise ValueError(message)
-        found = []
+        fits = []
         axes = (("line", centres_y_mm, camera.line_pitch_mm), ("pixel", centres_x_mm, camera.pixel_pitch_mm))
         for what, centres, pitch_mm in axes:
             steps = np.diff(centres)
@@ -194,10 +195,8 @@ class _Grid:
                 )
             place = centres[0] / page.pixel_mm - 0.5
             extent = fft.next_fast_len(min(len(centres) + 2 * MARGIN_PIXELS, tile_pixels), real=True)
-            found.append((round(ratio), round(place), place - round(place), extent))
-        (rows, first_row, row_offset, tile_lines), (columns, first_column, column_offset, tile_columns) = (
-            found
-        )
+            fits.append((round(ratio), round(place), place - round(place), extent))
+        (rows, first_row, row_offset, tile_lines), (columns, first_column, column_offset, tile_columns) = fits
         return cls(
             lines=len(centres_y_mm),
             pixels=len(centres_x_mm),
@@ -217,16 +216,16 @@ class _Grid:
 
     @property
     def tile_lines(self) -> int:
-        """Lines that a tile yields."""
+        """Number of lines that a tile yields."""
         return self.tile[0] - 2 * MARGIN_PIXELS
 
     @property
     def tile_columns(self) -> int:
-        """Columns that a tile yields."""
+        """Number of columns that a tile yields."""
         return self.tile[1] - 2 * MARGIN_PIXELS
 
     def tiles(self) -> list[tuple[int, int]]:
-        """First line and column of every tile's yield."""
+        """Return the first line and column of every tile's yield."""
         return [
             (line, column)
             for line in range(0, self.lines, self.tile_lines)
@@ -235,10 +234,10 @@ class _Grid:
 
 
 def _filters(grid: _Grid, blur: SpectralBlur, camera: Camera, sensor: LineSensor) -> NDArray[np.complex64]:
-    """Transfer functions from a tile's raster to camera pixels, one a shape: (rank, rows, columns // 2 + 1).
+    """Return transfer functions from a tile's raster to camera pixels, one a shape: (rank, rows, columns // 2 + 1).
 
-    Raster square x lens x pixel aperture, and along the travel motion, TDI smear and binning, all boxes (as in
-    ``Camera.footprint``); all repeats of the raster's spectrum; the sub-raster offset as a phase.
+    They include raster square x lens x pixel aperture, and along the travel motion, TDI smear and binning, all boxes
+    (as in ``Camera.footprint``); all repeats of the raster's spectrum; the sub-raster offset as a phase.
     """
     per_pixel = grid.columns_per_pixel  # raster pixels are square: the same along and across
     rows, columns = grid.raster_shape
@@ -286,7 +285,7 @@ def _tile(
     line: int,
     column: int,
 ) -> NDArray[np.float32]:
-    """Electrons above the backing's of the camera pixels that a tile yields, from (line, column) on."""
+    """Return the electrons above the backing's of the camera pixels that a tile yields, from (line, column) on."""
     rows, columns = grid.raster_shape
     top = grid.first_row + (line - MARGIN_PIXELS) * grid.rows_per_line
     left = grid.first_column + (column - MARGIN_PIXELS) * grid.columns_per_pixel
@@ -307,5 +306,5 @@ def _tile(
     # Every rows_per_line-th row of the result has the spectrum folded that many times.
     folded = spectrum.reshape(grid.rows_per_line, grid.tile[0], -1).sum(axis=0) / grid.rows_per_line
     seen = fft.irfft(fft.ifft(folded, axis=0), n=columns, axis=1)[:, :: grid.columns_per_pixel]
-    kept = seen[MARGIN_PIXELS:-MARGIN_PIXELS, MARGIN_PIXELS:-MARGIN_PIXELS]
-    return np.asarray(kept, dtype=np.float32)
+    inner = seen[MARGIN_PIXELS:-MARGIN_PIXELS, MARGIN_PIXELS:-MARGIN_PIXELS]
+    return np.asarray(inner, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The same session and print through the full spectral path: the reference that the fast path is judged by.
+"""The same session and print by the full spectral path, the reference for the fast path.
 
 Ink model -> spectra -> round diffraction of every wavelength (``exact.exposure``) -> electrons -> noise. Nothing is
 taken from the press's tables.
@@ -33,56 +33,61 @@ if TYPE_CHECKING:
     from prooflight.simulation.session import SensorDay, Session
 
 FINE: Final = 4
-"""Exposures along a camera line between which a placed page is interpolated: 0.3 to 0.6 DN rms on a page of text."""
+"""Exposures a camera line for the interpolation of a placed page: 0.3 to 0.6 DN rms on a page of text."""
 ACROSS: Final = 2
-"""So many times as many across, where no motion blurs: 4 a pixel would leave 3.6 DN rms, for light that a pixel's
-aperture lets pass reaches beyond 2 cycles a pixel."""
+"""Factor on the exposures across, where no motion blurs.
+
+4 a pixel would leave 3.6 DN rms, since the light that a pixel's aperture passes reaches beyond 2 cycles a pixel.
+"""
 SPLINE_ORDER: Final = 5
 TILT_KNOTS: Final = (-1.0, 0.0, 1.0)
-"""Where on the page, from edge to edge, the inks' gain is exact; between, exposures are blended."""
+"""Positions on the page, from edge to edge, at which the inks' gain is exact; exposures are blended between them."""
 _REPEATS: Final = 2
-"""Raster pixels are cut up so often, because page_electrons wants a whole number of them a narrow pixel (s = 2)."""
+"""Factor by which raster pixels are divided.
+
+page_electrons needs a whole number of them a narrow pixel (s = 2).
+"""
 _TILE_PIXELS: Final = 2048
 MARGIN_PIXELS: Final = 12
-"""Camera pixels beyond the scan that are exposed, because a page out of place shows what lies there."""
+"""Camera pixels beyond the scan that are exposed, since a displaced page shows what is there."""
 _LAST: Final = (NODES - 1) * NODE_STEP / 255
 _STEP: Final = NODE_STEP / 255
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrintedInks:
-    """An ink model as one print has it at one place of the page: a ``ReflectanceModel`` of nominal recipes."""
+    """Ink model of one print at one position of the page: a ``ReflectanceModel`` of nominal recipes."""
 
     inks: ReflectanceModel
     gain: NDArray[np.float64]
-    """(4,) [-]"""
+    """Relative gain of each ink, (4,). [-]"""
     dot_gain: NDArray[np.float64]
-    """(4,) ink area added at 50 %. [-]"""
+    """Ink area added at 50 %, (4,). [-]"""
     white: float
-    """Reflectance of the paper over what it should be. [-]"""
+    """Reflectance of the paper over its nominal value. [-]"""
     day: SensorDay
     weight: NDArray[np.float64]
-    """(36,) light times quantum efficiency of the sensor that looks. [any unit]"""
+    """Light times quantum efficiency of the sensor, (36,). [any unit]"""
 
     @property
     def name(self) -> str:
-        """The inks' own."""
+        """Name of the underlying ink model."""
         return self.inks.name
 
     def area(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Printed area of nominal recipes, both (..., 4) [-]; above 1 where a solid's film is thicker."""
+        """Return the printed area of nominal recipes, both (..., 4) [-]; above 1 where a solid's film is thicker."""
         dots = 4 * self.dot_gain * cmyk * (1 - cmyk)
         return np.asarray(cmyk * (1 + self.gain) + dots).clip(min=0)
 
     def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Reflectance factor of nominal recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
+        """Return the reflectance factor of nominal recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
         return self.of_area(self.area(cmyk))
 
     def of_area(self, area: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same of printed areas.
+        """Return the reflectance factor of printed areas.
 
-        Beyond a solid light falls on by the same factor at all wavelengths, the sensor's own over the ink's last step;
-        assumed: no chart tells how the spectrum of more than a solid changes.
+        Beyond a solid the light continues to fall by the same factor at all wavelengths, the sensor's own over the
+        ink's last step; assumed: no chart shows how the spectrum of more than a solid changes.
         """
         within = np.minimum(area, _LAST)
         result = self.inks.reflectance(within)
@@ -99,7 +104,7 @@ class PrintedInks:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Specimen:
-    """A press, and what its tables were made from."""
+    """A press, and the camera and inks that its tables were made from."""
 
     press: Press
     camera: Camera
@@ -110,15 +115,15 @@ class Specimen:
 def exact_scan(
     page: Page, specimen: Specimen, session: Session, print_: Print, *, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
-    """One print of a page as the camera records it, (sensors, lines, pixels) [DN]; ``fast_scan``'s reference."""
+    """Return one print of a page as the camera records it, (sensors, lines, pixels) [DN]; ``fast_scan``'s reference."""
     return noisy(exact_mean_variance(page, specimen, session, print_), specimen.press, rng)
 
 
 def exact_mean_variance(page: Page, specimen: Specimen, session: Session, print_: Print) -> Prediction:
-    """The same without noise: mean and variance (temporal, halftone and rounding) of every pixel.
+    """Return mean and variance (temporal, halftone and rounding) of every pixel, without noise.
 
-    The displaced planes are exposed FINE x FINE times a camera pixel and interpolated where the print lies; a tilt of
-    the inks is blended between exposures with the inks of nine places of the page.
+    The displaced planes are exposed FINE x FINE times a camera pixel and interpolated at the print's position; a tilt
+    of the inks is blended between exposures with the inks of nine positions of the page.
     """
     press, geometry = specimen.press, specimen.press.geometry
     printed = printed_page(page, print_)
@@ -166,7 +171,7 @@ def exact_mean_variance(page: Page, specimen: Specimen, session: Session, print_
 
 
 def printed_page(page: Page, print_: Print) -> Page:
-    """The raster with its planes displaced and its specks on it."""
+    """Return the raster with its planes displaced and its specks added."""
     printed = displaced(page, plane_pixels(print_, page))
     places, recipes = speck_pixels(print_, page)
     printed.cmyk[places[:, 0], places[:, 1]] = recipes
@@ -174,7 +179,7 @@ def printed_page(page: Page, print_: Print) -> Page:
 
 
 def _fine_centres(centres_mm: NDArray[np.float64], fine: int) -> NDArray[np.float64]:
-    """Camera pixels' centres with fine - 1 more between each two, and a margin at both ends."""
+    """Return camera pixels' centres with fine - 1 more between each two, and a margin at both ends."""
     pitch = (centres_mm[-1] - centres_mm[0]) / (centres_mm.size - 1)
     count = (centres_mm.size + 2 * MARGIN_PIXELS) * fine
     return np.asarray(centres_mm[0] + (np.arange(count) / fine - MARGIN_PIXELS) * pitch)
@@ -183,7 +188,7 @@ def _fine_centres(centres_mm: NDArray[np.float64], fine: int) -> NDArray[np.floa
 def _seen_at(
     page: Page, press: Press, print_: Print, first_x_mm: float, first_y_mm: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where camera pixels look, as row and column among the fine centres, (lines, pixels) each."""
+    """Return row and column among the fine centres of the point that each camera pixel sees, (lines, pixels) each."""
     geometry = press.geometry
     x, y = np.meshgrid(
         geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(geometry.lines(page.height_mm))
@@ -199,7 +204,7 @@ def _seen_at(
 def _places(
     specimen: Specimen, session: Session, print_: Print, sensor: int
 ) -> Iterator[tuple[PrintedInks, float, float]]:
-    """The inks at nine places of the page (down, across), or nan, at its centre alone, where nothing tilts."""
+    """Yield the inks at nine positions of the page (down, across), or at its centre, with nan, where nothing tilts."""
     camera_sensor = specimen.camera.sensors[sensor]
     knots = TILT_KNOTS if print_.ink_tilt.any() else (0.0,)
     for down in knots:
@@ -218,7 +223,7 @@ def _places(
 
 
 def _share(knot: float, centres_mm: NDArray[np.float64], extent_mm: float) -> NDArray[np.float32]:
-    """Weight of a knot at places on the page: a hat between its neighbours; 1 everywhere where there is one knot."""
+    """Return the weight of a knot at positions on the page: a hat between its neighbours; 1 everywhere for one knot."""
     if np.isnan(knot):
         return np.ones(centres_mm.size, np.float32)
     place = (2 * centres_mm / extent_mm - 1).clip(-1, 1)
@@ -234,10 +239,11 @@ def _fine_exposure(
     wanted: NDArray[np.bool_],
     backing_reflectance: float,
 ) -> NDArray[np.float32]:
-    """Electrons of whole pixels at the fine centres of the rectangle that holds all that is wanted, elsewhere 0.
+    """Return electrons of whole pixels at the fine centres of the wanted rectangle, elsewhere 0.
 
-    A camera of pixels FINE times as narrow is exposed once. A pixel is FINE x FINE of its pixels, and its motion along
-    the travel the mean of FINE places of those: boxes made of boxes, so nothing is lost.
+    The rectangle is the smallest that holds all wanted pixels. A camera of pixels FINE times as narrow is exposed once.
+    A pixel is FINE x FINE of its pixels, and its motion along the travel the mean of FINE positions of those: boxes
+    made of boxes, so nothing is lost.
     """
     rows, columns = (np.flatnonzero(wanted.any(axis=axis)) for axis in (1, 0))
     top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
@@ -267,7 +273,7 @@ def _fine_exposure(
 
 
 def _box(image: NDArray[np.float32], *, axis: int) -> NDArray[np.float32]:
-    """Sums of FINE neighbours."""
+    """Return the sums of FINE neighbours."""
     count = image.shape[axis] - FINE + 1
     parts = [np.take(image, range(start, start + count), axis=axis) for start in range(FINE)]
     return np.asarray(sum(parts[1:], parts[0]))
@@ -281,7 +287,9 @@ def _texture(
     fine_x: NDArray[np.float64],
     fine_y: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Variance of a halftone of unit contrast at fine centres: J_p^2 a_p (1 - a_p) as a footprint sees it. [DN^2]"""
+    """Return the variance of a halftone of unit contrast at fine centres: J_p^2 a_p (1 - a_p) by the footprint.
+    [DN^2]
+    """
     sensor = camera.sensors[0]
     codes = printed.packed
     colours = distinct_colours(codes)
@@ -309,7 +317,7 @@ def _texture(
 
 
 def cloud_factor(print_: Print, page: Page, press: Press) -> NDArray[np.float64]:
-    """What cloudy paper does to every pixel's light, as ``light_lines`` does it: (lines, pixels) [-]."""
+    """Return the factor of cloudy paper on every pixel's light, as in ``light_lines``: (lines, pixels) [-]."""
     geometry = press.geometry
     down = cloud_places(geometry.centres_y_mm(geometry.lines(page.height_mm)), page.height_mm)
     across = cloud_places(geometry.centres_x_mm(page.width_mm), page.width_mm)

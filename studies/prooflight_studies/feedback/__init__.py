@@ -1,1 +1,1 @@
-"""The study of feedback: a press that is not the one it was taught by, calibrated anew by what people say."""
+"""The study of feedback: recalibration by labels of a press that differs from the one it was trained on."""

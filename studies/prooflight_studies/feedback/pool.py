@@ -1,4 +1,7 @@
-"""Sheets of a press that is not the one it was taught by, printed and scored once: weeks are drawn from these."""
+"""Pool of sheets of a press that differs from the one it was trained on, printed and scored once.
+
+Weeks of production are drawn from the pool.
+"""
 
 from __future__ import annotations
 
@@ -33,38 +36,38 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Detector
 
-PROMISED: Final = 0.01
+TARGET_RATE: Final = 0.01
 TIMES: Final = 1.5
-"""As much as the press world's amounts do good prints of this press vary."""
+"""Factor on the press world's amounts by which good prints of this press vary."""
 BLACK_OF_FOUR: Final = 0.5
-"""Of its designs have type in a black of four inks; of those that taught it none has."""
-TEACHING_OFFSET: Final = 500
-"""Seed of the designs and days that teach the press, beyond the study's."""
+"""Share of its designs with type in a black of four inks; the training designs have none."""
+TRAINING_OFFSET: Final = 500
+"""Offset from the study's seed to that of the designs and days on which the press is trained."""
 SCENE: Final = 64
-"""Number of this study's scene, apart from those of others of the same seed."""
+"""Number of this study's scene, distinct from those of other studies of the same seed."""
 RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoolPlan:
-    """How much is printed."""
+    """Size of the pool."""
 
     seed: int
     days: int = 70
     designs_a_day: int = 20
     misprint_every: int = 4
-    """One design in so many is also printed wrong; kinds take turns."""
+    """One design in this many is also printed wrong; kinds take turns."""
     teaching: int = DESIGNS
-    """Designs that make the press ready."""
+    """Number of designs on which the press is trained."""
 
     @classmethod
     def quick(cls, seed: int) -> PoolPlan:
-        """To see that all of it works."""
+        """Return a small plan that exercises the whole study."""
         return cls(seed=seed, days=8, designs_a_day=6, misprint_every=2, teaching=24)
 
     @property
     def of_days(self) -> list[Day]:
-        """Each with its designs."""
+        """Press days with their designs."""
         return in_days("test", range(self.days * self.designs_a_day), self.designs_a_day)
 
 
@@ -74,38 +77,38 @@ class Pool:
 
     score: NDArray[np.float64]
     day: NDArray[np.int64]
-    """First design of the day on which it was printed."""
+    """First design of the day on which each sheet was printed."""
     kind: NDArray[np.str_]
-    """Of the misprint; "": a good print."""
+    """Kind of the misprint; "": a good print."""
     severity: NDArray[np.float64]
     threshold: float
-    """That the press was taught."""
+    """Threshold of the press as trained."""
     promise: str
-    """What it promises, in words."""
+    """Target false-alarm rate of the press, in words."""
     minutes: float
-    """That printing and scoring took, of one core."""
+    """Time that printing and scoring took, of one core."""
 
     @property
     def good(self) -> NDArray[np.bool_]:
-        """Which are good prints."""
+        """Mask of the good prints."""
         return self.kind == ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoolWork:
-    """Prints of a day's designs -> score, day, kind and severity of each, by the press's own detector."""
+    """Prints of a day's designs with score, day, kind and severity of each, by the press's own detector."""
 
     scene: Scene
     every: int
 
     def __call__(self, day: Day, /) -> dict[str, NDArray[Any]]:
-        """``Work``."""
-        bench, taught = self.scene.day(day), _detector(self.scene.press)
-        station = _press(self.scene.press).station(threads=1)
+        """Return the rows of a day."""
+        bench, trained_detector = self.scene.day(day), _detector(self.scene.press)
+        context = _press(self.scene.press).station(threads=1)
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
             good = bench.day.good(bench.page(index))
-            known = taught.prepare(PlannedPage(good.page, station))
+            prepared = trained_detector.prepare(PlannedPage(good.page, context))
             for copy in range(1 + (index % self.every == 0)):
                 rng, printed = self.scene.rng(index, copy), good
                 if copy:
@@ -115,7 +118,7 @@ class PoolWork:
                     if wrong is None:
                         continue
                     printed = wrong
-                verdict = known.inspect(Scan(dn=bench.scan(printed, rng))).verdict
+                verdict = prepared.inspect(Scan(dn=bench.scan(printed, rng))).verdict
                 row = {"score": verdict.score, "day": day.designs[0], "kind": printed.kind}
                 for name, value in (row | {"severity": printed.severity}).items():
                     columns[name].append(value)
@@ -130,8 +133,8 @@ def printed_pool(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Pool:
-    """Teach the press, print what it was not taught by, score it; cache: where presses and rows are kept."""
-    path = _taught(plan, cache, progress)
+    """Train the press, print sheets unlike its training set, and score them; cache: folder of presses and rows."""
+    path = _trained_press(plan, cache, progress)
     press = Press.load(path)
     scene = Scene(
         press=path,
@@ -168,8 +171,8 @@ def printed_pool(
     )
 
 
-def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
-    """The press as it is delivered, which is kept."""
+def _trained_press(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Path:
+    """Return the path of the press as it is delivered; cached."""
     press = build_press(at_pitch(PressFile.prototype(), REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     facts = {
         "worlds": worlds_digest(),
@@ -181,15 +184,15 @@ def _taught(plan: PoolPlan, cache: Path, progress: Callable[[str], None]) -> Pat
     path = cache / f"{digest_of(facts)[:16]}.press"
     if not path.is_file():
         progress(f"teaching a press by {plan.teaching} designs")
-        taught = trained(
+        trained_press = trained(
             press,
-            Corpus(seed=plan.seed + TEACHING_OFFSET, dpi=press.dpi),
+            Corpus(seed=plan.seed + TRAINING_OFFSET, dpi=press.dpi),
             designs=plan.teaching,
-            seed=plan.seed + TEACHING_OFFSET,
-            false_alarm_rate=PROMISED,
+            seed=plan.seed + TRAINING_OFFSET,
+            false_alarm_rate=TARGET_RATE,
         )
         path.parent.mkdir(parents=True, exist_ok=True)
-        taught.save(path)
+        trained_press.save(path)
     return path
 
 

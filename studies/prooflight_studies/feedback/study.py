@@ -1,4 +1,4 @@
-"""Twenty weeks of a press that is not the one it was taught by: calibrated anew by a sample, and by alarms alone."""
+"""Twenty weeks of a press that differs from the one it was trained on, recalibrated by a sample and by alarms alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
 from prooflight.errors import RequestError
 from prooflight.rng import stream
-from prooflight_studies.feedback.pool import BLACK_OF_FOUR, PROMISED, TIMES, PoolPlan, printed_pool
+from prooflight_studies.feedback.pool import BLACK_OF_FOUR, TARGET_RATE, TIMES, PoolPlan, printed_pool
 from prooflight_studies.harness.page import write_page
 
 if TYPE_CHECKING:
@@ -26,53 +26,53 @@ WEEKS: Final = 20
 DAYS_A_WEEK: Final = 5
 SHEETS_A_DAY: Final = 250
 SAMPLE: Final = 0.02
-"""Of the sheets that pass, about which people are asked."""
+"""Share of the passed sheets that are sampled for review."""
 MISPRINT_RATE: Final = 0.01
-TOLD: Final = (100, 150, 200, 300)
-"""Sampled good pages that were told, after which it is calibrated anew."""
+LABELLED: Final = (100, 150, 200, 300)
+"""Numbers of sampled good pages that are labelled before the press is recalibrated."""
 HISTORIES: Final = 200
-"""Of twenty weeks, each with other days to calibrate and to judge."""
-GOAL_TOLD: Final = 300
+"""Number of simulated twenty weeks, each with other days to calibrate and to judge."""
+GOAL_LABELLED: Final = 300
 GOAL_FACTOR: Final = 1.5
 MIDDLE: Final = 0.9
-"""Of histories, between the bounds that are given."""
+"""Share of histories between the stated bounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """One threshold on days that no word came from."""
+    """Rates of one threshold on days without labels."""
 
     realised: float
-    """Of good sheets, the share that alarms. [-]"""
+    """False-alarm rate: share of good sheets that alarm. [-]"""
     caught: float
-    """Of misprints. [-]"""
+    """Share of misprints that alarm. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One way to set the threshold, over all histories."""
+    """One method to set the threshold, over all histories."""
 
     way: str
     told: int | None
-    """Sampled good pages; None: not by these."""
+    """Number of sampled good pages; None: the method does not use these."""
     sheets: float
-    """That had been printed by then, in the mean."""
+    """Mean number of sheets that had been printed by then."""
     threshold: float
-    """The median."""
+    """Median of the threshold."""
     realised: float
-    """In the mean: what the theorem bounds. [-]"""
+    """Mean of the realised false-alarm rate, which the theorem bounds. [-]"""
     low: float
-    """The middle ``MIDDLE`` of histories. [-]"""
+    """Lower end of the middle ``MIDDLE`` of histories; ``high`` is the upper. [-]"""
     high: float
     within: float
-    """Share of histories whose realised rate is within ``GOAL_FACTOR`` of the promise."""
+    """Share of histories whose realised rate is within ``GOAL_FACTOR`` of the target."""
     caught: float
     histories: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What the page says."""
+class FeedbackResults:
+    """Results of the study, as the page shows them."""
 
     seed: int
     quick: bool
@@ -94,18 +94,18 @@ class Found:
     taught: str
     rows: list[Row]
     alone: Row
-    """By the words on alarms alone, at that moment."""
+    """Calibration by the labels of alarms alone, at that moment."""
     goal: Row
-    """At ``GOAL_TOLD`` pages, or as many as there were."""
+    """Row at ``GOAL_LABELLED`` pages, or as many as there were."""
     refused_below: int
-    """Sampled good pages below which the product refuses."""
+    """Number of sampled good pages below which the product refuses to recalibrate."""
     missed_covered: float
-    """Share of histories in which the interval of the misprints missed holds their true number."""
+    """Share of histories in which the interval of the missed misprints contains their true number."""
     missed_true: float
-    """In the mean over histories."""
+    """Mean over histories of the true number."""
     missed_estimate: float
     rate_covered: float
-    """The same of the realised false-alarm rate of the sheets that passed the press."""
+    """The same share for the realised false-alarm rate of the sheets that passed the press."""
 
 
 def run_feedback_study(
@@ -116,8 +116,8 @@ def run_feedback_study(
     quick: bool = False,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
-) -> Found:
-    """Print the pool, live through the weeks, and write feedback.md."""
+) -> FeedbackResults:
+    """Print the pool, simulate the weeks, and write feedback.md."""
     pool = printed_pool(plan, cache, processes=processes, progress=progress)
     histories = 20 if quick else HISTORIES
     lived = []
@@ -125,56 +125,56 @@ def run_feedback_study(
         if number % 20 == 0:
             progress(f"twenty weeks, {number} of {histories} times")
         lived.append(history(pool, stream(plan.seed, "feedback-weeks", number)))
-    found = _found(pool, lived, plan=plan, quick=quick)
-    write_page(out / "feedback.md", "feedback", found)
-    return found
+    results = _results(pool, lived, plan=plan, quick=quick)
+    write_page(out / "feedback.md", "feedback", results)
+    return results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Twenty weeks."""
+    """One simulation of twenty weeks."""
 
     before: Judged
     by_told: dict[int, tuple[float, int, Judged]]
-    """Threshold, sheets printed by then, and what it does; of ``TOLD`` as far as it came."""
+    """Threshold, sheets printed by then, and its rates, for each of ``LABELLED`` that was reached."""
     alone: dict[int, tuple[float, int, Judged]]
-    """The same moments, by the confirmed alarms alone."""
+    """The same at the same moments, by the confirmed false alarms alone."""
     naive: list[tuple[float, Judged]]
-    """By these too, anew after each week, of that week's at the threshold then in force."""
+    """Threshold and rates after each week, from the false alarms of that week at the threshold then in force."""
     every: tuple[float, Judged]
-    """Had people told every good print of those days, each design once: what no sample can beat."""
+    """Threshold and rates if every good print of those days were labelled, each design once: a bound for any sample."""
     missed: tuple[float, float, float, float]
     """True number of misprints that passed in all weeks, the estimate, and its interval."""
     rate: tuple[float, float, float, float]
-    """The same of good sheets that alarmed, as a share."""
+    """The same for the share of good sheets that alarmed."""
 
 
 def history(pool: Pool, rng: np.random.Generator) -> History:
-    """One draw of days and of what people are asked; judged on days of the pool that take no part in it."""
+    """Draw days and reviewed sheets once, and judge on days of the pool that take no part in the calibration."""
     days = rng.permutation(np.unique(pool.day))
     lives, judges = days[: len(days) // 2], days[len(days) // 2 :]
     judge = _judge(pool, np.isin(pool.day, judges))
     drawn = np.concatenate([_sheets(pool, rng.choice(lives), rng) for _ in range(WEEKS * DAYS_A_WEEK)])
     score, good = pool.score[drawn], pool.good[drawn]
     alarm = score > pool.threshold
-    asked = alarm | (rng.random(drawn.size) < SAMPLE)
-    sampled = np.cumsum(asked & ~alarm & good)
+    reviewed = alarm | (rng.random(drawn.size) < SAMPLE)
+    sampled = np.cumsum(reviewed & ~alarm & good)
     by_told, alone = {}, {}
-    for told in TOLD:
-        if sampled[-1] < told:
+    for labelled in LABELLED:
+        if sampled[-1] < labelled:
             continue
-        upto = int(np.searchsorted(sampled, told)) + 1
-        by_told[told] = _recalibrated(pool, score[:upto], (asked & good)[:upto], alarm[:upto], judge)
+        upto = int(np.searchsorted(sampled, labelled)) + 1
+        by_told[labelled] = _recalibrated(pool, score[:upto], (reviewed & good)[:upto], alarm[:upto], judge)
         confirmed = score[:upto][alarm[:upto] & good[:upto]]
         threshold = _by_count(confirmed) if confirmed.size else pool.threshold
-        alone[told] = (threshold, upto, judge(threshold))
+        alone[labelled] = (threshold, upto, judge(threshold))
     counts = SampleCounts(
         alarms=int(alarm.sum()),
         alarms_good=int((alarm & good).sum()),
         alarms_misprints=int((alarm & ~good).sum()),
         passed=int((~alarm).sum()),
-        passed_good=int((asked & ~alarm & good).sum()),
-        passed_misprints=int((asked & ~alarm & ~good).sum()),
+        passed_good=int((reviewed & ~alarm & good).sum()),
+        passed_misprints=int((reviewed & ~alarm & ~good).sum()),
     )
     missed, rate = counts.missed, counts.false_alarms
     assert missed is not None
@@ -198,7 +198,7 @@ def _judge(pool: Pool, here: NDArray[np.bool_]) -> Callable[[float], Judged]:
 
 
 def _sheets(pool: Pool, day: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """A day's sheets: its good prints over and over, and misprints of that day as rarely as they come."""
+    """Draw a day's sheets: its good prints repeatedly, and misprints of that day at their rate."""
     here = pool.day == day
     good, wrong = np.flatnonzero(here & pool.good), np.flatnonzero(here & ~pool.good)
     drawn = rng.choice(good, SHEETS_A_DAY)
@@ -211,12 +211,12 @@ def _sheets(pool: Pool, day: int, rng: np.random.Generator) -> NDArray[np.intp]:
 def _recalibrated(
     pool: Pool,
     score: NDArray[np.float64],
-    told: NDArray[np.bool_],
+    labelled: NDArray[np.bool_],
     alarm: NDArray[np.bool_],
     judge: Callable[[float], Judged],
 ) -> tuple[float, int, Judged]:
-    """As `press recalibrate` does, with every question answered."""
-    which = np.flatnonzero(told)
+    """Recalibrate as `press recalibrate` does, with every question answered."""
+    which = np.flatnonzero(labelled)
     passed = ~alarm[which]
     pages = ToldPages(
         score=score[which],
@@ -224,7 +224,7 @@ def _recalibrated(
         run=np.ones(which.size, np.int64),
         sheet=which,
         passed=passed,
-        rate=PROMISED,
+        rate=TARGET_RATE,
         passed_weight=1 / SAMPLE,
         alarms_from=pool.threshold,
         replaces="",
@@ -238,37 +238,43 @@ def _every(score: NDArray[np.float64], judge: Callable[[float], Judged]) -> tupl
 
 
 def _by_count(score: NDArray[np.float64]) -> float:
-    """Split-conformal, all of equal weight; with too few for the promise the rarest that they can promise."""
-    rate = max(PROMISED, 1 / (score.size + 1))
+    """Return the split-conformal threshold, all weights equal.
+
+    With too few scores it is that of the lowest rate that they can support.
+    """
+    rate = max(TARGET_RATE, 1 / (score.size + 1))
     return conformal_threshold(score, np.arange(score.size), false_alarm_rate=rate)
 
 
 def _naive(
     pool: Pool, score: NDArray[np.float64], good: NDArray[np.bool_], judge: Callable[[float], Judged]
 ) -> list[tuple[float, Judged]]:
-    """After each week: split-conformal on that week's confirmed false alarms alone; with too few it stays."""
-    threshold, found = pool.threshold, []
+    """Return the split-conformal threshold after each week, from that week's confirmed false alarms alone.
+
+    With too few of them the threshold stays.
+    """
+    threshold, thresholds = pool.threshold, []
     for week in range(WEEKS):
         at = slice(week * DAYS_A_WEEK * SHEETS_A_DAY, (week + 1) * DAYS_A_WEEK * SHEETS_A_DAY)
         confirmed = score[at][good[at] & (score[at] > threshold)]
         try:
             each = np.arange(confirmed.size)
-            threshold = conformal_threshold(confirmed, each, false_alarm_rate=PROMISED)
+            threshold = conformal_threshold(confirmed, each, false_alarm_rate=TARGET_RATE)
         except ValueError:
             pass  # as who calibrates by hand: wait for more alarms
-        found.append((threshold, judge(threshold)))
-    return found
+        thresholds.append((threshold, judge(threshold)))
+    return thresholds
 
 
-def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> Found:
+def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> FeedbackResults:
     rows = [_row("as taught", None, [(pool.threshold, 0, one.before) for one in lived])]
-    for told in TOLD:
-        reached = [one.by_told[told] for one in lived if told in one.by_told]
+    for labelled in LABELLED:
+        reached = [one.by_told[labelled] for one in lived if labelled in one.by_told]
         if reached:
-            rows.append(_row("sample and alarms, weighted", told, reached))
+            rows.append(_row("sample and alarms, weighted", labelled, reached))
     rows.append(_row("every good print told", None, [(one.every[0], 0, one.every[1]) for one in lived]))
-    for told in TOLD:
-        if came := [one.alone[told] for one in lived if told in one.alone]:
+    for labelled in LABELLED:
+        if came := [one.alone[labelled] for one in lived if labelled in one.alone]:
             rows.append(_row("the same words on alarms alone", None, came))
     for week in (1, WEEKS):
         of_week = [(*one.naive[week - 1], week) for one in lived]
@@ -276,10 +282,10 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
         way = f"alarms of one week alone, after week {week}"
         rows.append(_row(way, None, [(threshold, sheets, judged) for threshold, judged, _ in of_week]))
     missed, rate = (np.array([getattr(one, name) for one in lived]) for name in ("missed", "rate"))
-    return Found(
+    return FeedbackResults(
         seed=plan.seed,
         quick=quick,
-        promised=PROMISED,
+        promised=TARGET_RATE,
         times=TIMES,
         black_of_four=BLACK_OF_FOUR,
         pool_good=int(pool.good.sum()),
@@ -292,7 +298,7 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
         sample=SAMPLE,
         misprint_rate=MISPRINT_RATE,
         histories=len(lived),
-        goal_told=GOAL_TOLD,
+        goal_told=GOAL_LABELLED,
         goal_factor=GOAL_FACTOR,
         taught=pool.promise,
         rows=rows,
@@ -306,21 +312,21 @@ def _found(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> 
     )
 
 
-def _row(way: str, told: int | None, found: list[tuple[float, int, Judged]]) -> Row:
-    realised = np.array([judged.realised for _, _, judged in found])
+def _row(way: str, labelled: int | None, outcomes: list[tuple[float, int, Judged]]) -> Row:
+    realised = np.array([judged.realised for _, _, judged in outcomes])
     low, high = np.quantile(realised, [(1 - MIDDLE) / 2, (1 + MIDDLE) / 2])
-    ratio = realised / PROMISED
+    ratio = realised / TARGET_RATE
     return Row(
         way=way,
-        told=told,
-        sheets=float(np.mean([sheets for _, sheets, _ in found])),
-        threshold=float(np.median([threshold for threshold, _, _ in found])),
+        told=labelled,
+        sheets=float(np.mean([sheets for _, sheets, _ in outcomes])),
+        threshold=float(np.median([threshold for threshold, _, _ in outcomes])),
         realised=float(realised.mean()),
         low=float(low),
         high=float(high),
         within=float(((ratio >= 1 / GOAL_FACTOR) & (ratio <= GOAL_FACTOR)).mean()),
-        caught=float(np.mean([judged.caught for _, _, judged in found])),
-        histories=len(found),
+        caught=float(np.mean([judged.caught for _, _, judged in outcomes])),
+        histories=len(outcomes),
     )
 
 
@@ -329,7 +335,7 @@ def _covered(rows: NDArray[Any]) -> float:
 
 
 def _least() -> int:
-    """How many sampled good pages the product asks for: it refuses one fewer."""
+    """Return the least number of sampled good pages that the product accepts; it refuses one fewer."""
     count = 1
     while True:
         pages = ToldPages(
@@ -338,7 +344,7 @@ def _least() -> int:
             run=np.ones(count, np.int64),
             sheet=np.arange(count),
             passed=np.ones(count, bool),
-            rate=PROMISED,
+            rate=TARGET_RATE,
             passed_weight=1 / SAMPLE,
             alarms_from=float(count),
             replaces="",

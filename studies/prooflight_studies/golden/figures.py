@@ -1,4 +1,4 @@
-"""What inspection against a golden scan finds, in figures with their intervals."""
+"""Figures of inspection against a golden scan, with their intervals."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ if TYPE_CHECKING:
     from prooflight_studies.golden.pairs import Box
 
 DRAWS: Final = 10_000
-"""Of the bootstrap."""
+"""Number of bootstrap resamples."""
 GOAL_FOUND_PERCENT: Final = 98.0
 GOAL_FALSE_PER_IMAGE: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What is tuned."""
+    """Parameters that are tuned."""
 
     edge_pixels: float
     joining_pixels: int
     least_volume: float
     margin_pixels: int
-    """That whoever marked the defects left around them."""
+    """Margin that the annotators of the defects left around them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one setting finds in one pair."""
+    """Result of one setting on one pair."""
 
     name: str
     found: tuple[Box, ...]
     pairs: dict[int, tuple[int, float]]
-    """Which marked box each one found is, and their overlap."""
+    """Marked box that each detected one matches, and their overlap."""
     marked: tuple[Box, ...]
     kinds: tuple[int, ...]
-    """Of the marked boxes."""
+    """Kinds of the marked boxes."""
     volumes: tuple[float, ...] = ()
-    """Of those found."""
+    """Volumes of the detected boxes."""
     unfit: bool = False
-    """The scan does not fit its golden, or shows another page, so that nothing was found."""
+    """Whether the scan does not fit its golden, or shows another page, so that there are no detections."""
 
     @property
     def hits(self) -> int:
-        """Marked boxes that were found."""
+        """Number of marked boxes that were detected."""
         return len(self.pairs)
 
     @property
     def false(self) -> int:
-        """Boxes found that are not marked."""
+        """Number of detected boxes that are not marked."""
         return len(self.found) - len(self.pairs)
 
 
@@ -72,26 +72,26 @@ class GoldenFigures:
     missed: int
     found_percent: float
     found_95_percent: tuple[float, float]
-    """Bootstrap over images."""
+    """Bootstrap interval over images."""
     found_least_percent: float
     """95 % lower bound, by count."""
     false: int
     false_per_image: float
     false_95_per_image: tuple[float, float]
     false_most_per_image: float
-    """95 % upper bound, by count: of no region in 30 images, 0.10."""
+    """95 % upper bound, by count: 0.10 for no region in 30 images."""
     unfit: int
-    """Images that were not compared; what is marked on them counts as missed."""
+    """Number of images that were not compared; what is marked on them counts as missed."""
     mean_overlap: float
     setting: Setting
     by_kind: dict[int, tuple[int, int, float]] = field(default_factory=dict)
-    """Marked, found, mean overlap."""
+    """Number marked, number detected and mean overlap, by kind."""
 
 
 def figures(
     outcomes: Sequence[Outcome], setting: Setting, *, method: str, tuned_on: str, rng: np.random.Generator
 ) -> GoldenFigures:
-    """Shares with their 95 % intervals, images drawn again with replacement."""
+    """Return shares with their 95 % intervals, from a bootstrap over images."""
     counts = np.array([(len(one.kinds), one.hits, one.false) for one in outcomes], np.float64)
     drawn = counts[rng.integers(0, len(counts), (DRAWS, len(counts)))].sum(axis=1)
     share, false = 100 * drawn[:, 1] / drawn[:, 0], drawn[:, 2] / len(counts)
@@ -134,7 +134,7 @@ def _by_kind(outcomes: Sequence[Outcome]) -> dict[int, tuple[int, int, float]]:
 
 
 def mean_overlap(outcomes: Sequence[Outcome]) -> float:
-    """Of all boxes that were found and marked; 0 if there is none."""
+    """Return the mean overlap of all boxes that were detected and marked; 0 if there is none."""
     overlaps = [much for outcome in outcomes for _, much in outcome.pairs.values()]
     return float(np.mean(overlaps)) if overlaps else 0.0
 
@@ -147,7 +147,7 @@ def golden_results(
     tuned_on: Sequence[str],
     ms_per_pair: float,
 ) -> dict[str, Any]:
-    """All figures of the page.
+    """Return all figures of the page.
 
     rows: by method, the last with the halves exchanged; moved: of the test half, by transform; outcomes: of
     ``rows[-2]``; tuned_on: transforms.

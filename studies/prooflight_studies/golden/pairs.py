@@ -1,4 +1,4 @@
-"""Pairs of a golden scan and a scan with marked defects, and how well places found agree with the marks."""
+"""Pairs of a golden scan and a scan with marked defects, and the overlap of detections with the marks."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ Box = tuple[int, int, int, int]
 """Left, top, right, bottom. [pixels]"""
 
 KINDS: Final = {1: "open", 2: "short", 3: "mousebite", 4: "spur", 5: "spurious copper", 6: "pin-hole"}
-"""As the data set DeepPCB numbers them."""
+"""Kinds of defects, as the data set DeepPCB numbers them."""
 MARK_FILES: Final = GivenFiles(
     error=ScanError,
     remedy="write left top right bottom kind, whole numbers, a line for each defect",
     largest_mb=0.25,
 )
 LEAST_OVERLAP: Final = 0.33
-"""Intersection over union above which a place found is the one marked (DeepPCB's own measure)."""
+"""Intersection over union above which a detection matches a mark (DeepPCB's own measure)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GoldenPair:
-    """A golden scan, another of the same design, and what is wrong with that one."""
+    """A golden scan, and another scan of the same design with marked defects."""
 
     name: str
     golden: NDArray[np.float32]
@@ -44,13 +44,14 @@ class GoldenPair:
     marked: tuple[Box, ...]
     kinds: tuple[int, ...]
     cut: tuple[Box, ...] = ()
-    """Marked, but only a part of it is on the scan: neither missed nor false."""
+    """Marked boxes that are only partly on the scan: neither missed nor false."""
 
 
 def read_pairs(folder: Path) -> list[GoldenPair]:
-    """Pairs NAME_temp.jpg, NAME_test.jpg, NAME.txt (a line of left top right bottom kind for each defect), by name.
+    """Read pairs NAME_temp.jpg, NAME_test.jpg, NAME.txt by name; the text has a line for each defect.
 
-    RequestError: the folder holds none. ScanError: a file of a pair cannot be used.
+    A line is: left top right bottom kind. RequestError: the folder holds none. ScanError: a file of a pair cannot be
+    used.
     """
     lists = sorted(folder.glob("*.txt")) if folder.is_dir() else []
     pairs = [_read(path) for path in lists if path.with_name(f"{path.stem}_temp.jpg").is_file()]
@@ -76,13 +77,16 @@ def _read(path: Path) -> GoldenPair:
 
 
 def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
-    """Left, top, right, bottom and kind of every defect; ScanError: a line is something else, or off the scan."""
+    """Return left, top, right, bottom and kind of every defect.
+
+    ScanError: a line is something else, or off the scan.
+    """
     rows: list[tuple[int, ...]] = []
     for at, line in enumerate(MARK_FILES.read_text(path).split("\n"), start=1):
-        words = line.split()
-        if not words:
+        fields = line.split()
+        if not fields:
             continue
-        row = tuple(map(int, words)) if all(map(_WHOLE.fullmatch, words)) else ()
+        row = tuple(map(int, fields)) if all(map(_WHOLE.fullmatch, fields)) else ()
         if len(row) != 5 or row[4] not in KINDS:
             what = f"is not a list of marked defects: line {at} is something else"
             raise ScanError(path, what, remedy=MARK_FILES.remedy)
@@ -94,12 +98,12 @@ def _marks(path: Path, *, lines: int, pixels: int) -> list[tuple[int, ...]]:
 
 
 def halves(pairs: Sequence[GoldenPair]) -> tuple[list[GoldenPair], list[GoldenPair]]:
-    """For tuning and for the test: every second pair by name, the first for tuning."""
+    """Return the pairs for tuning and for the test: every second pair by name, the first for tuning."""
     return list(pairs[0::2]), list(pairs[1::2])
 
 
 def overlap(one: Box, other: Box) -> float:
-    """Intersection over union.
+    """Return the intersection over union.
 
     >>> overlap((0, 0, 10, 10), (5, 0, 15, 10))
     0.3333333333333333
@@ -113,14 +117,17 @@ def overlap(one: Box, other: Box) -> float:
 
 
 def touching(one: Box, other: Box) -> bool:
-    """Whether they have a pixel in common."""
+    """Return whether two boxes have a pixel in common."""
     return all(max(one[side], other[side]) < min(one[side + 2], other[side + 2]) for side in (0, 1))
 
 
-def matched(found: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:
-    """Which marked box each one found is, and their overlap; each box once, the best overlaps first."""
+def matched(detected: Sequence[Box], marked: Sequence[Box]) -> dict[int, tuple[int, float]]:
+    """Return the marked box that each detected one matches, and their overlap.
+
+    Each box is used once, the best overlaps first.
+    """
     likely = sorted(
-        ((overlap(one, other), at, to) for at, one in enumerate(found) for to, other in enumerate(marked)),
+        ((overlap(one, other), at, to) for at, one in enumerate(detected) for to, other in enumerate(marked)),
         reverse=True,
     )
     pairs: dict[int, tuple[int, float]] = {}

@@ -1,4 +1,4 @@
-"""A contact sheet of what inspection against a golden scan found, missed and invented."""
+"""A contact sheet of the detections, misses and false detections of inspection against a golden scan."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def draw_golden_sheet(
     outcomes: Sequence[Outcome],
     seen: Mapping[str, GoldenDifference],
 ) -> None:
-    """Pieces of the scans around what was missed, what is false, and the finds that agree least with their marks."""
+    """Draw pieces of the scans around misses, false detections, and detections of least overlap with their marks."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 

@@ -37,21 +37,26 @@ JOININGS_PIXELS: Final = (2, 4, 6, 8)
 VOLUMES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 20.0, 24.0, 28.0)
 MARGINS_PIXELS: Final = tuple(range(6, 15))
 VOLUME_SPREAD: Final = 0.5
-"""Standard deviation of the logarithm of a place's volume, were it met again (assumed: a factor of 1.6). Tuning counts
-with it: a threshold just below the smallest defect of thirty images would be too high for the next thirty."""
+"""Standard deviation of the logarithm of a place's volume in a repeated scan (assumed: a factor of 1.6).
+
+Tuning takes it into account: a threshold just below the smallest defect of thirty images would be too high for the next
+thirty.
+"""
 GOAL_MISSED: Final = 0.02
 GOAL_FALSE: Final = 0.1
-"""For each image."""
+"""Goal for the number of false regions per image."""
 TUNING: Final = 1
 TEST: Final = 2
-"""Added to the seed of transforms: the test half is moved by other draws."""
+"""Offset of the transforms' seed, so that the test half is moved by other draws."""
 QUICK: Final = ("all at once",)
 METHODS: Final = ("difference, opened", "golden, not placed", "golden")
 
 
 Seen = dict[tuple[float, int], tuple[Mark, ...] | None]
-"""What is found in one pair with each edge tolerance and joining, down to small volumes; None: nothing was
-compared, for the scan does not fit or shows another page."""
+"""Places that differ in one pair for each edge tolerance and joining, down to small volumes.
+
+None: the pair was not compared, since the scan does not fit or shows another page.
+"""
 
 
 def run_golden_study(
@@ -66,8 +71,8 @@ def run_golden_study(
     """Tune on every second pair of ``folder`` and its transforms, judge on the rest; write ``golden.md``.
 
     Rows: each method; ours with the halves exchanged, tuned without transforms; ours on each transform of the rest.
-    picture: where a contact sheet of the test half is drawn; it shows pieces of the pairs. quick: a few pairs, our
-    method and one transform alone. RequestError, ScanError: see ``read_pairs``.
+    picture: path of a contact sheet of the test half; it shows pieces of the pairs. quick: a few pairs, our method and
+    one transform alone. RequestError, ScanError: see ``read_pairs``.
     """
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
@@ -76,11 +81,11 @@ def run_golden_study(
     moved: list[tuple[GoldenPair, Seen]] = []
     for name in QUICK if quick else TUNED_ON:
         progress(f"tuning half, {name}: {len(tuning)} pairs")
-        moved += looked_at(transformed_pairs(tuning, name, seed=seed + TUNING))
+        moved += analysed(transformed_pairs(tuning, name, seed=seed + TUNING))
     rows, outcomes = [], []
     for method in METHODS[-1:] if quick else METHODS:
         progress(f"{method}: {len(pairs)} pairs")
-        even, odd = looked_at(tuning, method), looked_at(test, method)
+        even, odd = analysed(tuning, method), analysed(test, method)
         own = even + moved if method == METHODS[-1] else even
         chosen = tuned(own)
         outcomes = [judged(*one, chosen) for one in odd]
@@ -98,16 +103,16 @@ def run_golden_study(
     for name in names:
         progress(f"test half, {name}: {len(test)} pairs")
         others = transformed_pairs(test, name, seed=seed + TEST)
-        said = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
-        by_transform.append(figures(said, chosen, method=name, tuned_on="even", rng=rng))
-    found = golden_results(
+        judgements = [judged(pair, seen_by(pair, chosen), chosen) for pair in others]
+        by_transform.append(figures(judgements, chosen, method=name, tuned_on="even", rng=rng))
+    findings = golden_results(
         rows,
         by_transform,
         outcomes,
         tuned_on=QUICK if quick else TUNED_ON,
         ms_per_pair=_ms_per_pair(test),
     )
-    write_page(results / "golden.md", "golden", found)
+    write_page(results / "golden.md", "golden", findings)
     if picture is not None:
         from prooflight_studies.golden.sheet import draw_golden_sheet
 
@@ -118,7 +123,7 @@ def run_golden_study(
 
 
 def _ms_per_pair(pairs: Sequence[GoldenPair]) -> float:
-    """Median time of placing and comparing one pair. [ms]"""
+    """Return the median time of registering and comparing one pair. [ms]"""
     times = []
     for pair in pairs[:10]:
         started = time.process_time()
@@ -127,31 +132,31 @@ def _ms_per_pair(pairs: Sequence[GoldenPair]) -> float:
     return float(np.median(times))
 
 
-def looked_at(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tuple[GoldenPair, Seen]]:
-    """Each pair, and what ``method`` sees in it."""
+def analysed(pairs: Sequence[GoldenPair], method: str = METHODS[-1]) -> list[tuple[GoldenPair, Seen]]:
+    """Return each pair with the places that differ by ``method``."""
     return [(pair, places_of(differences(pair, method))) for pair in pairs]
 
 
 def seen_by(pair: GoldenPair, setting: Setting) -> Seen:
-    """What our method sees in a pair with one setting."""
+    """Return the places that differ in a pair by our method with one setting."""
     differing = differences(pair, METHODS[-1], [setting.edge_pixels])
     return places_of(differing, [setting.joining_pixels])
 
 
 def places_of(differing: Mapping[float, GoldenDifference], joinings: Sequence[int] = JOININGS_PIXELS) -> Seen:
-    """Of each edge tolerance and joining, the places that differ."""
+    """Return the places that differ for each edge tolerance and joining."""
     seen: Seen = {}
     for (edge, one), joining in itertools.product(differing.items(), joinings):
         compared = one.fits and one.place.found
-        found = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
-        seen[edge, joining] = found
+        places = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
+        seen[edge, joining] = places
     return seen
 
 
 def differences(
     pair: GoldenPair, method: str, edges_pixels: Sequence[float] = EDGES_PIXELS
 ) -> dict[float, GoldenDifference]:
-    """The pair compared with each edge tolerance."""
+    """Compare the pair with each edge tolerance."""
     if method == "difference, opened":
         return {edge: _opened(pair, edge) for edge in edges_pixels}
     where = GoldenPlace.same(pair.scan.shape)
@@ -165,7 +170,7 @@ def differences(
 
 
 def _opened(pair: GoldenPair, edge: float) -> GoldenDifference:
-    """What is done otherwise: absolute difference, a threshold, and strips narrower than the tolerance opened away."""
+    """Apply the common method: absolute difference, a threshold, and an opening of the tolerance's width."""
     golden, scan = in_contrasts(pair.golden, pair.scan)
     difference = (scan - golden)[0]
     side = 2 * int(np.ceil(edge)) - 1
@@ -176,10 +181,10 @@ def _opened(pair: GoldenPair, edge: float) -> GoldenDifference:
 
 
 def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
-    """What ``setting`` finds in a pair."""
-    found = seen[setting.edge_pixels, setting.joining_pixels]
+    """Return the result of ``setting`` on a pair."""
+    places = seen[setting.edge_pixels, setting.joining_pixels]
     lines, pixels = pair.scan.shape[1:]
-    strong = [mark for mark in found or () if mark.volume >= setting.least_volume]
+    strong = [mark for mark in places or () if mark.volume >= setting.least_volume]
     boxes = [
         (max(left, 0), max(top, 0), min(right, pixels), min(bottom, lines))
         for left, top, right, bottom in (mark.grown(setting.margin_pixels) for mark in strong)
@@ -195,19 +200,20 @@ def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
         marked=pair.marked,
         kinds=pair.kinds,
         volumes=tuple(strong[at].volume for at in counted),
-        unfit=found is None,
+        unfit=places is None,
     )
 
 
-def tuned(looked: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
-    """The setting with the least sum of missed share and false regions an image, each by its goal.
+def tuned(pairs: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
+    """Return the setting with the least sum of missed share and false regions an image, each divided by its goal.
 
-    Both are counted with ``VOLUME_SPREAD``. Of equals to a hundredth, the one with the greatest mean overlap.
+    Both are counted with ``VOLUME_SPREAD``. Of settings equal to a hundredth, the one with the greatest mean overlap is
+    taken.
     """
     tried: list[tuple[float, float, Setting]] = []
     for edge, joining, margin in itertools.product(EDGES_PIXELS, JOININGS_PIXELS, MARGINS_PIXELS):
         every = Setting(edge_pixels=edge, joining_pixels=joining, least_volume=0.0, margin_pixels=margin)
-        outcomes = [judged(*one, every) for one in looked]
+        outcomes = [judged(*one, every) for one in pairs]
         overlap = mean_overlap(outcomes)
         tried += [
             (cost, overlap, replace(every, least_volume=volume))
@@ -218,19 +224,19 @@ def tuned(looked: Sequence[tuple[GoldenPair, Seen]]) -> Setting:
 
 
 def _costs(outcomes: Sequence[Outcome]) -> list[float]:
-    """For each of ``VOLUMES``: missed share and false regions an image, expected and each by its goal."""
+    """Return the expected missed share plus false regions an image, each by its goal, for each of ``VOLUMES``."""
     marked = sum(len(outcome.kinds) for outcome in outcomes)
     hits = [one.volumes[at] for one in outcomes for at in one.pairs]
     false = [volume for one in outcomes for at, volume in enumerate(one.volumes) if at not in one.pairs]
     costs = []
     for volume in VOLUMES:
-        kept, wrong = (
+        caught, wrong = (
             float(ndtr(np.log(np.array(some) / volume) / VOLUME_SPREAD).sum()) for some in (hits, false)
         )
-        costs.append((marked - kept) / marked / GOAL_MISSED + wrong / len(outcomes) / GOAL_FALSE)
+        costs.append((marked - caught) / marked / GOAL_MISSED + wrong / len(outcomes) / GOAL_FALSE)
     return costs
 
 
 def plain(rows: Sequence[GoldenFigures]) -> list[dict[str, Any]]:
-    """Rows as JSON has them."""
+    """Convert rows to JSON types."""
     return [asdict(row) for row in rows]

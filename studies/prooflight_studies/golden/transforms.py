@@ -1,6 +1,6 @@
-"""Pairs whose golden is moved by a known field: shifted, turned, stretched, warped, or one part set off.
+"""Pairs whose golden is moved by a known field: shifted, rotated, stretched, warped, or with one part displaced.
 
-The golden moves, so that the marks stay where they are. Both are then cut to what real light has told all over.
+The golden moves, so that the marks stay where they are. Both are then cropped to what the golden's real signal covers.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from prooflight_studies.golden.pairs import Box, GoldenPair
 
 CUT_PIXELS: Final = 16
-"""From every side: what moves in from beyond the golden is not known."""
+"""Pixels cropped from every side, since the signal beyond the golden's edge is unknown."""
 WAVE_PIXELS: Final = 60.0
-"""Standard deviation of the blur that smooths a warp: it turns within two to four tiles."""
+"""Standard deviation of the blur that smooths a warp, which changes direction within two to four tiles."""
 Field = Callable[[tuple[int, int], np.random.Generator], "NDArray[np.float32]"]
-"""Of a shape (lines, pixels): how far each place moves across and along (2, lines, pixels). [pixels]"""
+"""Function of a shape (lines, pixels): displacement of each point across and along (2, lines, pixels). [pixels]"""
 
 
 def shifted(most_pixels: float) -> Field:
-    """Any way by 0 to ``most_pixels``, alike all over."""
+    """Return a field that shifts by 0 to ``most_pixels`` in a random direction, uniformly."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         far, way = most_pixels * rng.random(), 2 * np.pi * rng.random()
@@ -38,7 +38,7 @@ def shifted(most_pixels: float) -> Field:
 
 
 def turned(degrees: float) -> Field:
-    """About the middle, either way."""
+    """Return a field that rotates about the middle, in either direction."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         across, along = _from_middle(shape)
@@ -49,7 +49,7 @@ def turned(degrees: float) -> Field:
 
 
 def stretched(percent: float) -> Field:
-    """About the middle; longer or shorter across, and so along."""
+    """Return a field that stretches or shrinks about the middle, across and along independently."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         across, along = _from_middle(shape)
@@ -60,7 +60,7 @@ def stretched(percent: float) -> Field:
 
 
 def warped(most_pixels: float) -> Field:
-    """Smoothly, by ``most_pixels`` where it moves most."""
+    """Return a smooth field of which the greatest displacement is ``most_pixels``."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         border = int(4 * WAVE_PIXELS)
@@ -73,7 +73,7 @@ def warped(most_pixels: float) -> Field:
 
 
 def set_off(pixels: float) -> Field:
-    """One part against the other, across or along, from a line somewhere in the middle half."""
+    """Return a field that displaces one part, across or along, beyond a random line in the middle half."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         moves = np.zeros((2, *shape), np.float32)
@@ -86,8 +86,8 @@ def set_off(pixels: float) -> Field:
     return field
 
 
-def together(*fields: Field) -> Field:
-    """One after the other; they are small, so that their sum will do."""
+def combined(*fields: Field) -> Field:
+    """Return the sum of fields; they are so small that it approximates their composition."""
 
     def field(shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
         return np.sum([one(shape, rng) for one in fields], axis=0, dtype=np.float32)
@@ -106,24 +106,27 @@ TRANSFORMS: Final[dict[str, Field]] = {
     "warped by 3 pixels": warped(3),
     "a part set off by 1 pixel": set_off(1),
     "a part set off by 2 pixels": set_off(2),
-    "all at once": together(shifted(12), turned(0.2), stretched(0.3), warped(2), set_off(1.5)),
+    "all at once": combined(shifted(12), turned(0.2), stretched(0.3), warped(2), set_off(1.5)),
     "a part set off by 4 pixels": set_off(4),
     "stretched by 4 %": stretched(4),
 }
-"""By what is done to the golden."""
+"""Fields that move the golden, by name."""
 TUNED_ON: Final = (
     "shifted by 0 to 12 pixels",
     "warped by 3 pixels",
     "a part set off by 2 pixels",
     "all at once",
 )
-"""Those that tuning sees, of its own half: the others lie between them, and the last two are not promised."""
+"""Transforms used in tuning, of its own half.
+
+The others are intermediate, and the last two are out of specification.
+"""
 
 
 def transformed(pair: GoldenPair, field: Field, rng: np.random.Generator) -> GoldenPair:
-    """The pair with its golden moved and made black and white again, as its makers did; both cut.
+    """Return the pair with its golden moved and binarised again, as its makers did; both scans are cropped.
 
-    Marks that the cut goes through are kept apart (``cut``): what is found there is neither right nor false.
+    Marks that the crop cuts are kept separately (``cut``): detections there are neither right nor false.
     """
     lines, pixels = pair.golden.shape[1:]
     across, along = field((lines, pixels), rng)
@@ -149,7 +152,7 @@ def transformed(pair: GoldenPair, field: Field, rng: np.random.Generator) -> Gol
 
 
 def transformed_pairs(pairs: list[GoldenPair], name: str, *, seed: int) -> list[GoldenPair]:
-    """Every pair moved as ``TRANSFORMS`` has it, each by a draw of its own."""
+    """Return every pair moved by a field of ``TRANSFORMS``, each by its own draw."""
     row = list(TRANSFORMS).index(name)
     return [
         transformed(pair, TRANSFORMS[name], stream(seed, "golden-transforms", row, at))

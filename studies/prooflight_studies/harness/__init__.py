@@ -1,1 +1,1 @@
-"""The study of harness."""
+"""The tools that the studies share."""

@@ -1,7 +1,8 @@
-"""What people use otherwise to compare a scan with what was expected: differences, structural similarity, variation.
+"""Common ways to compare a scan with the expected signal: differences, structural similarity, a variation model.
 
-All take (sensors, lines, pixels) arrays and change none of them. Whether a peer is raw or registered depends on the
-expected signal that it is given: of a page in its place, or of one where it was found.
+All functions take (sensors, lines, pixels) arrays and change none of them. Whether a baseline is raw or registered
+depends on the expected signal that it is given: that of a page at its nominal position, or at the position that
+registration reports.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ EDGE_TOLERANCE_PIXELS: Final = 1
 LEAST_PIXELS: Final = 4
 """assumed: fewer pixels outside the variation model are a speck or noise; users of such models filter by area."""
 LEARNING_PIXELS: Final = 40_000
-"""Drawn from each good copy and sensor to learn variation from."""
+"""Number of pixels drawn from each good copy and sensor to learn the variation from."""
 BASELINES: Final = (
     "difference, 5 x 5",
     "difference, mean",
@@ -37,57 +38,57 @@ BASELINES: Final = (
     "SSIM, worst",
     "variation model",
 )
-"""In the order of ``all_scores``."""
+"""Names of the baselines, in the order of ``all_scores``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """Absolute difference of measured and expected as a share of paper white, the worst sensor's; higher is worse."""
+    """Absolute difference of measured and expected signals as a share of paper white, for the worst sensor."""
 
     local: float
     """Greatest mean over 5 x 5 pixels. [-]"""
     mean: float
     high: float
-    """99.5th percentile. [-]"""
+    """99.5th percentile of the differences. [-]"""
 
 
 def absolute_difference(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], *, white_dn: Sequence[float]
 ) -> Difference:
-    """Differences of one scan; white_dn: signal of bare paper of each sensor."""
-    found = []
+    """Return the differences of one scan; white_dn: signal of bare paper of each sensor."""
+    by_sensor = []
     for measured, expected, white in zip(measured_dn, expected_dn, white_dn, strict=True):
         share = cv2.absdiff(measured.astype(np.float32), expected) / np.float32(white)
         local = cv2.boxFilter(share, -1, (BOX_PIXELS, BOX_PIXELS)).max()
         rank = int(share.size * HIGH_PERCENTILE / 100)
-        found.append((float(local), float(share.mean()), float(np.partition(share.ravel(), rank)[rank])))
-    local, mean, high = np.max(found, axis=0).tolist()
+        by_sensor.append((float(local), float(share.mean()), float(np.partition(share.ravel(), rank)[rank])))
+    local, mean, high = np.max(by_sensor, axis=0).tolist()
     return Difference(local=local, mean=mean, high=high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dissimilarity:
-    """One minus structural similarity, the worst sensor's; higher is worse."""
+    """One minus structural similarity; the worst sensor's, higher is worse."""
 
     mean: float
     worst: float
-    """At the place where the two are least alike. [-]"""
+    """Value at the position where the two images are least alike. [-]"""
 
 
 def dissimilarity(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32], *, white_dn: Sequence[float]
 ) -> Dissimilarity:
-    """1 - SSIM over Gaussian windows of 11 x 11 pixels that lie wholly inside, paper white as dynamic range."""
-    found = []
+    """Return 1 - SSIM over Gaussian windows of 11 x 11 pixels that lie wholly inside; dynamic range: paper white."""
+    by_sensor = []
     for measured, expected, white in zip(measured_dn, expected_dn, white_dn, strict=True):
         similar = _similarity(measured.astype(np.float32), expected, white)
-        found.append((1 - float(similar.mean(dtype=np.float64)), 1 - float(similar.min())))
-    mean, worst = np.max(found, axis=0).tolist()
+        by_sensor.append((1 - float(similar.mean(dtype=np.float64)), 1 - float(similar.min())))
+    mean, worst = np.max(by_sensor, axis=0).tolist()
     return Dissimilarity(mean=mean, worst=worst)
 
 
 def _similarity(a: NDArray[np.float32], b: NDArray[np.float32], white: float) -> NDArray[np.float32]:
-    """SSIM map of two images (Wang et al. 2004, equation 13), borders cut off."""
+    """Return the SSIM map of two images (Wang et al. 2004, equation 13), borders cut off."""
     a, b = (
         a / np.float32(white) - np.float32(0.5),
         b / np.float32(white) - np.float32(0.5),
@@ -110,31 +111,31 @@ def _blurred(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariationModel:
-    """Mean +- k sigma with an edge tolerance, as machine vision's variation models; here for pages of a run of one.
+    """Mean +- k sigma with an edge tolerance, as the variation models of machine vision; for pages of a run of one.
 
-    The mean is the expected signal, for there is no golden copy. What good copies vary by is learned from those of
-    other pages: variance = sensor noise + (floor x white)^2 + (edge x local range)^2 + (signal x expected)^2. A pixel
-    counts only by how far it lies outside the range of expected signals within one pixel.
+    The mean is the expected signal, since there is no golden copy. The variation of good copies is learned from those
+    of other pages: variance = sensor noise + (floor x white)^2 + (edge x local range)^2 + (signal x expected)^2. Of a
+    pixel only its distance from the range of expected signals within one pixel counts.
     """
 
     floor: float
-    """[-]"""
+    """Standard deviation on uniform areas, as a share of paper white. [-]"""
     edge: float
-    """Of the range of expected signals over 3 x 3 pixels. [-]"""
+    """Standard deviation as a share of the range of expected signals over 3 x 3 pixels. [-]"""
     signal: float
-    """[-]"""
+    """Standard deviation as a share of the expected signal. [-]"""
 
     @classmethod
     def learn(cls, moments: Sequence[NDArray[np.float64]]) -> Self:
-        """From the ``variation_moments`` of good copies; least squares without negative variances."""
+        """Fit the model to the ``variation_moments`` of good copies by least squares without negative variances."""
         total = np.sum(moments, axis=0)
         gram, right = total[:3, :3], total[:3, 3]
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         upper = linalg.cholesky(gram / np.outer(scale, scale) + 1e-9 * np.eye(3))
         # |U x - U^-T b| is the same least squares as that of all pixels
         target = linalg.solve_triangular(upper, right / scale, trans="T")
-        found = optimize.nnls(upper, target)[0] / scale
-        floor, edge, signal = np.sqrt(found).tolist()
+        solution = optimize.nnls(upper, target)[0] / scale
+        floor, edge, signal = np.sqrt(solution).tolist()
         return cls(floor=floor, edge=edge, signal=signal)
 
     def score(
@@ -145,7 +146,7 @@ class VariationModel:
         *,
         white_dn: Sequence[float],
     ) -> float:
-        """Greatest k at which at least 4 pixels of a sensor still lie outside; higher is worse. [-]"""
+        """Return the greatest k at which at least 4 pixels of a sensor still lie outside; higher is worse. [-]"""
         worst = 0.0
         for planes, white in zip(
             zip(measured_dn, expected_dn, variance_dn2, strict=True), white_dn, strict=True
@@ -170,7 +171,10 @@ def variation_moments(
     white_dn: Sequence[float],
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """What one good copy adds to learning a ``VariationModel``, (4, 4): products of the three terms and the excess."""
+    """Return one good copy's contribution to the fit of a ``VariationModel``, (4, 4).
+
+    It has the products of the model's three terms, and theirs with the excess.
+    """
     total = np.zeros((4, 4))
     for measured, expected, variance, white in zip(
         measured_dn, expected_dn, variance_dn2, white_dn, strict=True
@@ -191,7 +195,7 @@ def variation_moments(
 def _outside(
     measured_dn: NDArray[np.uint16], expected_dn: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """How far each pixel lies outside the expected signals within one pixel, and the width of their range. [DN]"""
+    """Return each pixel's distance from the expected signals within one pixel, and the width of their range. [DN]"""
     kernel = np.ones((2 * EDGE_TOLERANCE_PIXELS + 1,) * 2, np.uint8)
     low, high = cv2.erode(expected_dn, kernel), cv2.dilate(expected_dn, kernel)
     measured = measured_dn.astype(np.float32)
@@ -207,7 +211,7 @@ def all_scores(
     variation: VariationModel,
     white_dn: Sequence[float],
 ) -> NDArray[np.float64]:
-    """Every baseline's score of one scan, in the order of ``BASELINES``. (6,)"""
+    """Return every baseline's score of one scan, in the order of ``BASELINES``. (6,)"""
     difference = absolute_difference(measured_dn, expected_dn, white_dn=white_dn)
     unlike = dissimilarity(measured_dn, expected_dn, white_dn=white_dn)
     far = variation.score(measured_dn, expected_dn, variance_dn2, white_dn=white_dn)

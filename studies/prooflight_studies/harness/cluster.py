@@ -1,4 +1,4 @@
-"""Work sent to a Dask cluster, for studies that outgrow one machine."""
+"""Distribution of work to a Dask cluster, for studies that outgrow one machine."""
 
 from __future__ import annotations
 
@@ -14,17 +14,22 @@ Result = TypeVar("Result")
 
 CONNECT_S: Final = 5
 RETRIES: Final = 3
-"""How often a piece is begun again on another worker, when its worker was lost; Dask does so by itself twice more."""
+"""Number of times that a piece is restarted after its worker was lost; Dask does so by itself twice more."""
 
 
 def on_cluster(
     work: Callable[[Item], Result], items: Sequence[Item], *, address: str
 ) -> Iterator[tuple[int, Result]]:
-    """``work`` of each item on the cluster at ``address`` (tcp://...): (place among the items, result), as they finish.
+    """Apply ``work`` to each item on the cluster at ``address`` (tcp://...) and yield (index, result).
 
-    ``work`` and items must be picklable, and the workers need this package in the same version; files they need not
-    share. ``work`` travels once to each worker, since it may hold a press. A worker that is lost costs the pieces it
-    was at, which others begin again. RequestError: no cluster answers, or every worker was lost.
+    Results come in the order in which they finish. ``work`` and items must be picklable, and the workers need this
+    package in the same version; they need not share files. ``work`` is sent once to each worker, since it may hold a
+    press. When a worker is lost, other workers restart its pieces.
+
+    Raises
+    ------
+    RequestError
+        No cluster answers, or every worker was lost.
     """
     from distributed import Client, as_completed
     from distributed.scheduler import KilledWorker
@@ -35,8 +40,8 @@ def on_cluster(
         remedy = "start `dask scheduler` and `dask worker`, and give the scheduler's address, tcp://host:port"
         raise RequestError(address, "no Dask cluster answers", remedy=remedy) from error
     with client:
-        held = client.scatter(work, broadcast=True, hash=False)
-        futures = [client.submit(_apply, held, item, pure=False, retries=RETRIES) for item in items]
+        shared = client.scatter(work, broadcast=True, hash=False)
+        futures = [client.submit(_apply, shared, item, pure=False, retries=RETRIES) for item in items]
         places = {future.key: place for place, future in enumerate(futures)}
         try:
             for future in as_completed(futures, loop=client.loop):

@@ -1,4 +1,4 @@
-"""The error map (paper, equation 2) whole, and means over its windows, as the paper's own detectors read it."""
+"""The whole error map (paper, equation 2) and the means over its windows, as the paper's own detectors use them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ def normalised_error(
     expected_dn: NDArray[np.float32],
     variance_dn2: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Z = (measured - expected) / sigma (paper, equation 2).
+    """Return Z = (measured - expected) / sigma (paper, equation 2).
 
-    All (..., lines, pixels); variance_dn2 > 0 is the tables' promise and not checked again. Inputs are not changed.
+    All arrays are (..., lines, pixels). The tables guarantee variance_dn2 > 0, so that it is not checked again. Inputs
+    are not changed.
     """
     error: NDArray[np.float32] = measured_dn.astype(np.float32) - expected_dn
     error /= np.sqrt(variance_dn2)
@@ -26,11 +27,11 @@ def normalised_error(
 
 
 def window_means(z: NDArray[np.float32], *, side: int, overlapping: bool = False) -> NDArray[np.float32]:
-    """Means of z over side x side windows, times side: N(0, 1) on a good page.
+    """Return the means of z over side x side windows, times side: N(0, 1) on a good page.
 
-    z (..., lines, pixels). Separate windows start at the first line and pixel, and what is left over is dropped:
-    (..., lines // side, pixels // side). Overlapping ones lie at every pixel: (..., lines - side + 1, pixels - side +
-    1). ValueError if not a single window fits.
+    z is (..., lines, pixels). Separate windows start at the first line and pixel, and the remainder is dropped: (...,
+    lines // side, pixels // side). Overlapping windows start at every pixel: (..., lines - side + 1, pixels - side +
+    1). Raises ValueError if not a single window fits.
     """
     lines, pixels = z.shape[-2:]
     if not 1 <= side <= min(lines, pixels):
@@ -46,7 +47,7 @@ def window_means(z: NDArray[np.float32], *, side: int, overlapping: bool = False
 
 
 def _box_sums(plane: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Sums over the windows that lie wholly inside; OpenCV's anchor is the window's first pixel here."""
+    """Return the sums over the windows that lie wholly inside; OpenCV's anchor is the window's first pixel here."""
     whole = np.ascontiguousarray(plane, np.float32)
     sums = cv2.boxFilter(
         whole, -1, (side, side), anchor=(0, 0), normalize=False, borderType=cv2.BORDER_CONSTANT

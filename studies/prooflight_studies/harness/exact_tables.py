@@ -1,4 +1,4 @@
-"""Tables over CMYK looked up as they are, recipe by recipe: what prediction's quantised tables are held against."""
+"""Exact look-up in tables over CMYK, recipe by recipe: the reference for prediction's quantised tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRACTION = NODE_STEP - 1
 def exactly_looked_up(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean and variance of recipes (n, 4), (n,) each [DN, DN^2], column gain 1."""
+    """Return mean and variance of recipes (n, 4), (n,) each [DN, DN^2], for a column gain of 1."""
     nodes = np.stack([sensor.mean_dn.ravel(), sensor.variance_dn2.ravel()], axis=1)
     mean, variance = np.empty((2, len(cmyk)), np.float32)
     look_up_row(cmyk, nodes, mean, variance)
@@ -31,7 +31,7 @@ def exactly_looked_up(
 
 @kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
 def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
-    """Quadrilinear look-up of one raster row: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
+    """Look up one raster row quadrilinearly: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
 
     A run of equal pixels is looked up once: half of every page is paper.
     """

@@ -1,4 +1,4 @@
-"""Designs for studies out of files: whoever has pages of their own measures on them."""
+"""Page designs for studies that are read from the user's own files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Folder:
         return len(opened(self._source))
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0; RequestError: there is none; JobError: it cannot be used."""
+        """Return design ``index``, from 0; RequestError: there is none; JobError: it cannot be used."""
         job = opened(self._source)
         if not 0 <= index < len(job):
             raise RequestError(self.path, f"there is no design {index}", remedy=f"give 0 to {len(job) - 1}")

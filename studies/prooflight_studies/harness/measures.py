@@ -1,4 +1,4 @@
-"""One scan against one prediction -> every number that a detector of the paper, or a peer, ranks pages by."""
+"""All statistics of one scan against one prediction by which a detector of the paper, or a baseline, ranks pages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Windows:
-    """How an error map is cut."""
+    """Windows into which an error map is divided."""
 
     side: int
     overlapping: bool = False
@@ -42,27 +42,30 @@ WINDOWS: Final = (
     Windows(side=8, overlapping=True),
 )
 UNITS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""The share's limit is 0.675 of these; 1 is the paper's. A world whose good prints scatter more needs another."""
+"""Units of the share's limit, which is 0.675 of these; the paper uses 1. Good prints that scatter more need another."""
 MEAN, MINIMUM, MEAN_OF_MAGNITUDES, LEAST_MAGNITUDE, FIRST_SHARE = range(5)
-"""Places of the numbers of a set of windows; shares follow, one a unit."""
+"""Indices of the statistics of one set of windows; the shares follow, one for each unit."""
 
 
 def window_numbers(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    """All readings of the paper's three statistics of z (sensors, lines, pixels): (sensors, cuts, numbers).
+    """Return all readings of the paper's three statistics of z (sensors, lines, pixels): (sensors, cuts, numbers).
 
-    ``detectors.paper.bayes.window_statistics`` says what they mean; here all are taken in one go.
+    ``detectors.paper.bayes.window_statistics`` defines them; here all are computed in one pass.
     """
-    found = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
+    numbers = np.empty((len(z), len(WINDOWS), FIRST_SHARE + len(UNITS)), np.float32)
     for cut, windows in enumerate(WINDOWS):
         means = window_means(z, side=windows.side, overlapping=windows.overlapping)
-        numbers_of(means, [SHARE_SIGMAS * unit for unit in UNITS], out=found[:, cut])
-    return found
+        numbers_of(means, [SHARE_SIGMAS * unit for unit in UNITS], out=numbers[:, cut])
+    return numbers
 
 
 def numbers_of(
     means: NDArray[np.float32], limits: Sequence[float | NDArray[np.float64]], *, out: NDArray[np.floating]
 ) -> None:
-    """The numbers of window means (sensors, rows, columns) into (sensors, numbers); limits: of the shares."""
+    """Write the statistics of window means (sensors, rows, columns) into out (sensors, numbers).
+
+    limits: of the shares.
+    """
     place, magnitude = (-2, -1), np.abs(means)
     out[:, MEAN], out[:, MINIMUM] = means.mean(place, np.float64), means.min(place)
     out[:, MEAN_OF_MAGNITUDES] = magnitude.mean(place, np.float64)
@@ -80,7 +83,7 @@ def measure(
     variation: VariationModel | None,
     seed: int,
 ) -> Rows:
-    """The row of one scan; arrays cover the page's area. variation: None leaves the baselines unknown, NaN."""
+    """Return the row of one scan; arrays cover the page's area. With no variation model, the baselines are NaN."""
     evidence = gather(
         measured_dn,
         seen.expected_dn,

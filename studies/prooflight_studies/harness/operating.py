@@ -1,8 +1,7 @@
-"""Scores of good prints and of misprints -> thresholds, rates, costs, and how sure they are (paper, section 5).
+"""Thresholds, error rates, costs and their uncertainty from scores of good prints and misprints (paper, section 5).
 
-A page alarms if its score lies above the threshold. Pages of one press day share its inks, lamp and sensors, so
-intervals come of press days drawn again, never of designs or copies. Bounds by count (``rate_below``) take pages as
-independent.
+A page alarms if its score is above the threshold. Pages of one press day share its inks, lamp and sensors, so the
+bootstrap resamples press days, never designs or copies. Bounds by count (``rate_below``) treat pages as independent.
 """
 
 from __future__ import annotations
@@ -23,26 +22,26 @@ if TYPE_CHECKING:
 RESAMPLES: Final = 1000
 PERCENTILES: Final = (2.5, 97.5)
 SURE: Final = 0.95
-"""Of a rate's bound by count, one-sided."""
-BOUND_SAID: Final = (
+"""Confidence level of a rate's one-sided bound by count."""
+BOUND_NOTE: Final = (
     f"Behind a count, in brackets: what its rate lies below with {100 * SURE:g} % certainty, as if each were "
     "independent of the others (Clopper and Pearson 1934, one-sided)."
 )
-"""On every page with what ``counted`` writes."""
+"""Explanation that accompanies every rate that ``counted`` formats."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scored:
-    """What one detector gave a set of pages; higher is worse."""
+    """Scores that one detector gave a set of pages; higher is worse."""
 
     score: NDArray[np.float64]
     """(pages,)"""
     bad: NDArray[np.bool_]
-    """(pages,) whether it is a misprint."""
+    """Whether each page is a misprint. (pages,)"""
     design: NDArray[np.int64]
-    """(pages,) which page design it is a print of."""
+    """Page design that each page is a print of. (pages,)"""
     day: NDArray[np.int64]
-    """(pages,) on which press day it was printed."""
+    """Press day on which each page was printed. (pages,)"""
 
     def __post_init__(self) -> None:
         if not len(self.score) == len(self.bad) == len(self.design) == len(self.day):
@@ -57,7 +56,7 @@ class Scored:
             raise ValueError(message)
 
     def pages(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scored:
-        """Some of the pages, by a mask or their places."""
+        """Return some of the pages, selected by a mask or by index."""
         return Scored(
             score=self.score[which], bad=self.bad[which], design=self.design[which], day=self.day[which]
         )
@@ -65,7 +64,10 @@ class Scored:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A value and its bootstrap 95 % interval; NaN: there is one press day, and nobody knows how days differ."""
+    """A value and its bootstrap 95 % interval.
+
+    The limits are NaN if there is only one press day, from which no spread can be estimated.
+    """
 
     value: float
     low: float
@@ -74,21 +76,21 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Operating:
-    """One threshold and what it leads to."""
+    """A threshold and the error rates that it leads to."""
 
     threshold: float
     false_alarms: float
-    """F, share of good pages that alarm. [-]"""
+    """F, the share of good pages that alarm. [-]"""
     misses: float
-    """M, share of misprints that do not. [-]"""
+    """M, the share of misprints that do not alarm. [-]"""
 
     def cost(self, alpha: float) -> float:
-        """C = F + alpha M (paper, equation 7). [-]"""
+        """Return C = F + alpha M (paper, equation 7). [-]"""
         return self.false_alarms + alpha * self.misses
 
 
 def at_threshold(pages: Scored, threshold: float) -> Operating:
-    """What a threshold leads to on these pages."""
+    """Return the error rates of a threshold on these pages."""
     alarm = pages.score > threshold
     return Operating(
         threshold=float(threshold),
@@ -98,10 +100,11 @@ def at_threshold(pages: Scored, threshold: float) -> Operating:
 
 
 def least_cost(pages: Scored, alpha: float) -> Operating:
-    """The threshold with the least F + alpha M on these pages, always and never alarming among them.
+    """Return the threshold with the least F + alpha M on these pages.
 
-    It lies midway between two neighbouring scores; of thresholds that cost the same, it is the highest. An oracle's if
-    the pages are those it is judged on (as in the paper), an honest one if they are others.
+    Candidates include always and never alarming. It is midway between two neighbouring scores; of thresholds of equal
+    cost, it is the highest. It is an oracle's if the pages are also those it is evaluated on (as in the paper), and an
+    honest one if they are others.
     """
     thresholds, false_alarms, misses = _curve(pages)
     cost = false_alarms + alpha * misses
@@ -112,19 +115,19 @@ def least_cost(pages: Scored, alpha: float) -> Operating:
 
 
 def roc(pages: Scored) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Share of false alarms and share of misprints caught over all thresholds, both rising from 0 to 1."""
+    """Return the false-alarm rate and the share of misprints caught over all thresholds, both rising from 0 to 1."""
     _, false_alarms, misses = _curve(pages)
     return false_alarms[::-1], 1 - misses[::-1]
 
 
 def area_under_roc(pages: Scored) -> float:
-    """Probability that a misprint scores higher than a good page, ties counting half. [-]"""
+    """Return the probability that a misprint scores higher than a good page, ties counting half. [-]"""
     false_alarms, caught = roc(pages)
     return float(np.trapezoid(caught, false_alarms))
 
 
 def caught_at(pages: Scored, false_alarm_rate: float) -> float:
-    """Greatest share of misprints caught by a threshold with at most so many false alarms on these pages. [-]"""
+    """Return the greatest share of misprints caught with at most this false-alarm rate on these pages. [-]"""
     false_alarms, caught = roc(pages)
     return float(caught[false_alarms <= false_alarm_rate].max())
 
@@ -132,7 +135,7 @@ def caught_at(pages: Scored, false_alarm_rate: float) -> float:
 def bootstrap_cost(
     pages: Scored, alpha: float, *, threshold: float, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Interval:
-    """F + alpha M at a threshold chosen elsewhere, with its interval over press days."""
+    """Return F + alpha M at a threshold chosen elsewhere, with its interval over press days."""
     place, drawn = drawn_clusters(pages.day, rng, resamples=resamples)
     value = at_threshold(pages, threshold).cost(alpha)
     return interval_of(value, resampled_costs(pages, alpha, threshold=threshold, place=place, drawn=drawn))
@@ -146,9 +149,9 @@ def resampled_costs(
     place: NDArray[np.intp],
     drawn: NDArray[np.floating | np.int64],
 ) -> NDArray[np.float64]:
-    """F + alpha M with clusters drawn again, (resamples,); place, drawn: as ``drawn_clusters`` gives them.
+    """Return F + alpha M of resampled clusters, (resamples,); place, drawn: as ``drawn_clusters`` returns them.
 
-    NaN where there is one cluster alone: drawn again it is itself, and says nothing of another.
+    All are NaN where there is only one cluster: resampling it yields itself, and no spread can be estimated.
     """
     alarm, clusters = pages.score > threshold, drawn.shape[1]
     if clusters < 2:
@@ -165,7 +168,7 @@ def resampled_costs(
 def bootstrap_oracle(
     pages: Scored, alphas: Sequence[float], *, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> list[Interval]:
-    """Least F + alpha M for each alpha, the threshold chosen anew on each resample of the press days."""
+    """Return the least F + alpha M for each alpha, the threshold chosen again on each resample of the press days."""
     order = np.argsort(pages.score, kind="stable")
     last = np.append(
         np.diff(pages.score[order]) > 0, True
@@ -173,17 +176,17 @@ def bootstrap_oracle(
     bad = pages.bad[order]
     place, drawn = drawn_clusters(pages.day, rng, resamples=resamples)
     place = place[order]
-    found = np.full((len(alphas), resamples), np.nan)
+    costs = np.full((len(alphas), resamples), np.nan)
     for index, times in enumerate(drawn if drawn.shape[1] > 1 else ()):
         weight = times[place]
         missed, good = np.cumsum(weight * bad)[last], np.cumsum(weight * ~bad)[last]
         misses = np.append(0, missed / max(missed[-1], 1))
         false_alarms = 1 - np.append(0, good / max(good[-1], 1))
         for row, alpha in enumerate(alphas):
-            found[row, index] = (false_alarms + alpha * misses).min()
+            costs[row, index] = (false_alarms + alpha * misses).min()
     return [
         interval_of(least_cost(pages, alpha).cost(alpha), of_alpha)
-        for alpha, of_alpha in zip(alphas, found, strict=True)
+        for alpha, of_alpha in zip(alphas, costs, strict=True)
     ]
 
 
@@ -194,26 +197,33 @@ def drawn_clusters(
     clusters: NDArray[np.int64] | None = None,
     resamples: int = RESAMPLES,
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Place of each page's cluster (pages,), and how often each is drawn with replacement (resamples, clusters).
+    """Return the index of each page's cluster (pages,), and how often each cluster is drawn (resamples, clusters).
 
-    cluster (pages,): what pages share, a press day. clusters: all there are, rising, also those that left no page, so
-    that two sets of pages can be drawn alike; None: those of these pages.
+    Clusters are drawn with replacement.
+
+    Parameters
+    ----------
+    cluster : (pages,)
+        What pages share, for example a press day.
+    clusters : optional
+        All clusters in rising order, also those that left no page, so that two sets of pages can be resampled
+        alike. By default those of these pages.
     """
-    known = np.unique(cluster) if clusters is None else clusters
-    drawn = rng.multinomial(len(known), np.full(len(known), 1 / len(known)), size=resamples)
-    return np.searchsorted(known, cluster), np.asarray(drawn, np.float64)
+    distinct = np.unique(cluster) if clusters is None else clusters
+    drawn = rng.multinomial(len(distinct), np.full(len(distinct), 1 / len(distinct)), size=resamples)
+    return np.searchsorted(distinct, cluster), np.asarray(drawn, np.float64)
 
 
 def rate_below(count: int, of: int) -> float:
-    """What a rate lies below with 95 % certainty, seen so often among so many independent pages. [-]
+    """Return the upper 95 % confidence limit of a rate, after ``count`` events among ``of`` independent pages. [-]
 
-    Exact, one-sided (Clopper and Pearson 1934); 1 where nothing is known.
+    Exact, one-sided (Clopper and Pearson 1934); 1 where there are no data.
     """
     return float(special.betaincinv(count + 1, of - count, SURE)) if count < of else 1.0
 
 
 def counted(count: int, of: int) -> str:
-    """A rate of misses or false alarms for people: whoever saw none of some may not say 0.
+    """Format a rate of misses or false alarms with its upper limit: a count of none does not prove a rate of 0.
 
     >>> counted(0, 778), counted(12, 1240), counted(5, 5), counted(0, 0)
     ('0 of 778 (< 0.38 %)', '12 of 1,240, 0.97 % (< 1.6 %)', '5 of 5, 100 %', '-')
@@ -226,24 +236,24 @@ def counted(count: int, of: int) -> str:
 
 
 def _percent(share: float) -> str:
-    """In two digits."""
+    """Format a share as a percentage of two digits."""
     return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bill:
-    """What errors cost on so many pages. [cent]"""
+    """Cost of errors on a number of pages. [cent]"""
 
     with_system: float
     without: float
-    """Nothing is checked: every misprint passes."""
+    """Cost if no page is checked: every misprint passes."""
     stopping_always: float
 
 
 def bill(costs: RunningCosts, normalised: float, *, pages: int = 10_000) -> Bill:
-    """C of equation 6 for a normalised cost c, and beside it what never (c = alpha) and always (c = 1) stopping cost.
+    """Return C of equation 6 for a normalised cost c, and the cost of never (c = alpha) and always (c = 1) stopping.
 
-    As printed, section 5.2 takes alpha for 0.001; its own numbers give 0.101 (errata, E1), and with that its 3.4 cents.
+    As printed, section 5.2 takes alpha as 0.001; its own numbers give 0.101 (errata, E1), and with that its 3.4 cents.
     """
     return Bill(
         with_system=pages * costs.cents_per_page(normalised),
@@ -253,7 +263,7 @@ def bill(costs: RunningCosts, normalised: float, *, pages: int = 10_000) -> Bill
 
 
 def _curve(pages: Scored) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """All thresholds that differ on these pages, rising, with F and M of each."""
+    """Return all thresholds that differ on these pages, rising, with F and M of each."""
     scores, place = np.unique(pages.score, return_inverse=True)
     good = np.bincount(place[~pages.bad], minlength=len(scores))
     bad = np.bincount(place[pages.bad], minlength=len(scores))
@@ -268,6 +278,6 @@ def _curve(pages: Scored) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
 
 
 def interval_of(value: float, resampled: NDArray[np.float64]) -> Interval:
-    """A value with the 95 % of its resamples."""
+    """Return a value with the central 95 % interval of its resamples."""
     low, high = np.percentile(resampled, PERCENTILES)
     return Interval(value=float(value), low=float(low), high=float(high))

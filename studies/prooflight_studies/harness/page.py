@@ -1,7 +1,7 @@
-"""The page of a study: what it found, kept as JSON, and written as Markdown by the template in the study's folder.
+"""The page of a study: its results stored as JSON, and rendered as Markdown by the template in the study's folder.
 
-A template sees the JSON and nothing else, so a page can be made again without measuring. What it names and the results
-do not have is an error.
+A template sees the JSON and nothing else, so a page can be rendered again without measuring. A name in the template
+that the results lack is an error.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 from prooflight.errors import InputError
 from prooflight.files.atomic import whole_file
-from prooflight_studies.harness.operating import BOUND_SAID, counted, rate_below
+from prooflight_studies.harness.operating import BOUND_NOTE, counted, rate_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,32 +28,32 @@ TEMPLATE: Final = "page.md.j2"
 STUDIES: Final = Path(__file__).resolve().parents[1]
 
 
-def write_page(path: Path, study: str, found: object) -> None:
-    """Write ``found`` beside ``path`` as JSON, and ``path`` from that; each whole or not at all.
+def write_page(path: Path, study: str, findings: object) -> None:
+    """Write the results next to ``path`` as JSON, and render ``path`` from them; each file whole or not at all.
 
-    study: the folder whose template is rendered. found: a dataclass or mapping that ``plain`` can take.
+    study: the folder whose template is rendered. findings: a dataclass or mapping that ``plain`` can convert.
     """
-    results = {"study": study, **plain(found)}
+    results = {"study": study, **plain(findings)}
     text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
     _write(path.with_suffix(".json"), text + "\n")
     _write(path, page_text(json.loads(text)))
 
 
 def page_again(results: Path, page: Path | None = None) -> Path:
-    """Write a page from results that ``write_page`` kept; returns its path, by default beside them.
+    """Render a page from results that ``write_page`` stored; returns its path, by default next to them.
 
-    InputError: the file is not a study's results, or lacks what the page says.
+    InputError: the file is not a study's results, or lacks a value that the page needs.
     """
     try:
-        kept = json.loads(results.read_text(encoding="utf-8"))
-        known = isinstance(kept, dict) and (STUDIES / str(kept["study"]) / TEMPLATE).is_file()
+        stored = json.loads(results.read_text(encoding="utf-8"))
+        valid = isinstance(stored, dict) and (STUDIES / str(stored["study"]) / TEMPLATE).is_file()
     except (ValueError, KeyError, RecursionError) as error:
         raise _not_results(results) from error
-    if not known:
+    if not valid:
         raise _not_results(results)
     page = page or results.with_suffix(".md")
     try:
-        _write(page, page_text(kept))
+        _write(page, page_text(stored))
     except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         what = f"lacks what its page says: {error}"
         raise InputError(results, what, remedy="run the study again") from error
@@ -61,7 +61,10 @@ def page_again(results: Path, page: Path | None = None) -> Path:
 
 
 def page_text(results: Mapping[str, Any]) -> str:
-    """The page. UndefinedError: the template of ``results["study"]`` names what the results do not have."""
+    """Return the page as text.
+
+    UndefinedError: the template of ``results["study"]`` needs a value that the results lack.
+    """
     return _environment().get_template(f"{results['study']}/{TEMPLATE}").render(results)
 
 
@@ -75,7 +78,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals["bound"] = BOUND_SAID
+    environment.globals["bound"] = BOUND_NOTE
     environment.filters |= {
         "number": number,
         "short": short,
@@ -89,9 +92,9 @@ def _environment() -> Environment:
 
 
 def plain(value: Any) -> Any:
-    """The same in what JSON has: dataclasses become objects, tuples and arrays lists, NaN and infinities null.
+    """Convert a value to JSON types: dataclasses become objects, tuples and arrays lists, NaN and infinities null.
 
-    TypeError: JSON has nothing for it.
+    TypeError: JSON has no such type.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
@@ -111,7 +114,7 @@ def plain(value: Any) -> Any:
 
 
 def number(value: float | None, spec: str, none: str = "-") -> str:
-    """A number by Python's format; ``none`` for null, where there is no number.
+    """Format a number by a Python format specification; ``none`` stands for null.
 
     >>> number(1234.5, ",.2f"), number(0.1234, ".1%"), number(None, ".1f")
     ('1,234.50', '12.3%', '-')
@@ -120,7 +123,7 @@ def number(value: float | None, spec: str, none: str = "-") -> str:
 
 
 def short(value: float | None) -> str:
-    """Two or three digits, as few characters as the tables can do with.
+    """Format a number with two or three digits, in as few characters as the tables need.
 
     >>> [short(v) for v in (0.0000123, 0.0123, 0.123, 1.234, 12.34, 0.0)]
     ['1.2e-05', '0.012', '0.123', '1.23', '12.3', '0']
@@ -132,20 +135,21 @@ def short(value: float | None) -> str:
     return number(value, ".2g" if value is not None and value < 0.1 else ".3g")
 
 
-def interval(found: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
-    """An estimate with its interval; spec: as for ``number``, ``short`` where there is none.
+def interval(estimate: Mapping[str, float | None], spec: str | None = None, to: str = ", ") -> str:
+    """Format an estimate with its interval; spec: as for ``number``; ``short`` formats it where there is none.
 
     >>> interval({"value": 0.5, "low": 0.25, "high": 1.0}, ".2f", "-")
     '0.50 [0.25-1.00]'
     """
     value, low, high = (
-        short(found[name]) if spec is None else number(found[name], spec) for name in ("value", "low", "high")
+        short(estimate[name]) if spec is None else number(estimate[name], spec)
+        for name in ("value", "low", "high")
     )
     return f"{value} [{low}{to}{high}]"
 
 
 def slashed(values: Iterable[object]) -> str:
-    """Counts and words beside each other.
+    """Join counts and words with slashes.
 
     >>> slashed([1000, 20, "many"])
     '1,000 / 20 / many'
@@ -154,7 +158,7 @@ def slashed(values: Iterable[object]) -> str:
 
 
 def row(cells: Iterable[object]) -> str:
-    """A row of a table, where a template cannot know how many cells there are.
+    """Return a table row, for templates that cannot know the number of cells.
 
     >>> row(["a", 1])
     '| a | 1 |'

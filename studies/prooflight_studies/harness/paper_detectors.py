@@ -1,4 +1,4 @@
-"""Rows of a study -> scores of every detector: the paper's two in their readings, and the baselines."""
+"""Scores of every detector from the rows of a study: the paper's two in their readings, and the baselines."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 THIRDS: Final = ("mild", "middle", "severe")
-"""Of severity."""
+"""Names of the thirds of the severity range."""
 TUNING_ALPHA: Final = 1.0
 """Relative cost of a miss at which readings are compared."""
 MISPRINT_RATE: Final = 0.01
-"""Moves every log odds alike, so that no cost depends on it."""
+"""Assumed share of misprints. It shifts every log odds by the same amount, so that no cost depends on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkReading:
-    """One reading of the learned detector: which windows, which numbers, which bins."""
+    """One reading of the paper's learned detector: its windows, statistics and bins."""
 
     windows: Windows = WINDOWS[1]
     reading: Reading = "signed"
     unit: float = 1.0
-    """The share's limit is 0.675 of these."""
+    """Unit of the share's limit, which is 0.675 of it."""
     bins: int = 16
     binning: Binning = "quantile"
 
@@ -55,7 +55,7 @@ class NetworkReading:
         return f"{self.windows}, {self.reading}, {self.bins} {self.binning} bins{share}"
 
     def statistics(self, rows: Rows, *, frame: int, sensors: int) -> NDArray[np.float64]:
-        """The three statistics of the first ``sensors`` sensors, (rows, 3 sensors)."""
+        """Return the three statistics of the first ``sensors`` sensors, (rows, 3 sensors)."""
         signed = self.reading == "signed"
         which = [
             MEAN if signed else MEAN_OF_MAGNITUDES,
@@ -67,11 +67,11 @@ class NetworkReading:
 
 
 AS_PRINTED: Final = NetworkReading()
-"""What the paper's text says, with our choice of 8 x 8 windows and 16 quantile bins where it is silent."""
+"""The reading of the paper's text, with our choice of 8 x 8 windows and 16 quantile bins where it is silent."""
 
 
 def all_readings() -> Iterator[NetworkReading]:
-    """Every reading that is tried."""
+    """Yield every reading that is compared."""
     for windows, reading, unit, bins, binning in itertools.product(
         WINDOWS, ("signed", "absolute"), UNITS, (8, 16, 32), ("quantile", "equal-width")
     ):
@@ -79,12 +79,12 @@ def all_readings() -> Iterator[NetworkReading]:
 
 
 def types_of(kinds: NDArray[np.str_], *, types: int) -> list[str]:
-    """Labels to learn from: ``correct``, and one type of misprint or the two scopes of ``worlds.toml``."""
+    """Return the training labels: ``correct``, and one type of misprint or the two scopes of ``worlds.toml``."""
     return [(MISPRINT if types == 1 else scope_of(kind)) if kind else CORRECT for kind in kinds.tolist()]
 
 
 def learned(learn: Rows, reading: NetworkReading, *, frame: int, sensors: int, types: int) -> BayesianNetwork:
-    """The network of the learning rows."""
+    """Return the network that is trained on the learning rows."""
     return BayesianNetwork.learn(
         reading.statistics(learn, frame=frame, sensors=sensors),
         types_of(learn["kind"], types=types),
@@ -97,7 +97,10 @@ def learned(learn: Rows, reading: NetworkReading, *, frame: int, sensors: int, t
 def chosen_reading(
     learn: Rows, tune: Rows, *, frame: int
 ) -> tuple[NetworkReading, dict[NetworkReading, float]]:
-    """The reading with the least cost on the tuning rows at alpha = 1, two sensors and two types; and all costs."""
+    """Return the reading with the least cost on the tuning rows, and the costs of all.
+
+    Costs are those at alpha = 1, with two sensors and two types.
+    """
     costs = {}
     for reading in all_readings():
         network = learned(learn, reading, frame=frame, sensors=2, types=2)
@@ -115,7 +118,7 @@ def bayes_scores(
     sensors: int = 2,
     types: int = 2,
 ) -> list[NDArray[np.float64]]:
-    """Log likelihood ratio of misprint and correct on each set of other rows."""
+    """Return the log likelihood ratio of misprint and correct for each of the other sets of rows."""
     network = learned(learn, reading, frame=frame, sensors=sensors, types=types)
     return [network.log_ratio(reading.statistics(rows, frame=frame, sensors=sensors)) for rows in others]
 
@@ -123,17 +126,17 @@ def bayes_scores(
 def chi_square_scores(
     rows: Rows, *, frame: int, sensors: int = 2, column: str = "chi_square"
 ) -> NDArray[np.float64]:
-    """Pearson's statistic, sensors added up; p-values would underflow."""
+    """Return Pearson's statistic summed over the sensors; p-values would underflow."""
     return np.asarray(rows[column][:, frame, :sensors].sum(axis=1), np.float64)
 
 
 def scored(rows: Rows, score: NDArray[np.float64]) -> Scored:
-    """Scores with what they are judged by; rows: with their ``day``, as ``chosen_rows`` gives them."""
+    """Return scores with their labels; rows: with their ``day``, as ``chosen_rows`` returns them."""
     return Scored(score=score, bad=rows["kind"] != "", design=rows["design"], day=rows["day"])
 
 
 def goods_and_bads(sets: Mapping[str, Rows]) -> tuple[dict[str, int], dict[str, int]]:
-    """Scans of good prints and of misprints in each set."""
+    """Return the number of scans of good prints and of misprints in each set."""
     bad = {of: rows["kind"] != "" for of, rows in sets.items()}
     return {of: int((~each).sum()) for of, each in bad.items()}, {
         of: int(each.sum()) for of, each in bad.items()
@@ -141,15 +144,18 @@ def goods_and_bads(sets: Mapping[str, Rows]) -> tuple[dict[str, int], dict[str, 
 
 
 def thirds(severity: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Place in ``THIRDS`` of each severity, 0..1."""
+    """Return the index in ``THIRDS`` of each severity, 0..1."""
     return np.minimum((severity * len(THIRDS)).astype(np.int64), len(THIRDS) - 1)
 
 
 def chosen_rows(rows: Rows, plan: Plan, of: str, *, noise: float | None = None) -> Rows:
-    """The rows of a set's designs, with the ``day`` on which each was printed; noise: at that alone."""
+    """Return the rows of a set's designs, with the ``day`` on which each was printed.
+
+    noise: return rows of this noise only.
+    """
     designs = plan.designs(of)
-    kept = (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
+    mask = (rows["design"] >= designs.start) & (rows["design"] < designs.stop)
     if noise is not None:
-        kept &= rows["noise"] == noise
-    found = {name: column[kept] for name, column in rows.items() if name != "unmade_kind"}
-    return found | {"day": plan.day_of(of, found["design"])}
+        mask &= rows["noise"] == noise
+    chosen = {name: column[mask] for name, column in rows.items() if name != "unmade_kind"}
+    return chosen | {"day": plan.day_of(of, chosen["design"])}

@@ -1,7 +1,8 @@
-"""Who may learn from what: disjoint page designs and press days to learn, to tune and to test, and the rows of each.
+"""The sampling plan of the studies: disjoint page designs and press days to learn, to tune and to test.
 
 A study is a list of ``Day`` pieces; each is a press day with some page designs, of which good copies and misprints are
-printed, scanned and measured. Rows depend on the plan and its seed alone, not on who works on them or in what order.
+printed, scanned and measured. Rows depend on the plan and its seed alone, not on the process that computes them or on
+their order.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ if TYPE_CHECKING:
 
 JUDGED: Final = ("learn", "tune", "test")
 SETS: Final = ("pilot", *JUDGED)
-"""The pilot's good copies teach the variation model; the others are called by their use."""
+"""Names of the sets. The variation model is trained on the pilot's good copies; the others are named by their use."""
 OTHERS: Final = 3
-"""Designs of the same day that a wrong page may come from."""
+"""Number of designs of the same day that a wrong page may come from."""
 FRAMES: Final[dict[World, tuple[str, ...]]] = {"ideal": ("raw",), "press": ("raw", "registered")}
-"""Against which prediction scans are measured: of a page in its place, or where registration found it."""
+"""Predictions that scans are compared with: of a page at its nominal position, or at its registered position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How many designs, copies and days."""
+    """Numbers of designs, copies and days."""
 
     seed: int
     world: World
@@ -58,33 +59,33 @@ class Plan:
     test: int
     good_copies: int = 1
     misprints: int = 2
-    """Copies of each design with a misprint; kinds take turns."""
+    """Number of copies of each design with a misprint; kinds take turns."""
     designs_per_day: int = 10
     noises: tuple[float, ...] = (1.0,)
-    """Temporal sigmas at which every print is scanned, over the camera's; baselines see the first alone."""
+    """Factors on the camera's temporal sigma at which every print is scanned; baselines see the first alone."""
 
     def designs(self, of: str) -> range:
-        """Numbers of the designs of a set; no design is in two."""
+        """Return the numbers of the designs of a set; no design is in two sets."""
         counts = [int(getattr(self, name)) for name in SETS]
         place = SETS.index(of)
         return range(sum(counts[:place]), sum(counts[: place + 1]))
 
     def kind(self, index: int, copy: int) -> str:
-        """What goes wrong in a copy of design ``index``; the first are good, ""."""
+        """Return the kind of misprint of a copy of design ``index``; the first copies are good, ""."""
         turn = index * self.misprints + copy - self.good_copies
         return KINDS[turn % len(KINDS)] if copy >= self.good_copies else ""
 
     def days(self, *sets: str) -> list[Day]:
-        """The pieces of these sets; a day belongs to one set alone."""
+        """Return the pieces of these sets; a day belongs to one set alone."""
         return [day for of in sets for day in in_days(of, self.designs(of), self.designs_per_day)]
 
     def day_of(self, of: str, designs: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The press days, by their first designs, of some designs of a set; both (n,)."""
+        """Return the press days, named by their first designs, of some designs of a set; both (n,)."""
         first = self.designs(of).start
         return first + (designs - first) // self.designs_per_day * self.designs_per_day
 
     def facts(self, press: Press, source: str) -> dict[str, Any]:
-        """All that rows depend on; source: which page designs."""
+        """Return everything that rows depend on; source: which page designs."""
         of_press = {"press": press.digest, "worlds": worlds_digest(), "designs": source}
         return asdict(self) | of_press | {"algorithms": dict(ALGORITHMS)}
 
@@ -98,7 +99,7 @@ class Day:
 
 
 def in_days(of: str, designs: Sequence[int], per_day: int) -> list[Day]:
-    """Designs of a set in press days of so many; the last may have fewer."""
+    """Divide the designs of a set into press days of ``per_day`` designs; the last may have fewer."""
     return [
         Day(of=of, designs=tuple(designs[start : start + per_day]))
         for start in range(0, len(designs), per_day)
@@ -106,9 +107,9 @@ def in_days(of: str, designs: Sequence[int], per_day: int) -> list[Day]:
 
 
 def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[Plan]:
-    """A plan of the ideal world, and the same in the press world with these numbers changed; world: one alone.
+    """Return a plan of the ideal world, and the same in the press world with these numbers changed.
 
-    RequestError: there is no such world.
+    world: one alone. RequestError: there is no such world.
     """
     plans = [ideal, replace(ideal, world="press", **in_press)]
     return [plan for plan in plans if world is None or plan.world == known_world(world)]
@@ -116,14 +117,14 @@ def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[P
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PilotWork:
-    """Good copies of the pilot's designs -> what variation models learn from."""
+    """Measurement of good copies of the pilot's designs, from which variation models learn."""
 
     press: Press
     pages: Designs
     plan: Plan
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``: ``moments`` (designs, frames, 4, 4)."""
+        """Return the rows of a day: ``moments`` (designs, frames, 4, 4)."""
         bench = Bench.of(day, self.press, self.pages, self.plan)
         white = bench.white_dn
         moments = []
@@ -142,17 +143,17 @@ class PilotWork:
 
 
 def variation_models(rows: Rows) -> tuple[VariationModel, ...]:
-    """One for each frame, from the pilot's rows."""
+    """Return one model for each frame, from the pilot's rows."""
     return tuple(VariationModel.learn(list(of_frame)) for of_frame in rows["moments"].swapaxes(0, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchWork:
-    """Good copies and misprints of a day's designs -> a row for each scan.
+    """Measurement of a day's good copies and misprints, with a row for each scan.
 
-    Columns: design, kind ("" where good), severity, draws, noise, and ``measures.measure``'s with frames as their
-    first axis; baselines at the first noise alone. Beside them ``unmade_kind``, one for each misprint that nine draws
-    did not bring over the gate.
+    Columns: design, kind ("" where good), severity, draws, noise, and those of ``measures.measure`` with frames as
+    their first axis; baselines at the first noise alone. Column ``unmade_kind`` has an entry for each misprint of which
+    nine draws did not reach the least effect that counts.
     """
 
     press: Press
@@ -161,7 +162,7 @@ class WatchWork:
     variations: tuple[VariationModel, ...]
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench = Bench.of(day, self.press, self.pages, self.plan)
         columns: dict[str, list[Any]] = defaultdict(list)
         unmade: list[str] = []
@@ -212,11 +213,12 @@ def watched_rows(
     *,
     processes: int | None,
     cluster: str | None,
-    told: Callable[[str], Callable[[int, int], None]],
+    progress_of: Callable[[str], Callable[[int, int], None]],
 ) -> Rows:
-    """A plan's rows of ``WatchWork``, of the days to learn, tune and test; cache: where they and the pilot's are kept.
+    """Return a plan's rows of ``WatchWork``, of the days to learn, tune and test.
 
-    told: gives what is told how many days of a step, ``pilot`` or ``scans``, are done. Others: as for ``run_pieces``.
+    cache: folder of these rows and the pilot's. progress_of: returns the progress callback of a step, ``pilot`` or
+    ``scans``, which is called with the number of days done and of all days. Others: as for ``run_pieces``.
     """
     digest = digest_of(plan.facts(press, repr(pages)))
     pilot = run_pieces(
@@ -226,7 +228,7 @@ def watched_rows(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("pilot"),
+        progress=progress_of("pilot"),
     )
     return run_pieces(
         WatchWork(press=press, pages=pages, plan=plan, variations=variation_models(pilot)),
@@ -235,29 +237,29 @@ def watched_rows(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("scans"),
+        progress=progress_of("scans"),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """A page, what is expected of it, and how to find it."""
+    """A page with its expected signal and the landmarks to register it."""
 
     good: Printed
     landmarks: Landmarks | None
-    """None in the ideal world, where pages lie in their place."""
+    """None in the ideal world, where pages are at their nominal position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bench:
-    """A press day with its page designs at hand."""
+    """A press day with its page designs."""
 
     day: SimulatedDay
     pages: Designs
 
     @classmethod
     def of(cls, day: Day, press: Press, pages: Designs, plan: Plan) -> Bench:
-        """Enter a press day."""
+        """Begin a press day."""
         # Days are seeded by their set and first design, so that no day is in two sets.
         rng = stream(plan.seed, "study-session", SETS.index(day.of), day.designs[0])
         return cls(day=SimulatedDay.begin(plan.world, press, rng), pages=pages)
@@ -272,56 +274,59 @@ class Bench:
         """Greatest digital number of each sensor. [DN]"""
         return [sensor.top_code_dn for sensor in self.day.press.sensors]
 
-    def laid(self, index: int) -> Page:
-        """A design as it enters the press."""
+    def placed_page(self, index: int) -> Page:
+        """Return a design as it enters the press."""
         return self.day.press.geometry.lay(self.pages.page(index))
 
     def design(self, index: int) -> Design:
-        """A design's good print, and how to find it."""
-        press, good = self.day.press, self.day.good(self.laid(index))
+        """Return a design's good print with the landmarks to register it."""
+        press, good = self.day.press, self.day.good(self.placed_page(index))
         if self.day.session is None:
             return Design(good=good, landmarks=None)
-        found = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
-        return Design(good=good, landmarks=found)
+        landmarks = prepare(good.page, good.expected, sensors=press.sensors, geometry=press.geometry)
+        return Design(good=good, landmarks=landmarks)
 
     def printed(
         self, good: Printed, kind: str, day: Day, index: int, rng: np.random.Generator
     ) -> Printed | None:
-        """The good print of design ``index``, or one with a misprint; None if none reaches the gate."""
+        """Return the good print of design ``index``, or one with a misprint.
+
+        Returns None if no draw of the misprint has the least effect that counts.
+        """
         if not kind:
             return good
         others = rng.permutation([other for other in day.designs if other != index])[:OTHERS].tolist()
-        return self.day.wrong(good, kind, others=others, fetch=self.laid, rng=rng)
+        return self.day.wrong(good, kind, others=others, fetch=self.placed_page, rng=rng)
 
     def area(self, page: Page) -> tuple[slice, slice, slice]:
-        """Where a scan shows the page."""
+        """Return the slices of a scan that show the page."""
         return slice(None), *self.day.press.geometry.on_page(page.width_mm, page.height_mm)
 
     def compared(
         self, design: Design, scan: NDArray[np.uint16], noise: float = 1.0
     ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
-        """The page's area of a scan and of its prediction, one pair a frame."""
+        """Yield the page's area of a scan and of its prediction, one pair for each frame."""
         page, expected = design.good.page, design.good.expected
         area = self.area(page)
         measured = np.ascontiguousarray(scan[area])
         yield measured, on_area(noisier_tables(expected, noise), area)
         if design.landmarks is not None:
-            found = register(design.landmarks, scan)
-            if found.found:
-                expected = self.day.expected(page, found.placement)
+            registration = register(design.landmarks, scan)
+            if registration.found:
+                expected = self.day.expected(page, registration.placement)
             yield measured, on_area(noisier_tables(expected, noise), area)
 
 
 def on_area(seen: Prediction, area: tuple[slice, slice, slice]) -> Prediction:
-    """One area of a prediction, each of its arrays in one piece of memory."""
+    """Return one area of a prediction, each of its arrays contiguous in memory."""
     expected, variance = (np.ascontiguousarray(a[area]) for a in (seen.expected_dn, seen.variance_dn2))
     return Prediction(expected_dn=expected, variance_dn2=variance)
 
 
 def noisier(day: SimulatedDay, seen: Prediction, times: float) -> Prediction:
-    """What ``day.seen`` gives, seen by a camera of ``times`` the temporal sigma (shot, dark and read together).
+    """Return what ``day.seen`` gives for a camera of ``times`` the temporal sigma (shot, dark and read together).
 
-    Rounding, fixed patterns and whatever the print does stay as they are.
+    Rounding, fixed patterns and all effects of printing stay as they are.
     """
     if day.session is None or times == 1:
         return noisier_tables(seen, times)
@@ -334,7 +339,7 @@ def noisier(day: SimulatedDay, seen: Prediction, times: float) -> Prediction:
 
 
 def noisier_tables(expected: Prediction, times: float) -> Prediction:
-    """What tables expect that were made for ``times`` the temporal sigma; rounding stays as it is."""
+    """Return the prediction of tables that were made for ``times`` the temporal sigma; rounding stays as it is."""
     if times == 1:
         return expected
     rounding = np.float32(ROUNDING_DN2)

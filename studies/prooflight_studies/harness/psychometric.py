@@ -1,4 +1,4 @@
-"""How strong a defect must be to be caught on each page, from prints with defects of strengths chosen on the way."""
+"""Strength at which a defect is detected on each page, estimated from prints with adaptively chosen strengths."""
 
 from __future__ import annotations
 
@@ -15,82 +15,86 @@ if TYPE_CHECKING:
 
 STRENGTHS: Final = np.geomspace(1, 1000, 121)
 SPREADS: Final = np.geomspace(0.08, 1.5, 12)
-"""Of the logarithm of the strength at which single prints of a page begin to alarm."""
+"""Grid of the spread of the psychometric function: the standard deviation of the strength's logarithm."""
 BETWEEN: Final = np.geomspace(0.1, 1.6, 6)
-"""Standard deviations of pages' middles, of their logarithm."""
+"""Grid of the standard deviation of pages' middles, of their logarithm."""
 LAPSE: Final = 0.002
 """Share of prints in which a defect passes however strong it is; assumed: so that one such print does not decide."""
 LEAST: Final = 1e-300
-"""Likelihood below which nothing is told from nothing."""
+"""Least likelihood; smaller ones are not distinguished from zero."""
 SURE: Final = 0.99
-ASKED: Final = (0.5, 0.98)
-"""Between which chances of being caught the next strength is drawn: what 99 % takes is told from below."""
+CHANCES: Final = (0.5, 0.98)
+"""Range of detection chances from which the next strength is drawn; the strength of 99 % follows from those below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Psychometric:
-    """What is known of the chance that a defect of some strength is caught, page by page.
+    """Posterior of the chance that a defect of some strength is caught, page by page.
 
-    P(strength) = F + (1 - F - lapse) Phi((ln strength - middle) / spread). All middles and spreads are weighed by what
-    was seen (Watson 2017, QUEST+). Pages have one spread; their middles scatter about a common one, by as much as is
-    seen as well: what other pages say counts for a page, the less the more prints of it were seen.
+    P(strength) = F + (1 - F - lapse) Phi((ln strength - middle) / spread). All middles and spreads on the grid are
+    weighted by the likelihood of the observations (Watson 2017, QUEST+). Pages have one spread; their middles scatter
+    about a common one, by an amount that is estimated as well: the results of other pages count for a page, the less
+    the more prints of it were observed.
     """
 
     false_alarms: float
-    said: Mapping[int, NDArray[np.float64]]
-    """By page: logarithm of how likely its prints are for (middles, spreads)."""
+    log_likelihood: Mapping[int, NDArray[np.float64]]
+    """Log likelihood of each page's prints for (middles, spreads), by page."""
     prints: int = 0
 
     @classmethod
     def unknown(cls, false_alarms: float) -> Self:
-        """Nothing seen yet."""
-        return cls(false_alarms=false_alarms, said={})
+        """Return the state before any observation."""
+        return cls(false_alarms=false_alarms, log_likelihood={})
 
     def chances(self, strength: float) -> NDArray[np.float64]:
-        """Of being caught, (middles, spreads)."""
+        """Return the chances of being caught, (middles, spreads)."""
         off = (np.log(strength) - np.log(STRENGTHS))[:, None] / SPREADS
         return np.asarray(self.false_alarms + (1 - self.false_alarms - LAPSE) * special.ndtr(off))
 
     def seen(self, page: int, strength: float, *, caught: bool) -> Psychometric:
-        """One more print."""
+        """Return the posterior after one more print."""
         chance = self.chances(strength)
-        more = self.said.get(page, 0) + np.log(chance if caught else 1 - chance)
-        return replace(self, said={**self.said, page: more}, prints=self.prints + 1)
+        more = self.log_likelihood.get(page, 0) + np.log(chance if caught else 1 - chance)
+        return replace(self, log_likelihood={**self.log_likelihood, page: more}, prints=self.prints + 1)
 
     def weight(self, page: int) -> NDArray[np.float64]:
-        """What all prints say of one page: (middles, spreads), sum 1."""
+        """Return the posterior of one page, given all prints: (middles, spreads), sum 1."""
         in_common = np.zeros((BETWEEN.size, STRENGTHS.size, SPREADS.size))
-        for other, said in self.said.items():
+        for other, log_likelihood in self.log_likelihood.items():
             if other != page:
-                in_common += np.log(np.maximum(_ABOUT @ np.exp(said - said.max()), LEAST))
+                in_common += np.log(np.maximum(_ABOUT @ np.exp(log_likelihood - log_likelihood.max()), LEAST))
         expected = np.einsum("bcm,bcs->ms", _ABOUT, np.exp(in_common - in_common.max()))
-        own = self.said.get(page, np.zeros_like(expected))
+        own = self.log_likelihood.get(page, np.zeros_like(expected))
         weight = expected * np.exp(own - own.max())
         return np.asarray(weight / weight.sum())
 
     def strength(self, page: int, chance: float) -> float:
-        """The least that is caught with that chance, all told; infinite: none of ``STRENGTHS``."""
+        """Return the least strength caught with this chance, averaged over the posterior; infinite: none is."""
         weight = self.weight(page)
         mean = np.array([(self.chances(one) * weight).sum() for one in STRENGTHS])
         enough = np.flatnonzero(mean >= chance)
         return float(STRENGTHS[enough[0]]) if enough.size else np.inf
 
     def strengths(self, page: int, chance: float, quantiles: Sequence[float]) -> list[float]:
-        """Quantiles of the least strength that is caught with that chance, over all middles and spreads."""
+        """Return quantiles of the least strength that is caught with this chance, over all middles and spreads."""
         wanted = (chance - self.false_alarms) / (1 - self.false_alarms - LAPSE)
         at = np.log(STRENGTHS)[:, None] + SPREADS * special.ndtri(np.clip(wanted, LEAST, 1 - LAPSE))
         order = np.argsort(at, axis=None)
-        known = np.cumsum(self.weight(page).ravel()[order])
-        places = np.searchsorted(known, quantiles).clip(0, order.size - 1)
+        cumulative = np.cumsum(self.weight(page).ravel()[order])
+        places = np.searchsorted(cumulative, quantiles).clip(0, order.size - 1)
         return [float(one) for one in np.exp(at.ravel()[order][places])]
 
     def next(self, page: int, rng: np.random.Generator) -> float:
-        """A strength to try."""
-        return min(self.strength(page, float(rng.uniform(*ASKED))), float(STRENGTHS[-1]))
+        """Return a strength to try next."""
+        return min(self.strength(page, float(rng.uniform(*CHANCES))), float(STRENGTHS[-1]))
 
 
 def _about() -> NDArray[np.float64]:
-    """(between, common middles, middles): how pages' middles lie about the common one, sum 1 over the last."""
+    """Return the density of pages' middles about the common one: (between, common middles, middles).
+
+    It sums to 1 over the last axis.
+    """
     at = np.log(STRENGTHS)
     dense = np.exp(-(((at - at[:, None]) / BETWEEN[:, None, None]) ** 2) / 2)
     return np.asarray(dense / dense.sum(axis=-1, keepdims=True))

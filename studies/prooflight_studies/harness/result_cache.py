@@ -1,8 +1,9 @@
-"""Work in pieces whose results are kept: a study that is interrupted goes on where it was.
+"""Cache of the results of a study that is computed in pieces, so that an interrupted study resumes.
 
-A study is a list of pieces, each small and picklable, and work that makes arrays of rows of a piece. Results lie in
-``folder/<digest>/``, one file a piece, named by its ``repr``: a study that is given more pieces makes only those. The
-digest is of everything else that the results depend on. What is damaged is made again, and said.
+A study is a list of pieces, each small and picklable, and work that computes arrays of rows of a piece. Results are
+stored in ``folder/<digest>/``, one file for each piece, named by the piece's ``repr``: of a study with more pieces only
+the new ones are computed. The digest covers everything else that the results depend on. Damaged files are reported and
+computed again.
 """
 
 from __future__ import annotations
@@ -40,21 +41,21 @@ PieceIn = TypeVar("PieceIn", contravariant=True)
 
 _log = logging.getLogger(__name__)
 MOST_BYTES: Final = 1 << 30
-"""Of one piece's columns, unpacked; assumed: those of ours take some megabytes."""
+"""Limit on the size of one piece's columns, unpacked; assumed: those of the studies take some megabytes."""
 SPENT: Final = "seconds spent"
-"""A piece's time by the clock, kept beside its rows."""
+"""Column with the wall-clock time of a piece, stored with its rows."""
 
 
 class Work(Protocol[PieceIn]):
-    """Makes the rows of a piece; picklable."""
+    """Computation of the rows of a piece; picklable."""
 
     def __call__(self, piece: PieceIn, /) -> Rows:
-        """Rows of one piece: the same whoever makes them, and when."""
+        """Return the rows of one piece, which depend neither on the process nor on the time."""
         ...
 
 
 def digest_of(facts: Mapping[str, Any]) -> str:
-    """SHA-256 of what results depend on: values fit for JSON."""
+    """Return the SHA-256 of everything that results depend on; facts: values fit for JSON."""
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
@@ -68,37 +69,39 @@ def run_pieces(
     cluster: str | None = None,
     progress: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> Rows:
-    """Rows of all pieces, in the order of the pieces; those that ``folder`` has are not made again.
+    """Return the rows of all pieces, in their order; those that are in ``folder`` are not computed again.
 
-    cluster: address of a Dask scheduler (``cluster``); None: processes on this machine. progress is told how
-    many pieces are done, of how many.
+    cluster: address of a Dask scheduler (``cluster``); None: processes on this machine. progress is called with the
+    number of pieces done and of all pieces.
     """
     paths = _paths(pieces, folder, digest)
     missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
     done = len(pieces) - len(missing)
     progress(done, len(pieces))
-    made = (
-        _fetched(work, missing, cluster) if cluster else in_order(_Kept(work), missing, processes=processes)
+    computed = (
+        _fetched(work, missing, cluster)
+        if cluster
+        else in_order(_CachedWork(work), missing, processes=processes)
     )
-    for _ in made:
+    for _ in computed:
         done += 1
         progress(done, len(pieces))
     columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
     for path in paths:
-        for name, column in _kept(path).items():
+        for name, column in _load(path).items():
             if name != SPENT:
                 columns[name].append(column)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
 def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
-    """Minutes of one process that pieces took when they were made, in however many sittings.
+    """Return the minutes of one process that the pieces took when they were computed, over all runs.
 
-    Those that a cluster made are not among them.
+    Pieces that a cluster computed are not included.
     """
     seconds = 0.0
     for path in _paths(pieces, folder, digest):
-        seconds += float(_kept(path).get(SPENT, 0.0))
+        seconds += float(_load(path).get(SPENT, 0.0))
     return seconds / 60
 
 
@@ -107,8 +110,8 @@ def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Kept:
-    """Makes a piece's rows and writes them, whole or not at all."""
+class _CachedWork:
+    """Computation of a piece's rows that writes them, whole or not at all."""
 
     work: Work[Any]
 
@@ -116,43 +119,43 @@ class _Kept:
         path, piece = place
         started = time.perf_counter()
         rows = self.work(piece)
-        _keep(path, rows | {SPENT: np.array(time.perf_counter() - started)})
+        _store(path, rows | {SPENT: np.array(time.perf_counter() - started)})
 
 
 def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
-    """Rows come back from the cluster and are written here: its workers need not see this folder."""
+    """Write rows that come back from the cluster; its workers need no access to this folder."""
     for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
-        _keep(missing[place][0], rows)
+        _store(missing[place][0], rows)
         yield
 
 
-def _keep(path: Path, rows: Rows) -> None:
+def _store(path: Path, rows: Rows) -> None:
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **rows)
 
 
 def _whole(path: Path) -> bool:
-    """Whether a piece's rows are there; a file that holds none is said to be damaged."""
+    """Return whether a piece's rows are stored; a file that holds none is reported as damaged."""
     if not path.exists():
         return False
     try:
-        return bool(_kept(path))
+        return bool(_load(path))
     except _DAMAGE:
         _log.warning("%s is damaged and is made again", path)
         return False
 
 
 _END: Final = struct.Struct("<4s4H2LH")
-"""APPNOTE.TXT of PKWARE, section 4.3.16; the fifth: members in all."""
+"""End record of an archive (APPNOTE.TXT of PKWARE, section 4.3.16); the fifth field counts its members."""
 _DAMAGE: Final = (
     *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
     *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
 )
-"""What reading a damaged archive of arrays raises."""
+"""Errors that reading a damaged archive of arrays raises."""
 
 
-def _kept(path: Path) -> Rows:
-    """Arrays of a piece, as ``_keep`` wrote them; one of ``_DAMAGE`` where they cannot be what it wrote."""
+def _load(path: Path) -> Rows:
+    """Return the arrays of a piece as ``_store`` wrote them; raises one of ``_DAMAGE`` for a damaged file."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) != _members_stated(path) or not members:
@@ -163,14 +166,14 @@ def _kept(path: Path) -> Rows:
 
 
 def _members_stated(path: Path) -> int:
-    """By the last bytes of an archive without a comment; Python's reader does not look."""
+    """Return the member count in the last bytes of an archive without comment; Python's reader does not check it."""
     with path.open("rb") as file:
         file.seek(-_END.size, io.SEEK_END)
         return int(_END.unpack(file.read())[4])
 
 
 def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """One array, whose header must agree with the archive about its size before memory is taken."""
+    """Read one array, whose header must agree with the archive about its size before memory is allocated."""
     with archive.open(member) as file:
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError(f"{member.filename} is no array of ours")

@@ -1,7 +1,7 @@
-"""Versions of the algorithms that results depend on, by which kept rows are known.
+"""Versions of the algorithms that results depend on; cached rows are stored under them.
 
-Raise a number when figures of that room change. Tidying, renaming and speed change none: ``tests/frozen`` tells which
-of the two a change was.
+Raise a number when figures of that package change. Tidying, renaming and speed change none: ``tests/frozen`` shows
+which of the two a change was.
 """
 
 from __future__ import annotations

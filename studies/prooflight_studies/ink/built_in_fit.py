@@ -1,4 +1,4 @@
-"""How the built-in press got its numbers: a fit of smooth absorption bands to the aims of coated offset."""
+"""Origin of the built-in press's numbers: a fit of smooth absorption bands to the aims of coated offset."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ FARTHEST = 2.5  # standard deviations a coefficient may leave its belief by
 
 
 def aim_differences(coefficients: dict[str, float]) -> dict[str, float]:
-    """CIEDE2000 (D50, 2 degrees) between the constructed inks' solids and overprints and each of the coated aims."""
+    """Return CIEDE2000 (D50, 2 degrees) between the constructed inks' solids and overprints and each coated aim."""
     paper, density = built_in_spectra(coefficients)
     recipes = np.array([recipe for recipe, _ in COATED_AIMS.values()], dtype=np.float64)
     aims = np.array([aim for _, aim in COATED_AIMS.values()])
@@ -99,7 +99,7 @@ def fit_built_in() -> dict[str, float]:
     """Fit the built-in press to the coated aims; returns its coefficients to four digits. Takes some seconds.
 
     Minimises the squared CIEDE2000 of eight aims plus squared distances from ``BELIEF``, which keeps the bands where
-    pigments have them: 42 coefficients against 24 tristimulus numbers would otherwise be free to cheat.
+    pigments have them: 42 coefficients against 24 tristimulus numbers would otherwise be underdetermined.
     """
     names = list(BELIEF)
     start, sigma = np.array(list(BELIEF.values())).T
@@ -113,5 +113,5 @@ def fit_built_in() -> dict[str, float]:
         return np.concatenate([difference, BELIEF_WEIGHT * (values - start) / sigma, excess])
 
     bounds = (np.maximum(start - FARTHEST * sigma, least), start + FARTHEST * sigma)
-    found = least_squares(residual, start, bounds=bounds, x_scale=sigma, diff_step=1e-4, max_nfev=60)
-    return {name: float(f"{value:.4g}") for name, value in zip(names, found.x, strict=True)}
+    solution = least_squares(residual, start, bounds=bounds, x_scale=sigma, diff_step=1e-4, max_nfev=60)
+    return {name: float(f"{value:.4g}") for name, value in zip(names, solution.x, strict=True)}

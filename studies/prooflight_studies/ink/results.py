@@ -1,4 +1,4 @@
-"""What the ink study finds, and its learning curve as a picture."""
+"""Results of the ink study, and its learning curve as a picture."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COLOURS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelRow:
-    """One model on the whole chart."""
+    """Results of one model on the whole chart."""
 
     model: str
     score: Score
@@ -37,16 +37,16 @@ class ModelRow:
     """CPU time for 33^4 = 1,185,921 recipes."""
     lowest: float
     highest: float
-    """Reflectance on the 17^4 grid. [-]"""
+    """Highest reflectance on the 17^4 grid; ``lowest``: the lowest. [-]"""
     rise: float
     """Greatest rise of any band from one grid node to the next with more of one ink. [-]"""
     beyond_limit_delta_e00: float
-    """Largest error on recipes beyond 300 % ink when none of them was learned from."""
+    """Largest error on recipes beyond 300 % ink when none of them was used in the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearningRow:
-    """One model taught by some well-chosen patches, judged on all others."""
+    """Results of one model fitted to some well-chosen patches and evaluated on all others."""
 
     model: str
     patches: int
@@ -57,7 +57,7 @@ class LearningRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpreadRow:
-    """Are the standard deviations right? Errors on unseen recipes over their predicted standard deviation."""
+    """Check of the predicted standard deviations: errors on unseen recipes relative to them."""
 
     patches: int
     rms: float
@@ -67,7 +67,7 @@ class SpreadRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InkStudy:
-    """Everything the result page shows."""
+    """All results that the page shows."""
 
     chart: str
     digest: str
@@ -84,7 +84,7 @@ class InkStudy:
 
 
 def draw_learning(path: Path, learning: Sequence[LearningRow], noise_median_delta_e00: float) -> None:
-    """Median error on unseen recipes against patches printed, clean on the left, with noise on the right."""
+    """Draw the median error on unseen recipes against patches printed, clean on the left, with noise on the right."""
     figure = Figure(figsize=(9.0, 4.0), dpi=110, layout="constrained")
     noises = sorted({row.noise_delta_e00 for row in learning})
     first = None

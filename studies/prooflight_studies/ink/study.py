@@ -1,4 +1,4 @@
-"""How well a printed page's spectrum is predicted: all models on one chart, and how many patches a user must print."""
+"""Accuracy of predicted spectra of a printed page: all models on one chart, and the number of patches needed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _STUDIED: Final = tuple(MODELS)
 LEARNERS: Final = ("log-linear", "neighbours", "neugebauer", "radial-basis", BEST)
 SIZES: Final = (25, 50, 100, 200, 400, 800, 1338)
 NOISE_DELTA_E00: Final = 0.3
-"""Mean colour difference that the added measurement noise makes."""
+"""Mean colour difference due to the added measurement noise."""
 NOISE_DRAWS: Final = 3
 INK_LIMIT: Final = 3.0
 _NOISE_CENTRES_NM: Final = np.array([430.0, 530.0, 630.0])
@@ -72,9 +72,9 @@ def run_ink_study(
 def learning_curves(
     chart: Chart, *, seed: int = 0, quick: bool = False, progress: Callable[[str], None] = lambda _step: None
 ) -> list[LearningRow]:
-    """Error on the recipes not chosen, by number of chosen patches, with clean and with noisy measurements.
+    """Return the error on the recipes not chosen, by number of chosen patches, with clean and with noisy measurements.
 
-    Noisy spectra teach; the judge is the chart as measured.
+    Models are fitted to noisy spectra and evaluated on the chart as measured.
     """
     recipes = chart.recipes()
     order = choose_recipes(recipes.cmyk, max(_sizes(chart, quick)))
@@ -83,10 +83,10 @@ def learning_curves(
     rows = []
     for size in _sizes(chart, quick):
         progress(f"{size} patches")
-        for noise, taught in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
+        for noise, training in ((0.0, [recipes.reflectance]), (NOISE_DELTA_E00, noisy)):
             for model in LEARNERS:
                 error = np.concatenate(
-                    [_error_on_rest(recipes, spectra, order[:size], model) for spectra in taught]
+                    [_error_on_rest(recipes, spectra, order[:size], model) for spectra in training]
                 )
                 rows.append(
                     LearningRow(
@@ -103,7 +103,7 @@ def learning_curves(
 def with_noise(
     reflectance: NDArray[np.float64], mean_delta_e00: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Measured spectra (n, 36) with noise that makes ``mean_delta_e00`` on average.
+    """Add noise to measured spectra (n, 36) that makes ``mean_delta_e00`` on average.
 
     Half of it (in log reflectance) varies smoothly, as ink film and paper do from print to print: three bumps 60 nm
     wide; half is white, as an instrument's. Assumed: no user's scatter is known.
@@ -120,7 +120,7 @@ def with_noise(
 
 
 def spread_check(chart: Chart, patches: int, seed: int) -> SpreadRow:
-    """Teach the best model ``patches`` well-chosen recipes; are its errors on the others as large as it says?"""
+    """Fit the best model to ``patches`` well-chosen recipes and check its standard deviations on the others."""
     recipes = chart.recipes()
     chosen = choose_recipes(recipes.cmyk, patches)
     rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
@@ -142,7 +142,7 @@ def spread_check(chart: Chart, patches: int, seed: int) -> SpreadRow:
 
 
 def measured_rise(recipes: Recipes) -> float:
-    """Greatest rise of any band between neighbouring measured recipes with more of one ink and the same of the rest."""
+    """Return the greatest rise of any band between neighbouring measured recipes that differ by more of one ink."""
     greatest = 0.0
     for ink in range(4):
         others = np.delete(recipes.cmyk, ink, axis=1)
@@ -154,7 +154,7 @@ def measured_rise(recipes: Recipes) -> float:
 
 
 def ink_grid(nodes: int) -> NDArray[np.float64]:
-    """Recipes (nodes, nodes, nodes, nodes, 4) at even steps of each ink."""
+    """Return recipes (nodes, nodes, nodes, nodes, 4) at even steps of each ink."""
     return np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, nodes)] * 4, indexing="ij"), axis=-1)
 
 
@@ -197,11 +197,11 @@ def _noise_median(chart: Chart, seed: int) -> float:
 
 
 def _error_on_rest(
-    recipes: Recipes, taught: NDArray[np.float64], chosen: NDArray[np.int64], model: str
+    recipes: Recipes, spectra: NDArray[np.float64], chosen: NDArray[np.int64], model: str
 ) -> NDArray[np.float64]:
-    """Colour differences on all recipes that were not chosen."""
+    """Return colour differences on all recipes that were not chosen."""
     rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
-    fitted = MODELS[model].fit(recipes.cmyk[chosen], taught[chosen])
+    fitted = MODELS[model].fit(recipes.cmyk[chosen], spectra[chosen])
     return delta_e00(lab(fitted.reflectance(recipes.cmyk[rest])), lab(recipes.reflectance[rest]))
 
 

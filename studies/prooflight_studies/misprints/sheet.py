@@ -1,4 +1,4 @@
-"""A contact sheet of all kinds of misprints at three severities, for a person to judge."""
+"""A contact sheet of all kinds of misprints at three severities, for visual inspection."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SEVERITIES: Final = (0.15, 0.5, 1.0)
 DPI: Final = 300.0
 """Resolution of the pages: fine enough for the crops."""
 PAGES: Final = 10
-"""Of a longer job, so many pages spread over it take part."""
+"""Greatest number of pages, spread evenly over a longer job."""
 TRIALS: Final = 8
-"""A kind is drawn so often, on pages and places by chance, and shown where it changes the most."""
+"""Number of draws of a kind, on random pages and places; the one that changes the most is shown."""
 VIEW_MM: Final = {
     "density": 120.0,
     "plane-register": 16.0,
@@ -44,14 +44,14 @@ VIEW_MM: Final = {
     "local-blur": 24.0,
     "missing-content": 130.0,
 }
-"""Side of the piece of page that is shown; of other kinds all of it."""
+"""Side of the piece of page that is shown; of other kinds the whole page is."""
 PICTURE_PX: Final = 420
 SAMPLE_STEP: Final = 10
-"""Every tenth pixel both ways tells where a misprint shows."""
+"""Step of the pixels, both ways, on which the visibility of a misprint is evaluated."""
 BACKING_SRGB: Final = 150
 OUTLINE: Final = "#0a9e2c"
 OUTLINE_MARGIN: Final = 0.012
-"""Between a place and its outline, of the view's width."""
+"""Margin between a region and its outline, as a share of the view's width."""
 _CELL_INCH: Final = (2.15, 2.42)
 
 
@@ -67,11 +67,11 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exhibit:
-    """One page, as it should be and as it goes wrong at each of ``SEVERITIES``, and the part of it to show."""
+    """One right page and its misprints at each of ``SEVERITIES``, and the part of it to show."""
 
     kind: str
     good: Page
-    """As it should be."""
+    """The page without a misprint."""
     drawn: tuple[Drawn, ...]
     view: View
 
@@ -111,7 +111,7 @@ def draw_misprint_sheet(
 
 
 def exhibit_of(kind: str, pages: Mapping[int, Page], table: NDArray[np.uint8], *, seed: int) -> Exhibit:
-    """A kind of misprint on the page and at the place, of ``TRIALS`` drawn, where a person sees most of it.
+    """Return a kind of misprint on the page and at the place, of ``TRIALS`` drawn, where it is most visible.
 
     The three severities are the same draw but for the amounts. Wrong pages differ more in kind than in amount: each is
     a draw of its own.
@@ -136,18 +136,21 @@ def exhibit_of(kind: str, pages: Mapping[int, Page], table: NDArray[np.uint8], *
 
 
 def _way(drawn: Drawn) -> str:
-    """The detail without its numbers."""
+    """Return the detail without its numbers."""
     return re.sub(r"[0-9.]+", "", drawn.misprint.detail)
 
 
 def _where_seen(page: Page, drawn: Drawn, kind: str, table: NDArray[np.uint8]) -> tuple[float, View]:
-    """How much a person sees at the page's most changed place, and a view about it: of some kinds the whole page."""
+    """Return the visible change at the page's most changed place, and a view about it.
+
+    For some kinds the view is the whole page.
+    """
     sampled = [
         appearance(cmyk[::SAMPLE_STEP, ::SAMPLE_STEP], table).astype(np.float32)
         for cmyk in (page.cmyk, drawn.page.cmyk)
     ]
     pitch_mm = page.pixel_mm * SAMPLE_STEP
-    change = np.abs(sampled[1] - sampled[0]).sum(axis=2) * _telling(
+    change = np.abs(sampled[1] - sampled[0]).sum(axis=2) * _visibility(
         page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP], kind
     )
     if kind not in VIEW_MM:
@@ -164,8 +167,8 @@ def _where_seen(page: Page, drawn: Drawn, kind: str, table: NDArray[np.uint8]) -
     )
 
 
-def _telling(cmyk: NDArray[np.uint8], kind: str) -> NDArray[np.float32]:
-    """How plainly a person can tell a kind where such ink is printed (rows, columns), 0..1."""
+def _visibility(cmyk: NDArray[np.uint8], kind: str) -> NDArray[np.float32]:
+    """Return the visibility of a kind where such ink is printed (rows, columns), 0..1."""
     if kind == "plane-register":  # where two inks meet
         around = cv2.blur(cmyk, (5, 5)).astype(np.float32) / 255
         second: NDArray[np.float32] = np.sort(around, axis=2)[..., -2]
@@ -176,7 +179,7 @@ def _telling(cmyk: NDArray[np.uint8], kind: str) -> NDArray[np.float32]:
 
 
 def _show(axes: Axes, exhibit: Exhibit, drawn: Drawn | None, table: NDArray[np.uint8]) -> None:
-    """One panel: the good page, or one of its misprints with its place outlined."""
+    """Show one panel: the good page, or one of its misprints with its region outlined."""
     view = exhibit.view
     picture = _picture(exhibit.good if drawn is None else drawn.page, view, table)
     if drawn is not None:
@@ -212,7 +215,7 @@ def _show(axes: Axes, exhibit: Exhibit, drawn: Drawn | None, table: NDArray[np.u
 
 
 def _picture(page: Page, view: View, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A part of a page in sRGB (rows, columns, 3), as fine as the page or ``PICTURE_PX`` wide."""
+    """Return a part of a page in sRGB (rows, columns, 3), at the page's resolution or ``PICTURE_PX`` wide."""
     left, top = round(view.x_mm / page.pixel_mm), round(view.y_mm / page.pixel_mm)
     width, height = round(view.width_mm / page.pixel_mm), round(view.height_mm / page.pixel_mm)
     part = page.cmyk[top : top + height, left : left + width]
@@ -224,7 +227,7 @@ def _picture(page: Page, view: View, table: NDArray[np.uint8]) -> NDArray[np.uin
 
 
 def _placed(picture: NDArray[np.uint8], view: View, drawn: Drawn) -> NDArray[np.uint8]:
-    """What is seen of a whole page that lies elsewhere; beside it the backing."""
+    """Return the picture of a whole page that is displaced, with the backing around it."""
     rows, columns = picture.shape[:2]
     y_mm, x_mm = np.mgrid[:rows, :columns] + 0.5
     pitch = view.width_mm / columns
@@ -246,7 +249,7 @@ def _placed(picture: NDArray[np.uint8], view: View, drawn: Drawn) -> NDArray[np.
 
 
 def _wrapped(text: str, width: int = 44) -> str:
-    """In two lines where one is too long."""
+    """Break a text that is too long into two lines."""
     if len(text) <= width:
         return text
     at = text.rfind(" ", 0, width)

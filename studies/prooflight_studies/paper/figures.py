@@ -1,6 +1,6 @@
 """The paper's figures 3 to 8 for any press and page.
 
-Light and sensors, tables, noise; an error map, the statistics of many copies, and what they are worth.
+They show light and sensors, tables, noise, an error map, the statistics of many copies, and the costs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
 
 EXPOSURES: Final = 20_000
-"""Of each colour in figure 5: bars then stand to a few per cent."""
+"""Number of exposures of each colour in figure 5, with which bars are accurate to a few per cent."""
 COLOURS: Final = {
     "paper": (0.0, 0.0, 0.0, 0.0),
     "half cyan": (0.5, 0.0, 0.0, 0.0),
@@ -49,14 +49,14 @@ COLOURS: Final = {
 PICTURE_PX: Final = 1000
 MISPRINT: Final = MisprintRequest(kind="missing-content", severity=0.6)
 COARSEST_MM: Final = 0.254
-"""Pixels of figures 7 and 8, unless the camera's own are coarser: hundreds of copies are printed. [mm]"""
+"""Pixel pitch of figures 7 and 8, unless the camera's own is coarser: hundreds of copies are printed. [mm]"""
 GOOD_COPIES: Final = 96
 OF_EACH_KIND: Final = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exhibit:
-    """The page of figures 6 to 8, what is done to it in figure 6, and how often it is printed for 7 and 8."""
+    """The page of figures 6 to 8, its misprint in figure 6, and its number of prints for 7 and 8."""
 
     job: Path
     page: int = 1
@@ -73,7 +73,7 @@ def draw_figures(
     seed: int = 1,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> list[Path]:
-    """Write the figures (PNG) into ``out``; returns their paths. JobError, RequestError: the page cannot be used."""
+    """Write the figures (PNG) into ``out``; return their paths. JobError, RequestError: the page cannot be used."""
     camera, inks = press_file.camera(), press_file.inks()
     press = build_press(press_file, seed=seed, progress=progress)
     progress(f"scanning page {exhibit.page}")
@@ -119,7 +119,7 @@ def _samples(
 
 
 def slices(model: SensorModel) -> list[Slice]:
-    """Mean and sigma of one sensor over cyan x magenta and over yellow x black, the other two inks absent."""
+    """Return mean and sigma of one sensor over cyan x magenta and over yellow x black, the other two inks absent."""
     percent = 100 * node_fractions()
     sigma = np.sqrt(model.variance_dn2)
     return [
@@ -135,7 +135,7 @@ def slices(model: SensorModel) -> list[Slice]:
 def repeated_exposures(
     camera: Camera, inks: ReflectanceModel, sensor_index: int, rng: np.random.Generator
 ) -> list[Repeated]:
-    """Each of ``COLOURS`` exposed again and again in a column without a fixed pattern."""
+    """Expose each of ``COLOURS`` repeatedly in a column without a fixed pattern."""
     sensor = camera.sensors[sensor_index]
     recipes = np.array(list(COLOURS.values()))
     electrons = sensor.electrons(camera.irradiance_photons(inks.reflectance(recipes)))

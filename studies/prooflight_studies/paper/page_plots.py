@@ -26,11 +26,11 @@ _NAMES: Final = ("mean", "minimum", f"share below {SHARE_SIGMAS:g}")
 _BARS: Final = 28
 _ALPHAS: Final = np.geomspace(1e-3, 1e2, 61)
 _LINEAR: Final = 3.0
-"""In spreads of the good copies: beyond this the axis is logarithmic, for misprints lie up to thousands off."""
+"""Range about the good copies in which the axis is linear, in spreads; misprints are up to thousands off."""
 
 
 def draw_statistics(path: Path, samples: Samples) -> None:
-    """Histograms of the three statistics, good copies and both types of misprint; a row for each sensor; figure 7."""
+    """Draw histograms of the three statistics, good copies and both types of misprint, a row a sensor; figure 7."""
     rows = len(samples.sensors)
     figure = new_figure(12.5, 3.1 * rows + 0.7, pads_inch=(0.08, 0.08))
     panels = figure.subplots(rows, 3, squeeze=False)
@@ -77,7 +77,7 @@ def _histogram(axes: Axes, values: NDArray[np.float64], samples: Samples) -> Non
 
 
 def _short(value: float) -> str:
-    """Two digits without an exponent.
+    """Format a number with two digits without an exponent.
 
     >>> [_short(value) for value in (-3123.4, -12.3, 0.0312, 0.497)]
     ['-3,123', '-12', '0.031', '0.5']
@@ -86,7 +86,7 @@ def _short(value: float) -> str:
 
 
 def draw_operating(path: Path, judged: Mapping[str, Scored]) -> None:
-    """ROC, and least cost against alpha; figure 8. Thresholds are chosen on the copies that they are judged on."""
+    """Draw the ROC, and least cost against alpha; figure 8. Thresholds are chosen on the same copies."""
     figure = new_figure(10.5, 4.4, pads_inch=(0.08, 0.08))
     left, right = figure.subplots(1, 2)
     first = next(iter(judged.values()))

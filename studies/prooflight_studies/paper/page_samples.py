@@ -1,4 +1,4 @@
-"""One page printed again and again, right and wrong: the samples behind the paper's figures 7 and 8."""
+"""Repeated prints of one page, right and wrong: the samples of the paper's figures 7 and 8."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ if TYPE_CHECKING:
     from prooflight.simulation.captures import Printed
 
 SIDE: Final = 8
-"""Of the windows, as inspection has them. [pixels]"""
+"""Side of the windows, as inspection has them. [pixels]"""
 BINS: Final = 8
-"""Few, since only half of the copies is there to learn from."""
+"""Number of bins; few, since only half of the copies is available for training."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Samples:
-    """Copies of one page in the ideal world; rows alternate between learning and testing."""
+    """Copies of one page in the ideal world; rows alternate between training and testing."""
 
     statistics: NDArray[np.float64]
-    """(copies, sensors, 3) mean, minimum and share of the window means."""
+    """Mean, minimum and share of the window means, (copies, sensors, 3)."""
     kinds: NDArray[np.str_]
-    """(copies,) of misprint, "" where good."""
+    """Kind of misprint, "" where good. (copies,)"""
     chi_square: NDArray[np.float64]
-    """(copies,) Pearson's statistic, sensors added up."""
+    """Pearson's statistic, summed over sensors. (copies,)"""
     sensors: tuple[str, ...]
     pitch_mm: float
 
     @property
     def types(self) -> NDArray[np.str_]:
-        """(copies,) correct, global or local."""
+        """Type of each copy: correct, global or local. (copies,)"""
         return np.array(types_of(self.kinds, types=2))
 
 
@@ -63,8 +63,9 @@ def page_samples(
     seed: int,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> Samples:
-    """Good copies of a job's page, and misprints of every kind, severities drawn evenly; those below the gate are left
-    out. JobError, RequestError: there is no such page.
+    """Print good copies of a job's page, and misprints of every kind, severities drawn evenly.
+
+    Misprints without the least effect that counts are left out. JobError, RequestError: there is no such page.
     """
     with open_job(job, dpi=press.dpi) as opened:
 
@@ -75,7 +76,7 @@ def page_samples(
         right = day.good(fetch(number))
         others = [index for index in range(1, len(opened) + 1) if index != number]
         kinds = [""] * good + [kind for _ in range(of_each_kind) for kind in KINDS]
-        found = []
+        measured = []
         for copy, kind in enumerate(kinds):
             if copy % len(KINDS) == 0:
                 progress(f"printing page {number} again, {copy} of {len(kinds)}")
@@ -84,11 +85,11 @@ def page_samples(
             if printed is None:
                 continue
             scan = day.recorded(printed.expected, rng)
-            found.append((kind, *_numbers(scan, right, press)))
+            measured.append((kind, *_numbers(scan, right, press)))
     return Samples(
-        statistics=np.array([statistics for _, statistics, _ in found]),
-        kinds=np.array([kind for kind, _, _ in found]),
-        chi_square=np.array([chi_square for _, _, chi_square in found]),
+        statistics=np.array([statistics for _, statistics, _ in measured]),
+        kinds=np.array([kind for kind, _, _ in measured]),
+        chi_square=np.array([chi_square for _, _, chi_square in measured]),
         sensors=tuple(sensor.name for sensor in press.sensors),
         pitch_mm=press.geometry.pixel_pitch_mm,
     )
@@ -106,7 +107,7 @@ def _numbers(scan: NDArray[np.uint16], right: Printed, press: Press) -> tuple[ND
 
 
 def judged_samples(samples: Samples) -> dict[str, Scored]:
-    """Scores of the odd copies of each type by detector; the network learned from the even ones."""
+    """Return scores of the odd copies of each type by detector; the network is trained on the even ones."""
     place = np.empty(len(samples.kinds), np.int64)
     for kind in np.unique(samples.kinds):
         of_kind = samples.kinds == kind

@@ -40,9 +40,9 @@ class Slice:
     x_ink: str
     y_ink: str
     percent: NDArray[np.float64]
-    """(n,) both axes. [%]"""
+    """Values of both axes, (n,). [%]"""
     values: NDArray[np.float32]
-    """(n, n), rows y."""
+    """Table values, (n, n), rows y."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,17 +57,17 @@ class Repeated:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ErrorMap:
-    """A page, its scan with a misprint, and where the two differ."""
+    """A page, its scan with a misprint, and their difference."""
 
     page: NDArray[np.uint8]
-    """(rows, columns, 3) as it should be."""
+    """Picture of the right page. (rows, columns, 3)"""
     page_size_mm: tuple[float, float]
     measured: NDArray[np.float32]
-    """(lines, pixels) signal, paper 1."""
+    """Signal, paper 1. (lines, pixels)"""
     frame: Frame
-    """What ``measured`` covers."""
+    """Area that ``measured`` covers."""
     block_z: NDArray[np.float32]
-    """(block rows, block columns), N(0, 1) where print is good."""
+    """Normalised error of blocks, (block rows, block columns), N(0, 1) where print is good."""
     misprint: str
     region_mm: tuple[float, float, float, float]
     verdict: str
@@ -80,7 +80,7 @@ def draw_curves(
     light: tuple[str, NDArray[np.float64]],
     sensors: Mapping[str, NDArray[np.float64]],
 ) -> None:
-    """Quantum efficiencies (36,) by sensor over the light's relative power (36,); figure 3."""
+    """Draw quantum efficiencies (36,) by sensor over the light's relative power (36,); figure 3."""
     figure, (axes,) = _figure(1, 1, (6.6, 4.2))
     name, power = light
     power_axes = axes.twinx()
@@ -105,7 +105,7 @@ def draw_curves(
 
 
 def draw_slices(path: Path, sensor: str, slices: Sequence[Slice]) -> None:
-    """Tables as heat maps with contours, two a row; figure 4."""
+    """Draw tables as heat maps with contours, two a row; figure 4."""
     figure, panels = _figure(-(-len(slices) // 2), 2, (5.2, 4.2))
     figure.suptitle(f"Tables of sensor {sensor}, the other two inks absent", fontsize=11)
     for axes, piece in zip(panels, slices, strict=True):
@@ -121,7 +121,7 @@ def draw_slices(path: Path, sensor: str, slices: Sequence[Slice]) -> None:
 
 
 def draw_histograms(path: Path, sensor: str, colours: Sequence[Repeated]) -> None:
-    """Digital numbers of repeated exposures against the Gaussian that the tables promise; figure 5."""
+    """Draw digital numbers of repeated exposures against the Gaussian of the tables; figure 5."""
     figure, panels = _figure(-(-len(colours) // 3), 3, (4.0, 3.1))
     count = len(colours[0].dn)
     figure.suptitle(
@@ -148,10 +148,10 @@ def _histogram(axes: Axes, colour: Repeated) -> None:
     )
     # Rounding is the bars' own, so the Gaussian is integrated over them with the sigma before it.
     before = np.sqrt(max(colour.sigma_dn**2 - 1 / 12, 1e-12))
-    promised = np.diff(special.ndtr((edges - colour.mean_dn) / before))
+    expected = np.diff(special.ndtr((edges - colour.mean_dn) / before))
     axes.plot(
         (edges[:-1] + edges[1:]) / 2,
-        promised,
+        expected,
         ".-",
         color=COLOURS[1],
         linewidth=1.4,
@@ -172,12 +172,12 @@ def _histogram(axes: Axes, colour: Repeated) -> None:
         color="#444444",
     )
     axes.set(title=colour.name, xlabel="digital number [DN]", ylabel="share [-]", xlim=(low, high))
-    axes.set_ylim(0, 1.35 * max(float(share.max()) / colour.dn.size, float(promised.max())))
+    axes.set_ylim(0, 1.35 * max(float(share.max()) / colour.dn.size, float(expected.max())))
     axes.legend(frameon=False, fontsize=7.5, loc="upper left")
 
 
 def draw_error_map(path: Path, shown: ErrorMap) -> None:
-    """The page, its scan, and the normalised error, side by side in millimetres; figure 6."""
+    """Draw the page, its scan, and the normalised error, next to each other in millimetres; figure 6."""
     width_mm, height_mm = shown.page_size_mm
     figure, panels = _figure(1, 3, (4.4, 3.75 * height_mm / width_mm + 0.8))
     scale = [

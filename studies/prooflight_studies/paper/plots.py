@@ -29,13 +29,13 @@ _SHOWN: Final = (
     "variation model",
 )
 _BANDED: Final = "Bayesian network, tuned"
-"""The one whose 95 % interval is drawn; seven bands over one another could not be told apart."""
+"""Name of the row whose 95 % interval is drawn; seven overlapping bands could not be distinguished."""
 _LEAST_SHOWN: Final = 0.005
 _MARKED: Final = {"1 sensor": "s", "2 sensors": "o"}
 
 
 def draw_roc(path: Path, results: Sequence[WorldResult]) -> None:
-    """Misprints caught against false alarms, one panel for each world and frame; false alarms on a log scale."""
+    """Draw misprints caught against false alarms on a log scale, one panel for each world and frame."""
     panels = [(result, frame) for result in results for frame in result.tables]
     figure, axes = _figure(len(panels))
     for axis, (result, frame) in zip(axes, panels, strict=True):
@@ -59,9 +59,9 @@ def draw_roc(path: Path, results: Sequence[WorldResult]) -> None:
 
 
 def draw_costs(path: Path, results: Sequence[WorldResult]) -> None:
-    """Honest c over what never or always stopping costs, against alpha; the paper's own points beside it.
+    """Draw honest c over the cost of never or always stopping, against alpha, and the paper's own points.
 
-    What lies below the axis's range is drawn at its end.
+    Values below the axis's range are drawn at its end.
     """
     panels = [(result, frame) for result in results for frame in result.tables]
     figure, axes = _figure(len(panels))

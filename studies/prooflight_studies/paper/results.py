@@ -1,4 +1,4 @@
-"""Scores -> the numbers of the paper's tables, with error bars: one world, one resolution at a time."""
+"""Figures of the paper's tables from scores, with error bars: one world, one resolution at a time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 ALPHAS: Final = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0)
 PAPER_PAGES: Final = 300
-"""Test pages of the paper, on which it also chose its thresholds."""
+"""Number of test pages of the paper, on which it also chose its thresholds."""
 REPEATS: Final = 200
 DEVELOPED_ON: Final = 7
 """Seed of the page designs on which the noise of table 4 was chosen."""
@@ -70,23 +70,23 @@ PRINTED: Final = {
 """The paper's tables 1 to 4: c at each of ``ALPHAS``, as printed."""
 BOTH: Final = "2 sensors"
 AS_IT_IS, TUNED = "as printed", "tuned"
-"""The learned detector: ``paper_detectors.AS_PRINTED``, or the reading that costs least on the tuning pages."""
+"""Readings of the learned detector: ``paper_detectors.AS_PRINTED``, or the one that costs least on the tuning pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DetectorRow:
-    """One detector on the test pages."""
+    """Results of one detector on the test pages."""
 
     name: str
     frame: str
     network: str
-    """In tables 1 to 4 ``AS_IT_IS`` or ``TUNED``; else ""."""
+    """Reading in tables 1 to 4, ``AS_IT_IS`` or ``TUNED``; else ""."""
     oracle: tuple[Interval, ...]
-    """c at each of ``ALPHAS``, the threshold chosen on the test pages themselves."""
+    """Cost c at each of ``ALPHAS``, the threshold chosen on the test pages themselves."""
     honest: tuple[Interval, ...]
-    """The same, chosen on the tuning pages."""
+    """Cost c at each of ``ALPHAS``, the threshold chosen on the tuning pages."""
     papers: tuple[float, ...]
-    """The oracle's c on 300 test pages, as the paper did it: mean over 200 draws of 300."""
+    """The oracle's c on 300 test pages, as in the paper: mean over 200 draws of 300."""
     area: float
     caught: float
     """Share of misprints caught at 1 % false alarms (oracle)."""
@@ -95,30 +95,30 @@ class DetectorRow:
     missed: tuple[int, ...]
     """Misprints missed at the honest thresholds."""
     misses_by_kind: dict[str, tuple[float, ...]]
-    """The same at alpha = 1, each third of severity; NaN where none was made."""
+    """Share missed at alpha = 1, by kind and third of severity; NaN where there was none."""
     roc: tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorldResult:
-    """Everything that one plan's rows say."""
+    """Results of one plan's rows."""
 
     plan: Plan
     good: dict[str, int]
-    """Good scans of each set, at one noise."""
+    """Number of good scans of each set, at one noise; ``bad``: of misprints."""
     bad: dict[str, int]
     made: dict[str, tuple[int, ...]]
-    """Test misprints of each kind and third of severity."""
+    """Number of test misprints of each kind and third of severity."""
     unmade: dict[str, int]
-    """Misprints of each kind that nine draws did not bring over the gate."""
+    """Number of misprints of each kind of which nine draws did not reach the least effect that counts."""
     readings: dict[str, tuple[NetworkReading, ...]]
-    """Of each frame: the tuned detector's, chosen on the tuning pages of each noise."""
+    """Readings of the tuned detector by frame, chosen on the tuning pages of each noise."""
     tuning: dict[str, dict[NetworkReading, float]]
-    """Of each frame: all readings' costs on the tuning pages of the first noise, alpha = 1."""
+    """Costs of all readings by frame, on the tuning pages of the first noise, alpha = 1."""
     tables: dict[str, tuple[DetectorRow, ...]]
-    """Of each frame: the rows of the paper's tables 1 to 4."""
+    """Rows of the paper's tables 1 to 4, by frame."""
     detectors: tuple[DetectorRow, ...]
-    """All detectors side by side, two sensors."""
+    """All detectors with two sensors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,17 +126,17 @@ class Part:
     """One plan at one resolution."""
 
     pitch_mm: float
-    """Of camera pixels on the page. [mm]"""
+    """Pitch of camera pixels on the page. [mm]"""
     press: Press
     result: WorldResult
     seconds: float
-    """Of a clock, kept results not made again. [s]"""
+    """Wall-clock time, without cached results. [s]"""
     made: int
-    """Scans made in that time."""
+    """Number of scans made in that time."""
 
 
 def paper_results(parts: Sequence[Part], *, seed: int, quick: bool) -> dict[str, Any]:
-    """All figures of the page."""
+    """Return all figures of the page."""
     costs = RunningCosts()
     nothing = bill(costs, costs.alpha)
     return {
@@ -197,7 +197,7 @@ def _of_part(part: Part) -> dict[str, Any]:
 
 
 def noise_title(noise: float, plan: Plan) -> str:
-    """Table 4's row of a noise; the plan's first is its 100 %, and what is less stands by itself."""
+    """Return the title of table 4's row of a noise; the plan's first is its 100 %, and lower ones have their own."""
     times = noise / plan.noises[0]
     if times < 1:
         return f"{BOTH}, {noise:g} x our camera's noise"
@@ -205,7 +205,7 @@ def noise_title(noise: float, plan: Plan) -> str:
 
 
 def _orders(rows: Sequence[DetectorRow], plan: Plan) -> list[dict[str, Any]]:
-    """Whether c rises with noise: for each network and way to choose thresholds, the alphas at which it does.
+    """Return, for each network and choice of thresholds, the alphas at which c rises with noise.
 
     every: at each step; ends: from 100 % to the most. Noise below 100 % is left out.
     """
@@ -227,17 +227,17 @@ def _orders(rows: Sequence[DetectorRow], plan: Plan) -> list[dict[str, Any]]:
 
 
 def _of_judged(row: DetectorRow) -> dict[str, Any]:
-    """One detector without its curve, and its cents per 10,000 pages at alpha = 0.1."""
+    """Return the results of one detector without its curve, with its cents per 10,000 pages at alpha = 0.1."""
     costs = RunningCosts()
-    told = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "roc"}
-    return told | {
+    figures = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "roc"}
+    return figures | {
         "oracle_cents": bill(costs, row.oracle[_AT_TENTH].value).with_system,
         "honest_cents": bill(costs, row.honest[_AT_TENTH].value).with_system,
     }
 
 
 def _shown(costs: dict[NetworkReading, float]) -> list[tuple[NetworkReading, float]]:
-    """The best readings, the best of each way to cut, read and bin, and the worst."""
+    """Return the best readings, the best of each kind of windows, reading and binning, and the worst."""
     ranked = sorted(costs, key=lambda reading: costs[reading])
     shown = ranked[:_SHOWN_READINGS]
     for field in ("windows", "reading", "binning", "unit"):
@@ -250,7 +250,7 @@ def _shown(costs: dict[NetworkReading, float]) -> list[tuple[NetworkReading, flo
 def world_result(
     rows: Rows, plan: Plan, *, progress: Callable[[str], None] = lambda _step: None
 ) -> WorldResult:
-    """Learn, tune and test on a plan's rows."""
+    """Train, tune and test on a plan's rows."""
     sets = {of: chosen_rows(rows, plan, of, noise=plan.noises[0]) for of in JUDGED}
     good, bad = goods_and_bads(sets)
     judge = _Comparison(plan=plan, rows=rows, sets=sets)
@@ -282,16 +282,16 @@ class _Comparison:
     sets: dict[str, Rows]
 
     def at(self, noise: float) -> dict[str, Rows]:
-        """The sets' rows at a noise."""
+        """Return the sets' rows at a noise."""
         return {of: chosen_rows(self.rows, self.plan, of, noise=noise) for of in self.sets}
 
     def chosen(self, noise: float, frame: int) -> tuple[NetworkReading, dict[NetworkReading, float]]:
-        """``chosen_reading`` at a noise."""
+        """Return ``chosen_reading`` at a noise."""
         sets = self.at(noise)
         return chosen_reading(sets["learn"], sets["tune"], frame=frame)
 
     def paper_rows(self, frame: int, name: str, readings: Sequence[NetworkReading]) -> Iterator[DetectorRow]:
-        """Tables 1 to 4: sensors, types of misprint, noise; readings: of each noise."""
+        """Yield tables 1 to 4: sensors, types of misprint, noise; readings: of each noise."""
         first, others = self.plan.noises[0], self.plan.noises[1:]
         for title, sensors, types, noise in (
             ("1 sensor", 1, 2, first),
@@ -306,7 +306,7 @@ class _Comparison:
                 )
 
     def side_by_side(self, frame: int, name: str, reading: NetworkReading) -> Iterator[DetectorRow]:
-        """Every detector with two sensors."""
+        """Yield the results of every detector with two sensors."""
         for title, column in (
             ("chi-square", "chi_square"),
             ("chi-square, naive", "chi_square_naive"),
@@ -351,7 +351,7 @@ class _Comparison:
         tune, test = scored(sets["tune"], tune_score), scored(sets["test"], test_score)
         rng = stream(self.plan.seed, "bootstrap")  # the same days are drawn for every detector
         chosen = [least_cost(tune, alpha).threshold for alpha in ALPHAS]
-        found = [at_threshold(test, threshold) for threshold in chosen]
+        operating = [at_threshold(test, threshold) for threshold in chosen]
         missed = ~(test.score > chosen[ALPHAS.index(1.0)])
         return DetectorRow(
             name=title,
@@ -365,15 +365,15 @@ class _Comparison:
             papers=_papers_protocol(test, rng),
             area=area_under_roc(test),
             caught=caught_at(test, FALSE_ALARM_RATE),
-            alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in found),
-            missed=tuple(round(rates.misses * int(test.bad.sum())) for rates in found),
+            alarms=tuple(round(rates.false_alarms * int((~test.bad).sum())) for rates in operating),
+            missed=tuple(round(rates.misses * int(test.bad.sum())) for rates in operating),
             misses_by_kind=_by_kind(sets["test"], missed, _share),
             roc=roc(test),
         )
 
 
 def _papers_protocol(test: Scored, rng: np.random.Generator) -> tuple[float, ...]:
-    """Least c on 300 pages, half of them misprints, of as many designs as there are; mean over 200 draws."""
+    """Return the least c on 300 pages, half of them misprints, of as many designs as there are; mean over 200 draws."""
     half = min(PAPER_PAGES // 2, int(test.bad.sum()), int((~test.bad).sum()))
     costs = np.empty((REPEATS, len(ALPHAS)))
     for repeat in range(REPEATS):
@@ -388,7 +388,7 @@ def _papers_protocol(test: Scored, rng: np.random.Generator) -> tuple[float, ...
 def _by_kind(
     test: Rows, values: NDArray[Any], of_cell: Callable[[NDArray[Any]], Any]
 ) -> dict[str, tuple[Any, ...]]:
-    """``of_cell`` of the values of each kind's misprints, by thirds of severity."""
+    """Return ``of_cell`` of the values of each kind's misprints, by thirds of severity."""
     third = thirds(test["severity"])
     return {
         kind: tuple(

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
 
 REDUCED_PITCH_MM: Final = 0.254
-"""100 pixels an inch on the page: the pitch at which worlds.toml's texture is stated."""
+"""Pixel pitch of 100 pixels an inch on the page, at which worlds.toml's texture is stated."""
 REDUCED_DPI: Final = 25.4 / REDUCED_PITCH_MM * 2
-"""Of rasters: two pixels to one of the camera's, across and along."""
+"""Resolution of rasters: two pixels to one of the camera's, across and along."""
 QUICK_PITCH_MM: Final = 0.508
 SPECIMEN_SEED: Final = 1
 TABLE_4: Final = (12.0, 24.0, 36.0, 48.0)
-"""Noise of table 4's 100 to 400 %, over our camera's.
+"""Noise of table 4's 100 to 400 %, relative to our camera's.
 
-The paper's is lost. At 100 % the tuned network is to cost about what the paper's did at alpha = 1, 0.0545: on 90
+The paper's value is lost. At 100 % the tuned network is to cost about what the paper's did at alpha = 1, 0.0545: on 90
 designs of seed 7 the oracle's c was 0.000 at 1 and at 4 times our camera's noise, 0.040 at 8, 0.068 at 16 and 0.118 at
 32.
 """
@@ -39,11 +39,11 @@ OUR_NOISE: Final = (1.0, 4.0)
 
 
 def paper_plans(*, seed: int, quick: bool, own_pitch_mm: float) -> list[tuple[float, Plan]]:
-    """What ``run_paper_study`` works through: camera pitch and plan. [mm]
+    """Return the pairs of camera pitch and plan that ``run_paper_study`` works through. [mm]
 
-    In the ideal world 1000 designs to learn from, as in the paper; fewer where scans cost more. On one core a print
-    with its measures took 0.2 s (ideal) and 0.45 s (press) at the reduced resolution, 1.2 and 1.9 s at the camera's
-    own, and 0.05 and 0.2 s more at each further noise: all in all about 75 minutes of a core.
+    In the ideal world there are 1000 designs for training, as in the paper; fewer where scans cost more. On one core a
+    print with its measures took 0.2 s (ideal) and 0.45 s (press) at the reduced resolution, 1.2 and 1.9 s at the
+    camera's own, and 0.05 and 0.2 s more at each further noise: all in all about 75 minutes of a core.
     """
     if quick:
         ideal = Plan(seed=seed, world="ideal", pilot=4, learn=40, tune=20, test=40)
@@ -79,8 +79,8 @@ def run_paper_study(
 ) -> list[Part]:
     """Run every plan and write ``paper.md`` with its pictures into ``results``.
 
-    press_file: of two sensors, the first of which is the one-sensor camera. cache: where rows are kept, so that a study
-    that was interrupted goes on. cluster: address of a Dask scheduler. ValueError: a camera of one sensor.
+    press_file: of two sensors, the first of which is the one-sensor camera. cache: folder of rows, so that an
+    interrupted study resumes. cluster: address of a Dask scheduler. ValueError: a camera of one sensor.
     """
     own = press_file.camera()
     if len(own.sensors) < 2:
@@ -118,24 +118,26 @@ def run_part(
     cluster: str | None = None,
     progress: Callable[[str], None],
 ) -> Part:
-    """One plan: pilot, rows, tables."""
+    """Run one plan: pilot, rows, tables."""
     started = time.perf_counter()
     where = f"{plan.world} world, {pitch_mm:.3f} mm"
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    found: list[int] = []  # how many days each step began with
+    begun_with: list[int] = []  # how many days each step began with
 
-    def told(what: str) -> Callable[[int, int], None]:
-        started_with = len(found)
+    def progress_of(what: str) -> Callable[[int, int], None]:
+        started_with = len(begun_with)
 
         def tell(done: int, of: int) -> None:
-            if len(found) == started_with:
-                found.append(done)
+            if len(begun_with) == started_with:
+                begun_with.append(done)
             progress(f"{where}: {what}, {done} of {of} press days")
 
         return tell
 
-    rows = watched_rows(press, designs, plan, cache, processes=processes, cluster=cluster, told=told)
-    share = 1 - found[-1] / len(plan.days(*JUDGED))
+    rows = watched_rows(
+        press, designs, plan, cache, processes=processes, cluster=cluster, progress_of=progress_of
+    )
+    share = 1 - begun_with[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,
         press=press,
@@ -146,9 +148,10 @@ def run_part(
 
 
 def at_pitch(press_file: PressFile, pitch_mm: float) -> PressFile:
-    """The same camera so far away that its pixels lie ``pitch_mm`` apart on the page, with as many as the field needs.
+    """Return the same camera at the distance at which its pixel pitch on the page is ``pitch_mm``.
 
-    Every length on the page then scales, and with it line pitch and blur; light at the sensor hardly changes.
+    It has as many pixels as the field needs. Every length on the page scales, and with it line pitch and blur; light at
+    the sensor hardly changes.
     """
     camera = press_file.camera()
     if abs(camera.pixel_pitch_mm - pitch_mm) < 1e-6:

@@ -1,4 +1,4 @@
-"""What the press study is to do, and what it found."""
+"""Plan and findings of the press study."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight_studies.harness.result_cache import Rows
-    from prooflight_studies.press.judging import Kept, MethodResult, Verdicts
+    from prooflight_studies.press.judging import MethodResult, RateCheck, Verdicts
 
 
 FIRST: Final[Mapping[str, int]] = {
@@ -30,38 +30,45 @@ FIRST: Final[Mapping[str, int]] = {
     "ideal_pilot": 20_000,
     "ideal": 20_030,
 }
-"""Number of each scene's first design: apart, so that one may grow and leave the others as they are."""
+"""Number of each scene's first design. They are separated so that one scene may grow without changing the others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressPlan:
-    """How many designs; each is printed once well and so often wrong, the pilot's and the looser press's never."""
+    """Numbers of designs.
+
+    Each is printed once well and ``misprints`` times wrong; those of the pilot and the looser press are never printed
+    wrong.
+    """
 
     seed: int
     pilot: int = 30
-    """They teach how statistics scatter."""
+    """Number of designs from which the scatter of statistics is learned."""
     designs: int = 1500
-    """Judged, each part by what others taught."""
+    """Number of designs that are judged, each part by models trained on others."""
     misprints: int = 1
-    """Of each design that is judged: designs tell more than copies."""
+    """Number of misprints of each judged design; further designs are more informative than further copies."""
     teaching: int = 500
-    """Designs that teach every part beside other parts' designs ..."""
+    """Number of designs on which every part is trained in addition to other parts' designs."""
     teaching_misprints: int = 3
-    """... and are printed so often wrong: a kind is learned from its own misprints."""
+    """Number of misprints of each of the ``teaching`` designs: a kind is learned from its own misprints."""
     learning: int = 2000
-    """Designs printed once, well, that teach every part as well: what good pages do is learned from many."""
+    """Number of designs printed once, well, on which every part is trained as well.
+
+    What good pages do is learned from many.
+    """
     looser_known: int = 200
-    """Good pages that are learned from a press that varies more than was assumed."""
+    """Number of good pages that are learned from a press that varies more than was assumed."""
     looser: int = 150
-    """Good pages of that press that are judged."""
+    """Number of good pages of that press that are judged."""
     ideal: int = 400
-    """Designs of the ideal world, each printed wrong twice."""
+    """Number of designs of the ideal world, each printed wrong twice."""
     promise: int = 5000
-    """Designs printed once, well, that only set the thresholds of promises."""
+    """Number of designs printed once, well, that only set the thresholds of target false-alarm rates."""
     trial: int = 5000
-    """Designs printed once, well, on which promises are tried: so rare a false alarm is seen only among many."""
+    """Number of designs printed once, well, on which low false-alarm rates are verified: rare alarms need many."""
     per_day: int = 10
-    """Designs printed on one press day; there must be five days to cut into parts."""
+    """Number of designs printed on one press day; there must be five days to divide into parts."""
     trees: int = TREES
     ablations: bool = True
 
@@ -72,7 +79,7 @@ class PressPlan:
 
     @classmethod
     def quick(cls, seed: int) -> PressPlan:
-        """To see that all of it works."""
+        """Return a small plan that exercises the whole study."""
         return cls(
             seed=seed,
             pilot=6,
@@ -91,28 +98,31 @@ class PressPlan:
 
     @property
     def calibration(self) -> dict[float, int]:
-        """Designs of ``promise`` by the rate that they are to promise; fewer promise what their number allows."""
+        """Number of ``promise`` designs by target false-alarm rate.
+
+        With fewer designs the rates are those that their number allows.
+        """
         counts = {0.01: min(1500, self.promise), 0.001: self.promise}
         return {max(rate, 1.01 / (count + 1)): count for rate, count in counts.items()}
 
     def count(self, scene: str) -> int:
-        """Designs of a scene of ``FIRST``."""
+        """Return the number of designs of a scene of ``FIRST``."""
         if scene == "ideal_pilot":
             return self.pilot
         return self.looser_known + self.looser if scene == "looser" else int(getattr(self, scene))
 
     def days_of(self, scene: str) -> list[Day]:
-        """Press days on which the designs of a scene of ``FIRST`` are printed."""
+        """Return the press days on which the designs of a scene of ``FIRST`` are printed."""
         return self.days(FIRST[scene], self.count(scene))
 
     def days(self, first: int, count: int) -> list[Day]:
-        """Press days on which designs ``first`` and further are printed."""
+        """Return the press days on which ``count`` designs from ``first`` on are printed."""
         return in_days("test", range(first, first + count), self.per_day)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressFindings:
-    """All that the page of results says."""
+    """All data from which the page of results is written."""
 
     plan: PressPlan
     pitch_mm: float
@@ -120,17 +130,17 @@ class PressFindings:
     """``Press.fringes``."""
     main: Rows
     verdicts: Verdicts
-    kept: list[Kept]
-    """Promises that designs of their own made, as they came on the judged designs ..."""
-    tried: list[Kept]
-    """... and on further good designs."""
+    kept: list[RateCheck]
+    """Target false-alarm rates with thresholds set by separate designs, and the alarms on the judged designs."""
+    tried: list[RateCheck]
+    """The same thresholds, and the alarms on further good designs."""
     looser: dict[str, NDArray[np.bool_]]
-    """Whether each good page of the looser press alarmed, by what the threshold rests on."""
+    """Whether each good page of the looser press alarmed, by the data that set the threshold."""
     ideal: Verdicts
     real: MethodResult | None
-    """On real pages; None: there were none."""
+    """Result on real pages; None: there were none."""
 
     @property
     def page(self) -> str:
-        """Name of the page of results."""
+        """File name of the page of results."""
         return "press.md" if self.fringes else "press-without-fringes.md"

@@ -1,4 +1,7 @@
-"""Rows of the press study -> who is caught: each fifth of the designs judged by what other fifths taught and set."""
+"""Verdicts on the rows of the press study.
+
+Each fifth of the designs is judged by models that are trained and tuned on other fifths.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +29,17 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 PARTS: Final = 5
-"""Of the press days: in turn one is judged, the next sets thresholds, the other three teach."""
+"""Number of parts of the press days.
+
+In turn one is judged, the next sets thresholds, and the other three are for training.
+"""
 EVERY: Final = -1
-"""Part of pages that set the thresholds of every part."""
+"""Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
 OURS: Final = "ours"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
-"""What the forests without some statistics are compared with."""
+"""Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "places away from edges": ("flat", "calm", "swell", "double"),
     "the page's own scatter": ("apart", "line", "wave", "echo", "excess"),
@@ -45,25 +51,25 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "registration": ("place",),
     "planes far out of register": ("moved",),
 }
-"""First words of statistics that are left out together."""
+"""First words of the statistics that are left out as a group."""
 TREES: Final = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodResult:
-    """One method on every page, each part by itself."""
+    """Results of one method on every page, each part by itself."""
 
     name: str
     scored: Scored
     part: NDArray[np.int64]
     alarms: NDArray[np.bool_]
-    """(ALPHAS, pages) at the thresholds that cost least on the tuning designs."""
+    """Alarms at the thresholds that cost least on the tuning designs. (ALPHAS, pages)"""
     promised: NDArray[np.bool_]
-    """(pages,) above the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``."""
+    """Alarms at the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``. (pages,)"""
 
     @property
     def area(self) -> float:
-        """Mean over parts of the area under the curve."""
+        """Mean over parts of the area under the ROC curve."""
         return float(np.mean([area_under_roc(one) for one in self.parts()]))
 
     @property
@@ -72,27 +78,27 @@ class MethodResult:
         return float(np.mean([caught_at(one, FALSE_ALARM_RATE) for one in self.parts()]))
 
     def parts(self) -> Iterator[Scored]:
-        """The pages of each part."""
+        """Yield the pages of each part."""
         for index in np.unique(self.part):
             here = self.part == index
             yield self.scored.pages(here)
 
     def at(self, alarms: NDArray[np.bool_]) -> Scored:
-        """Pages whose score is whether they alarmed."""
+        """Return the pages with their alarms, 0 or 1, as scores."""
         return replace(self.scored, score=alarms.astype(np.float64))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdicts:
-    """All methods on all pages; and ours, as each part taught it."""
+    """Results of all methods on all pages, and the matched filter as trained for each part."""
 
     methods: dict[str, MethodResult]
     detectors: list[DetectorModel]
-    """With the threshold of the promise."""
+    """The models of the parts, with the threshold of the target false-alarm rate."""
     kinds: NDArray[np.str_]
-    """(pages,) what ours takes each page for."""
+    """Kind that the matched filter assigns to each page. (pages,)"""
     boxes: NDArray[np.float32]
-    """(pages, 4) where ours says it is. [mm]"""
+    """Position that the matched filter reports for each page. (pages, 4) [mm]"""
 
 
 def judged(
@@ -100,17 +106,17 @@ def judged(
     scatter: Scatter,
     *,
     seed: int,
-    teaching: Pages | None = None,
+    training: Pages | None = None,
     good: Rows | None = None,
     trees: int = TREES,
     ablations: bool = True,
     processes: int | None = 1,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
-    """Every page of every part.
+    """Judge every page of every part.
 
-    teaching: pages of designs that are not judged and teach every part. good: good pages of designs that are not judged
-    and set every part's thresholds, together with the part next to it.
+    training: pages of designs that are not judged and on which every part is trained. good: good pages of designs that
+    are not judged and that set every part's thresholds, together with the part next to it.
     """
     pages, another = Pages.of(rows), rows["another"]
     part, day = parts_of(rows), rows["day"]
@@ -125,7 +131,7 @@ def judged(
         part=part,
         scatter=scatter,
         seed=seed,
-        teaching=teaching,
+        training=training,
         trees=trees,
         ablations=ablations,
     )
@@ -134,102 +140,104 @@ def judged(
     kinds = np.zeros(len(rows["kind"]), "U16")
     boxes = np.full((len(kinds), 4), np.nan, np.float32)
     progress(f"{PARTS} parts: learning and judging")
-    for index, said in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
+    for index, result in enumerate(in_order(work, range(PARTS), processes=processes, fewest=2)):
         progress(f"part {index + 1} of {PARTS} is judged")
         test, tune = work.test_and_tune(index)
-        for name, score in said.scores.items():
+        for name, score in result.scores.items():
             # Scores of the tuning part are needed again: a row of its own for each part that it sets thresholds for.
             scores.setdefault(name, np.full((PARTS, len(part)), np.nan))[index, test | tune] = score
-        detectors.append(said.found)
+        detectors.append(result.model)
         here = test[: len(kinds)]
-        kinds[here], boxes[here] = said.kinds, said.boxes
+        kinds[here], boxes[here] = result.kinds, result.boxes
     methods = {name: _judged(name, score, pages, part, day) for name, score in scores.items()}
     return Verdicts(methods=methods, detectors=detectors, kinds=kinds, boxes=boxes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _PartSaid:
-    """What one part's judging gives."""
+class _PartResult:
+    """Result of judging one part."""
 
-    found: DetectorModel
+    model: DetectorModel
     scores: dict[str, NDArray[np.float64]]
-    """Of each method, on the pages of this part and of the one that sets its thresholds."""
+    """Scores of each method, on the pages of this part and of those that set its thresholds."""
     kinds: NDArray[np.str_]
     boxes: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PartWork:
-    """Number of a part -> what it says; may travel to another process."""
+    """Judgement of one part, by its number; picklable, so that it can run in another process."""
 
     rows: Rows
-    """Of the pages that are judged, the first of ``pages``."""
+    """Rows of the pages that are judged, the first of ``pages``."""
     pages: Pages
     another: NDArray[np.bool_]
     part: NDArray[np.int64]
     scatter: Scatter
     seed: int
-    teaching: Pages | None
+    training: Pages | None
     trees: int
     ablations: bool
 
     def test_and_tune(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which pages a part judges, and which set its thresholds."""
+        """Return masks of the pages that a part judges and of those that set its thresholds."""
         return self.part == index, (self.part == (index + 1) % PARTS) | (self.part == EVERY)
 
-    def __call__(self, index: int) -> _PartSaid:
+    def __call__(self, index: int) -> _PartResult:
         rows, pages = self.rows, self.pages
         names = rows["names"][: rows["values"].shape[1]].tolist()
         test, tune = self.test_and_tune(index)
         rng = stream(self.seed, "press-part", index)
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
-        learn = learn if self.teaching is None else learn.beside(self.teaching)
-        found = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
-        scores = {name: rank(other) for name, rank in _rankings(found, self.another[test | tune]).items()}
+        learn = learn if self.training is None else learn.beside(self.training)
+        model = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
+        scores = {name: rank(other) for name, rank in _rankings(model, self.another[test | tune]).items()}
         if self.ablations:
             scores |= dict(_without(learn, other, names, self.scatter, rng, self.trees // 2))
         good, here = pages.rows(tune & ~pages.bad), test[: len(rows["kind"])]
-        return _PartSaid(
-            found=with_threshold(
-                found, good, false_alarm_rate=max(FALSE_ALARM_RATE, 1.01 / (len(good.bad) + 1))
+        return _PartResult(
+            model=with_threshold(
+                model, good, false_alarm_rate=max(FALSE_ALARM_RATE, 1.01 / (len(good.bad) + 1))
             ),
             scores=scores,
-            kinds=kinds_said(found, rows, here),
-            boxes=places_said(found, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
+            kinds=assigned_kinds(model, rows, here),
+            boxes=reported_places(model, rows["values"][here], rows["portrait"][here], rows["boxes"][here]),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Kept:
-    """A promise that designs of their own made, and what came of it."""
+class RateCheck:
+    """A target false-alarm rate whose threshold separate designs set, and the observed alarms."""
 
     rate: float
     designs: int
-    """That made it: printed once, well; they taught nothing."""
+    """Number of the designs that set the threshold: printed once, well; not used for training."""
     alarms: NDArray[np.bool_]
-    """(pages,) of those that each part judges, good and bad; of further good pages, each by one part in turn."""
+    """Alarms on the pages that each part judges, good and bad, or on further good pages, by one part in turn.
+    (pages,)
+    """
 
 
 def parts_of(rows: Rows) -> NDArray[np.int64]:
-    """Which part each row is in: days take turns."""
+    """Return the part that each row is in; days take turns."""
     return np.asarray(np.unique(rows["day"], return_inverse=True)[1] % PARTS)
 
 
-def kept_promises(
+def check_rates(
     verdicts: Verdicts, good: Rows, trial: Rows, *, calibration: Mapping[float, int]
-) -> tuple[list[Kept], list[Kept]]:
-    """Each part's detector with thresholds that good pages of further designs set, on what that part judges.
+) -> tuple[list[RateCheck], list[RateCheck]]:
+    """Apply thresholds that good pages of further designs set to each part's detector, on what that part judges.
 
-    The second list: on good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: designs by
-    the rate that they promise; the first so many of ``good``.
+    The second list is for good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: number
+    of designs by target false-alarm rate; the first of ``good`` are taken.
     """
-    pages, ours = Pages.of(good), verdicts.methods[OURS]
-    scores = [certain_score(found, pages, good["another"]) for found in verdicts.detectors]
+    pages, matched_filter = Pages.of(good), verdicts.methods[OURS]
+    scores = [certain_score(model, pages, good["another"]) for model in verdicts.detectors]
     tried, turn = Pages.of(trial), parts_of(trial)
     of_trial = np.choose(
-        turn, [certain_score(found, tried, trial["another"]) for found in verdicts.detectors]
+        turn, [certain_score(model, tried, trial["another"]) for model in verdicts.detectors]
     )
-    found: tuple[list[Kept], list[Kept]] = [], []
+    checks: tuple[list[RateCheck], list[RateCheck]] = [], []
     for rate, count in calibration.items():
         thresholds = np.array(
             [
@@ -237,13 +245,15 @@ def kept_promises(
                 for score in scores
             ]
         )
-        for kept, score, part in zip(found, (ours.scored.score, of_trial), (ours.part, turn), strict=True):
-            kept.append(Kept(rate=rate, designs=count, alarms=score > thresholds[part]))
-    return found
+        for of_rate, score, part in zip(
+            checks, (matched_filter.scored.score, of_trial), (matched_filter.part, turn), strict=True
+        ):
+            of_rate.append(RateCheck(rate=rate, designs=count, alarms=score > thresholds[part]))
+    return checks
 
 
-def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
-    """Alarms (pages,) where each design's pages meet the threshold that the good pages of all other designs set."""
+def alarms_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
+    """Return alarms (pages,) with each design's threshold set by the good pages of all other designs."""
     alarms = np.zeros(scored.bad.shape, bool)
     for design in np.unique(scored.design):
         here = scored.design == design
@@ -253,52 +263,52 @@ def promised_by_others(scored: Scored, rate: float) -> NDArray[np.bool_]:
     return alarms
 
 
-def kinds_said(found: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
-    """The kind that ours gives to each of some pages."""
-    said = np.array(found.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
-    return np.where(rows["another"][which], "wrong-page", said)
+def assigned_kinds(model: DetectorModel, rows: Rows, which: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """Return the kind that the matched filter assigns to each of some pages."""
+    kinds = np.array(model.kinds_of(rows["values"][which], rows["portrait"][which]), "U16")
+    return np.where(rows["another"][which], "wrong-page", kinds)
 
 
-def places_said(
-    found: DetectorModel,
+def reported_places(
+    model: DetectorModel,
     values: NDArray[np.floating],
     page_features: NDArray[np.floating],
     boxes: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Where each page's most telling statistic with a place has it, (pages, 4) [mm]; NaN: nowhere."""
-    deviations = found.deviations(values, page_features)
+    """Return the box of each page's most significant statistic that has one, (pages, 4) [mm]; NaN: there is none."""
+    deviations = model.deviations(values, page_features)
     placed = np.isfinite(boxes[..., 0]) & np.isfinite(boxes[..., 2])
     best = np.where(placed, deviations, -np.inf).argmax(axis=1)
     return np.asarray(boxes[np.arange(len(boxes)), best])
 
 
 def _rankings(
-    found: DetectorModel, another: NDArray[np.bool_]
+    model: DetectorModel, another: NDArray[np.bool_]
 ) -> dict[str, Callable[[Pages], NDArray[np.float64]]]:
     def evidence(pages: Pages) -> NDArray[np.float64]:
-        return found.family_evidence(found.deviations(pages.values, pages.page_features))
+        return model.family_evidence(model.deviations(pages.values, pages.page_features))
 
     def every(pages: Pages) -> NDArray[np.float64]:
-        deviations = found.deviations(pages.values, pages.page_features)
-        return every_column(found.family_evidence(deviations), pages.page_features, deviations)
+        deviations = model.deviations(pages.values, pages.page_features)
+        return every_column(model.family_evidence(deviations), pages.page_features, deviations)
 
     def forest(pages: Pages) -> NDArray[np.float64]:
-        assert found.forest is not None
-        return found.forest.score(every(pages))
+        assert model.forest is not None
+        return model.forest.score(every(pages))
 
     return {
-        OURS: lambda pages: certain_score(found, pages, another),
-        "ours, wrong pages by evidence alone": lambda pages: found.score(pages.values, pages.page_features),
-        "no misprint seen in learning": lambda pages: found.guard(evidence(pages)),
+        OURS: lambda pages: certain_score(model, pages, another),
+        "ours, wrong pages by evidence alone": lambda pages: model.score(pages.values, pages.page_features),
+        "no misprint seen in learning": lambda pages: model.guard(evidence(pages)),
         "forest of all statistics alone": forest,
-        "forests of kinds alone, the most of them": lambda pages: found.of_kinds(every(pages)).max(axis=1),
+        "forests of kinds alone, the most of them": lambda pages: model.of_kinds(every(pages)).max(axis=1),
     }
 
 
 def _without(
     learn: Pages, other: Pages, names: list[str], scatter: Scatter, rng: np.random.Generator, trees: int
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """The forest of families without some of the statistics, or without what a page's content foretells."""
+    """Yield scores of the forest of families without some of the statistics, or without the page's content."""
     weight = even(learn.bad)
     firsts = [Statistic.parse(name).word for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
@@ -313,9 +323,9 @@ def _without(
             replace(pages, values=pages.values[:, kept], page_features=pages.page_features * content)
             for pages in (learn, other)
         )
-        found = learn_model(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
+        model = learn_model(fewer, names=some, scatter=scatter, rng=rng, ranked=False)
         taught, said = (
-            family_columns(found.family_evidence(found.deviations(pages.values, pages.page_features)))
+            family_columns(model.family_evidence(model.deviations(pages.values, pages.page_features)))
             for pages in (fewer, judged_)
         )
         yield name, fitted_forest(taught, learn.bad, weight, rng=rng, trees=trees).score(said)
@@ -331,7 +341,7 @@ def _judged(
     judged_ = part != EVERY
     score = np.empty(len(part))
     alarms = np.zeros((len(ALPHAS), len(part)), bool)
-    promised_ = np.zeros(len(part), bool)
+    nominal = np.zeros(len(part), bool)
     for index in range(PARTS):
         test, tune = part == index, (part == (index + 1) % PARTS) | ~judged_
         of_tune = Scored(
@@ -340,7 +350,7 @@ def _judged(
         score[test] = scores[index, test]
         for row, alpha in enumerate(ALPHAS):
             alarms[row, test] = score[test] > least_cost(of_tune, alpha).threshold
-        promised_[test] = score[test] > np.quantile(
+        nominal[test] = score[test] > np.quantile(
             of_tune.score[~of_tune.bad], 1 - FALSE_ALARM_RATE, method="higher"
         )
     return MethodResult(
@@ -350,5 +360,5 @@ def _judged(
         ),
         part=part[judged_],
         alarms=alarms[:, judged_],
-        promised=promised_[judged_],
+        promised=nominal[judged_],
     )

@@ -1,4 +1,4 @@
-"""The press study's findings -> the figures of its page."""
+"""Figures of the press study's page from its findings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from prooflight_studies.press.judging import (
     FALSE_ALARM_RATE,
     FOREST_OF_FAMILIES,
     OURS,
-    promised_by_others,
+    alarms_by_others,
 )
 
 if TYPE_CHECKING:
@@ -31,46 +31,46 @@ if TYPE_CHECKING:
     from prooflight_studies.press.judging import MethodResult
 
 NEAR_MM: Final = 5.0
-"""A place that is said lies right if its middle is no further from the misprint (assumed: what a person sees)."""
+"""Tolerance of a reported position: greatest distance of its middle from the misprint (assumed: what a person sees)."""
 SIGMA_OFF: Final = 1.3
 ALARMED: Final = 0.5
-REAL_PROMISE: Final = 0.05
-"""What so few real pages can promise with more than one of them above the threshold."""
+REAL_RATE: Final = 0.05
+"""Target rate on real pages; for so few pages a lower one would not let more than one exceed the threshold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How many of how many."""
+    """A count out of a total."""
 
     count: int
     of: int
 
     @classmethod
     def where(cls, alarm: NDArray[np.bool_]) -> Share:
-        """Those that are true."""
+        """Count the true elements."""
         return cls(count=int(alarm.sum()), of=alarm.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """One way to judge."""
+    """Figures of one method."""
 
     name: str
     good: int
     bad: int
     costs: list[Interval]
-    """c at each of ``ALPHAS``, and the rates there."""
+    """Cost c at each of ``ALPHAS``; the counts at these thresholds follow."""
     alarms: list[int]
     missed: list[int]
     promised_alarms: int
     promised_missed: int
-    """At the promised 1 %."""
+    """Good pages that alarm and misprints that are missed at the target rate of 1 %."""
     caught: float
     area: float
 
     @classmethod
     def of(cls, name: str, one: MethodResult, rng: np.random.Generator) -> Method:
-        """rng: draws the press days of the intervals."""
+        """Compute the figures of a method; rng: resamples the press days for the intervals."""
         bad = one.scored.bad
         return cls(
             name=name,
@@ -90,21 +90,21 @@ class Method:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Promise:
-    """What was promised, and what came."""
+class RateRow:
+    """A target false-alarm rate and the observed alarms."""
 
     rate: float
     basis: str
     pages: int
     alarms: int
     caught: Share | None
-    """Misprints; None: there were none."""
+    """Share of misprints that are caught; None: there were none."""
 
     @classmethod
     def of(
         cls, rate: float, basis: str, alarms: NDArray[np.bool_], caught: NDArray[np.bool_] | None = None
-    ) -> Promise:
-        """alarms: of good pages; caught: alarms of misprints."""
+    ) -> RateRow:
+        """Count alarms; alarms: of good pages; caught: alarms of misprints."""
         return cls(
             rate=rate,
             basis=basis,
@@ -114,14 +114,14 @@ class Promise:
         )
 
 
-def press_results(found: PressFindings) -> dict[str, Any]:
-    """All figures of the page."""
-    rows, verdicts, plan = found.main, found.verdicts, found.plan
-    ours = verdicts.methods[OURS]
+def press_results(findings: PressFindings) -> dict[str, Any]:
+    """Return all figures of the page."""
+    rows, verdicts, plan = findings.main, findings.verdicts, findings.plan
+    matched_filter = verdicts.methods[OURS]
     rng = stream(plan.seed, "press-bootstrap")
     return {
-        "pitch_mm": found.pitch_mm,
-        "fringes": found.fringes,
+        "pitch_mm": findings.pitch_mm,
+        "fringes": findings.fringes,
         "plan": plan,
         "days": len(np.unique(rows["day"])),
         "unmade": rows["unmade_kind"].size,
@@ -132,19 +132,19 @@ def press_results(found: PressFindings) -> dict[str, Any]:
         "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
         "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
         "caught": [
-            {"at": "the promised 1 %", **_by_severity(rows, ours.promised)},
-            {"at": "alpha = 1", **_by_severity(rows, ours.alarms[ALPHAS.index(1.0)])},
+            {"at": "the promised 1 %", **_by_severity(rows, matched_filter.promised)},
+            {"at": "alpha = 1", **_by_severity(rows, matched_filter.alarms[ALPHAS.index(1.0)])},
         ],
-        "where": _places_and_kinds(rows, ours.promised, verdicts.kinds, verdicts.boxes),
-        "promises": list(_promises(found)),
-        "real": None if found.real is None else _real(found.real, ours, plan.seed),
-        "ideal_days": len(np.unique(found.ideal.methods[OURS].scored.day)),
-        "ideal": Method.of(OURS, found.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
+        "where": _places_and_kinds(rows, matched_filter.promised, verdicts.kinds, verdicts.boxes),
+        "promises": list(_rate_rows(findings)),
+        "real": None if findings.real is None else _real(findings.real, matched_filter, plan.seed),
+        "ideal_days": len(np.unique(findings.ideal.methods[OURS].scored.day)),
+        "ideal": Method.of(OURS, findings.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
     }
 
 
 def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
-    """Caught by kind and severity third."""
+    """Return the misprints caught by kind and severity third."""
     kind = rows["kind"]
     third = thirds(rows["severity"])
     kinds = []
@@ -158,7 +158,7 @@ def _by_severity(rows: Rows, alarm: NDArray[np.bool_]) -> dict[str, Any]:
 def _places_and_kinds(
     rows: Rows, alarm: NDArray[np.bool_], kinds: NDArray[np.str_], boxes: NDArray[np.float32]
 ) -> dict[str, Any]:
-    """How often place and kind of what was caught are right."""
+    """Return how often position and kind of caught misprints are right."""
     scope = {entry["kind"]: entry["scope"] for entry in worlds()["misprint"]}
     local = np.array([scope.get(kind) == "local" for kind in rows["kind"].tolist()])
     caught = alarm & (rows["kind"] != "")
@@ -185,7 +185,7 @@ def _places_and_kinds(
 
 
 def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Whether the middle of each box (n, 4) lies within ``NEAR_MM`` of one of the places (n, m, 4). [mm]"""
+    """Return whether the middle of each box (n, 4) is within ``NEAR_MM`` of one of the places (n, m, 4). [mm]"""
     middle = boxes[:, None, :2] + boxes[:, None, 2:] / 2
     low, high = places[..., :2], places[..., :2] + places[..., 2:]
     with np.errstate(invalid="ignore"):
@@ -193,39 +193,43 @@ def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.
         return np.asarray((np.hypot(off[..., 0], off[..., 1]) <= NEAR_MM).any(axis=1))
 
 
-def _promises(found: PressFindings) -> Iterator[Promise]:
-    ours, rows = found.verdicts.methods[OURS], found.main
-    good = ~ours.scored.bad
-    setting = round(int(good.sum()) / len(np.unique(ours.part))) + found.plan.promise
-    for kept in found.kept:
+def _rate_rows(findings: PressFindings) -> Iterator[RateRow]:
+    matched_filter, rows = findings.verdicts.methods[OURS], findings.main
+    good = ~matched_filter.scored.bad
+    setting = round(int(good.sum()) / len(np.unique(matched_filter.part))) + findings.plan.promise
+    for kept in findings.kept:
         basis = f"{kept.designs} designs that did nothing else"
-        yield Promise.of(kept.rate, basis, kept.alarms[good], kept.alarms[~good])
-    for tried in found.tried:
+        yield RateRow.of(kept.rate, basis, kept.alarms[good], kept.alarms[~good])
+    for tried in findings.tried:
         basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
-        yield Promise.of(tried.rate, basis, tried.alarms)
+        yield RateRow.of(tried.rate, basis, tried.alarms)
     basis = f"{setting} designs, these and those of another part"
-    yield Promise.of(FALSE_ALARM_RATE, basis, ours.promised[good], ours.promised[~good])
+    yield RateRow.of(FALSE_ALARM_RATE, basis, matched_filter.promised[good], matched_filter.promised[~good])
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"
-    yield Promise.of(
-        FALSE_ALARM_RATE, f"the same, a sensor's sigma wrong by more than {about}", ours.promised[good & off]
+    yield RateRow.of(
+        FALSE_ALARM_RATE,
+        f"the same, a sensor's sigma wrong by more than {about}",
+        matched_filter.promised[good & off],
     )
-    yield Promise.of(
-        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", ours.promised[good & ~off]
+    yield RateRow.of(
+        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", matched_filter.promised[good & ~off]
     )
-    for what, alarms in found.looser.items():
-        yield Promise.of(FALSE_ALARM_RATE, what, alarms)
+    for what, alarms in findings.looser.items():
+        yield RateRow.of(FALSE_ALARM_RATE, what, alarms)
 
 
-def _real(real: MethodResult, ours: MethodResult, seed: int) -> dict[str, Any]:
-    """Real pages beside composed ones, and what they promise each other."""
+def _real(real: MethodResult, matched_filter: MethodResult, seed: int) -> dict[str, Any]:
+    """Return the figures of real pages and of composed ones, and the alarms of real pages calibrated on each other."""
     rng = stream(seed, "press-bootstrap-real")
     bad = real.scored.bad
-    rate = max(REAL_PROMISE, 1.01 / int((~bad).sum()))
-    alarms = promised_by_others(real.scored, rate)
+    rate = max(REAL_RATE, 1.01 / int((~bad).sum()))
+    alarms = alarms_by_others(real.scored, rate)
     return {
         "pages": len(np.unique(real.scored.design)),
-        "methods": [Method.of(name, one, rng) for name, one in (("real", real), ("composed", ours))],
+        "methods": [
+            Method.of(name, one, rng) for name, one in (("real", real), ("composed", matched_filter))
+        ],
         "rate": rate,
         "days": len(np.unique(real.scored.day)),
         "alarms": int(alarms[~bad].sum()),

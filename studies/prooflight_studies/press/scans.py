@@ -1,4 +1,4 @@
-"""Rows of the press study: days, good prints and misprints of page designs, and what each scan says."""
+"""Rows of the press study: days, good prints and misprints of page designs, and the statistics of each scan."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 PLACES: Final = 12
-"""A misprint has no more (worlds.toml: spots)."""
+"""Greatest number of places of a misprint (worlds.toml: spots)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """What is printed, where and how: small, and travels to worker processes."""
+    """Press, page designs and world of one set of prints; small, and sent to worker processes."""
 
     press: Path
     pages: Designs
     seed: int
     number: int
-    """Of the scene: no two share a day."""
+    """Number of the scene: no two scenes share a day."""
     world: World = "press"
     times: float = 1.0
-    """How much more good prints vary than the press is made for."""
+    """Factor on the variation of good prints, relative to what the press is made for."""
     misprints: int = 2
     """Copies of each design with a misprint; one more is good. Kinds take turns."""
 
     def day(self, day: Day) -> PressDay:
-        """The press on that day; its scans are looked at as those of the press that it is taken for."""
+        """Begin a press day; its scans are evaluated with the assumptions of the unmodified press."""
         taken_for = press = _press(self.press)
         if self.times != 1:
             press = replace(press, variation=dict(press.variation) | {"all_times": self.times})
@@ -70,49 +70,52 @@ class Scene:
         )
 
     def rng(self, index: int, copy: int) -> np.random.Generator:
-        """Of one copy of a design."""
+        """Return the random generator of one copy of a design."""
         return stream(self.seed, "scene-print", self.number, index, copy)
 
     def kind(self, index: int, copy: int) -> str:
-        """Of a copy; the first is good. Every round begins one further on: no design's number decides its kinds."""
+        """Return the kind of misprint of a copy; the first copy is good.
+
+        Every round of kinds begins one further on, so that a design's number does not determine its kinds.
+        """
         turn = index * self.misprints + copy - 1
         return KINDS[(turn + turn // len(KINDS)) % len(KINDS)] if copy else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScatterWork:
-    """Good copies of a day's designs -> what ``learn_scatter`` learns from."""
+    """Measurement of good copies of a day's designs, from which ``learn_scatter`` learns."""
 
     scene: Scene
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``: ``PressDay.scatter_draws``."""
+        """Return the draws of a day: ``PressDay.scatter_draws``."""
         designs = ((index, self.scene.rng(index, 0)) for index in day.designs)
         return self.scene.day(day).scatter_draws(designs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StatisticsWork:
-    """A good copy and misprints of a day's designs -> what each scan says, a row each.
+    """Measurement of a good copy and misprints of a day's designs, with a row for each scan.
 
-    Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait,
-    another (whether the scan shows another page), glyphs (``WeighedPage.score``), floor_mm2, widening (how many times
-    more widely its page is judged), places (PLACES, 4) of the misprint [mm, NaN: none], sigma_error (sensors,) true
-    temporal sigma over tables', day. Beside them ``unmade_kind``, one for each misprint that nine draws did not bring
-    over the gate, and ``names`` of the statistics.
+    Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait
+    (the page features), another (whether the scan shows another page), glyphs (``WeighedPage.score``), floor_mm2,
+    widening (factor on the width of its page's distributions), places (PLACES, 4) of the misprint [mm, NaN: none],
+    sigma_error (sensors,) true temporal sigma over tables', day. Column ``unmade_kind`` has an entry for each misprint
+    of which nine draws did not reach the least effect that counts, and ``names`` has those of the statistics.
     """
 
     scene: Scene
     scatter: Scatter
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench = self.scene.day(day)
         columns: dict[str, list[Any]] = defaultdict(list)
         unmade: list[str] = []
         names: list[str] = []
         for index in day.designs:
-            good, known = bench.design(index)
+            good, prepared = bench.design(index)
             for copy in range(1 + self.scene.misprints):
                 rng, kind = self.scene.rng(index, copy), self.scene.kind(index, copy)
                 printed = good
@@ -123,9 +126,9 @@ class StatisticsWork:
                         unmade.append(kind)
                         continue
                     printed = wrong
-                said, names = what_is_said(bench, known, bench.scan(printed, rng), self.scatter)
+                row, names = scan_row(bench, prepared, bench.scan(printed, rng), self.scatter)
                 for name, value in {
-                    **said,
+                    **row,
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
@@ -136,29 +139,29 @@ class StatisticsWork:
                 }.items():
                     columns[name].append(value)
         rows = {name: np.array(values) for name, values in columns.items()}
-        beside = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
-        return rows | {"kind": rows["kind"].astype("U16")} | beside
+        labels = {"unmade_kind": np.array(unmade, "U16"), "names": np.array(names, "U48")}
+        return rows | {"kind": rows["kind"].astype("U16")} | labels
 
 
-def what_is_said(
-    bench: PressDay, known: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
+def scan_row(
+    bench: PressDay, prepared: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
 ) -> tuple[dict[str, Any], list[str]]:
     """Return values, boxes, portrait, another, glyphs and floor of a scan's row; and the names of the statistics."""
-    found = bench.evidence(known, scan, scatter)
-    said = {
-        "values": values_of(found.statistics),
-        "boxes": np.array([one.box for one in found.statistics], np.float32),
-        "portrait": known.page_features,
-        "another": found.another,
-        "glyphs": found.glyphs,
-        "floor_mm2": found.floor_mm2,
-        "widening": known.colours.widening,
+    evidence = bench.evidence(prepared, scan, scatter)
+    row = {
+        "values": values_of(evidence.statistics),
+        "boxes": np.array([one.box for one in evidence.statistics], np.float32),
+        "portrait": prepared.page_features,
+        "another": evidence.another,
+        "glyphs": evidence.glyphs,
+        "floor_mm2": evidence.floor_mm2,
+        "widening": prepared.colours.widening,
     }
-    return said, keys_of(found.statistics)
+    return row, keys_of(evidence.statistics)
 
 
 def places_mm(regions_mm: Sequence[Region]) -> NDArray[np.float32]:
-    """The first PLACES of them, (PLACES, 4) [mm, NaN: none]."""
+    """Return the first PLACES of the regions, (PLACES, 4) [mm, NaN: none]."""
     places = np.full((PLACES, 4), np.nan, np.float32)
     for place, region in zip(places, regions_mm, strict=False):
         place[:] = region

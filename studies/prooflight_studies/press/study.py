@@ -1,4 +1,7 @@
-"""Our detector in the press world, with and without each of its parts; writes a page of results. It resumes."""
+"""Evaluation of our detector in the press world, with and without each of its parts; writes a page of results.
+
+An interrupted study resumes.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,8 @@ from prooflight_studies.press.judging import (
     FALSE_ALARM_RATE,
     OURS,
     MethodResult,
+    check_rates,
     judged,
-    kept_promises,
     parts_of,
 )
 from prooflight_studies.press.results import press_results
@@ -50,9 +53,9 @@ if TYPE_CHECKING:
     from prooflight_studies.press.judging import Verdicts
 
 SCHEMA: Final = 2
-"""Of the rows; a change of what is measured makes kept results void."""
+"""Version of the rows; a change of the measurement invalidates cached results."""
 LOOSER: Final = 1.5
-"""How much more good prints vary where a press is worse than it was taken for."""
+"""Factor on the variation of good prints where a press is worse than assumed."""
 
 
 def run_press_study(
@@ -68,21 +71,21 @@ def run_press_study(
     pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
-    """Scan, learn, tune, test, and write ``PressFindings.page`` into ``results``.
+    """Scan, train, tune, test, and write ``PressFindings.page`` into ``results``.
 
-    press_file: of two sensors, the first of which is the ideal world's. cache: where rows are kept, so that a study
-    that was interrupted goes on. real: pages of real documents beside the composed designs.
+    press_file: of two sensors, the first of which is the ideal world's. cache: folder of rows, from which an
+    interrupted study resumes. real: pages of real documents, in addition to the composed designs.
     """
     started = time.perf_counter()
     plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
     press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     scans = _scanned(bench, real)
-    lessons = Pages.of(scans.teaching).beside(Pages.of(scans.learning))
+    lessons = Pages.of(scans.training).beside(Pages.of(scans.learning))
     verdicts = judged(
         scans.main,
         scans.scatter,
-        teaching=lessons,
+        training=lessons,
         good=scans.promise,
         seed=plan.seed,
         trees=plan.trees,
@@ -90,30 +93,30 @@ def run_press_study(
         processes=processes,
         progress=progress,
     )
-    kept, tried = kept_promises(verdicts, scans.promise, scans.trial, calibration=plan.calibration)
-    found = PressFindings(
+    checks, tried = check_rates(verdicts, scans.promise, scans.trial, calibration=plan.calibration)
+    findings = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
         fringes=press.fringes,
         main=scans.main,
         verdicts=verdicts,
-        kept=kept,
+        kept=checks,
         tried=tried,
         looser=_looser(verdicts, scans.looser, plan),
         ideal=judged(scans.ideal, scans.ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
         real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
     )
-    write_page(results / found.page, "press", press_results(found))
+    write_page(results / findings.page, "press", press_results(findings))
     progress(
         f"done in {(time.perf_counter() - started) / 60:.0f} minutes; all rows, in this sitting or before, took "
         f"{sum(bench.minutes):.0f} minutes of one process"
     )
-    return found
+    return findings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Bench:
-    """Where work is done and kept."""
+    """Press, plan and cache folder of the work."""
 
     press: Press
     cache: Path
@@ -121,17 +124,17 @@ class _Bench:
     processes: int | None
     progress: Callable[[str], None]
     minutes: list[float] = field(default_factory=list)
-    """That each scene's rows took of one process, whenever they were made."""
+    """Minutes of one process that each scene's rows took, whenever they were computed."""
 
-    def kept(self, press: Press) -> Path:
-        """A press as a file for workers."""
+    def save_press(self, press: Press) -> Path:
+        """Save a press to a file for the workers and return its path."""
         path = self.cache / f"{press.digest[:16]}.press"
         path.parent.mkdir(parents=True, exist_ok=True)
         press.save(path)
         return path
 
     def digest(self, scene: Scene) -> str:
-        """Of all that a scene's rows depend on beside their day: a scene that grows keeps its rows."""
+        """Return the digest of all that a scene's rows depend on except their day, so that a scene can grow."""
         facts = {
             "schema": SCHEMA,
             "worlds": worlds_digest(),
@@ -142,30 +145,30 @@ class _Bench:
         return digest_of(facts)
 
     def scatter(self, scene: Scene, days: list[Day], what: str) -> Scatter:
-        """How statistics scatter, from good prints."""
+        """Learn the scatter of statistics from good prints."""
         drawn = self._rows(ScatterWork(scene=scene), scene, days, "scatter", what)
         return learn_scatter({name: pooled(values) for name, values in drawn.items()})
 
-    def said(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
-        """What every scan of a scene says."""
+    def statistics(self, scene: Scene, scatter: Scatter, days: list[Day], what: str) -> Rows:
+        """Return the statistics of every scan of a scene."""
         return self._rows(StatisticsWork(scene=scene, scatter=scatter), scene, days, "said", what)
 
     def _rows(self, work: Work[Day], scene: Scene, days: list[Day], kind: str, what: str) -> Rows:
         folder, digest = self.cache / kind, self.digest(scene)
         rows = run_pieces(
-            work, days, folder, digest=digest, processes=self.processes, progress=self.told(what)
+            work, days, folder, digest=digest, processes=self.processes, progress=self.progress_of(what)
         )
         self.minutes.append(minutes_spent(days, folder, digest=digest))
         return rows
 
-    def told(self, what: str) -> Callable[[int, int], None]:
-        """Progress of a list of pieces."""
+    def progress_of(self, what: str) -> Callable[[int, int], None]:
+        """Return a progress callback for a list of pieces."""
         return lambda done, of: self.progress(f"{what}: {done} of {of} press days")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Scans:
-    """What every scan of each scene says, and how statistics scatter in either world."""
+    """Statistics of every scan of each scene, and the scatter of statistics in either world."""
 
     scatter: Scatter
     main: Rows
@@ -174,36 +177,38 @@ class _Scans:
     ideal: Rows
     real: Rows | None
     promise: Rows
-    teaching: Rows
+    training: Rows
     learning: Rows
     trial: Rows
 
 
 def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
-    """All scenes, one after the other; no two have a number, and so a day, in common."""
+    """Scan all scenes, one after the other; no two have a number, and so a day, in common."""
     press, plan = bench.press, bench.plan
     designs = Corpus(seed=plan.seed, dpi=press.dpi)
-    scene = Scene(press=bench.kept(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints)
+    scene = Scene(
+        press=bench.save_press(press), pages=designs, seed=plan.seed, number=0, misprints=plan.misprints
+    )
     good = replace(scene, misprints=0)
     scatter = bench.scatter(good, plan.days_of("pilot"), "pilot")
 
-    def said(name: str, scene: Scene, what: str) -> Rows:
-        return bench.said(scene, scatter, plan.days_of(name), what)
+    def statistics(name: str, scene: Scene, what: str) -> Rows:
+        return bench.statistics(scene, scatter, plan.days_of(name), what)
 
-    main = said("designs", replace(scene, number=1), "scans")
-    looser = said("looser", replace(good, number=2, times=LOOSER), "looser press")
+    main = statistics("designs", replace(scene, number=1), "scans")
+    looser = statistics("looser", replace(good, number=2, times=LOOSER), "looser press")
     alone = replace(press, sensors=press.sensors[:1], clipped=press.clipped[:1], variation={"all_times": 0.0})
     ideal = Scene(
-        press=bench.kept(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
+        press=bench.save_press(alone), pages=designs, seed=plan.seed, number=3, world="ideal", misprints=2
     )
     ideal_scatter = bench.scatter(
         replace(ideal, misprints=0), plan.days_of("ideal_pilot"), "ideal world, pilot"
     )
-    ideal_rows = bench.said(ideal, ideal_scatter, plan.days_of("ideal"), "ideal world")
+    ideal_rows = bench.statistics(ideal, ideal_scatter, plan.days_of("ideal"), "ideal world")
     real_rows = None
     if real is not None:
         of_real = replace(scene, number=4, pages=real, misprints=3)
-        real_rows = bench.said(of_real, scatter, _fitting(real, press, plan), "real pages")
+        real_rows = bench.statistics(of_real, scatter, _fitting(real, press, plan), "real pages")
     lesson = replace(scene, number=6, misprints=plan.teaching_misprints)
     return _Scans(
         scatter=scatter,
@@ -212,15 +217,15 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
         ideal_scatter=ideal_scatter,
         ideal=ideal_rows,
         real=real_rows,
-        promise=said("promise", replace(good, number=5), "good pages that promise"),
-        teaching=said("teaching", lesson, "designs that teach"),
-        learning=said("learning", replace(good, number=7), "good pages that teach"),
-        trial=said("trial", replace(good, number=8), "good pages that try promises"),
+        promise=statistics("promise", replace(good, number=5), "good pages that promise"),
+        training=statistics("teaching", lesson, "designs that teach"),
+        learning=statistics("learning", replace(good, number=7), "good pages that teach"),
+        trial=statistics("trial", replace(good, number=8), "good pages that try promises"),
     )
 
 
 def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
-    """Press days of the real pages that are no wider than the press sees."""
+    """Return press days of the real pages that are no wider than the press sees."""
     fits = [press.geometry.sees(min(size)) for size in real.sizes_mm]
     days = [
         replace(day, designs=tuple(index for index in day.designs if fits[index]))
@@ -230,35 +235,35 @@ def _fitting(real: Folder, press: Press, plan: PressPlan) -> list[Day]:
 
 
 def _looser(verdicts: Verdicts, rows: Rows, plan: PressPlan) -> dict[str, NDArray[np.bool_]]:
-    """Alarms on good pages of a press that varies more, before and after its own good pages were learned."""
-    found, pages = verdicts.detectors[0], Pages.of(rows)
-    score = certain_score(found, pages, rows["another"])
-    known = np.unique(pages.design)[: plan.looser_known]
-    mine = np.isin(pages.design, known)
-    rate = max(FALSE_ALARM_RATE, 1.01 / (len(known) + 1))
+    """Return alarms on good pages of a press that varies more, before and after its own good pages were learned."""
+    model, pages = verdicts.detectors[0], Pages.of(rows)
+    score = certain_score(model, pages, rows["another"])
+    learned = np.unique(pages.design)[: plan.looser_known]
+    mine = np.isin(pages.design, learned)
+    rate = max(FALSE_ALARM_RATE, 1.01 / (len(learned) + 1))
     threshold = conformal_threshold(score[mine], pages.design[mine], false_alarm_rate=rate)
     times = f"variations {LOOSER:g} times those assumed"
     return {
-        f"{times}, nothing learned": score[~mine] > found.threshold,
-        f"{times}, {len(known)} good pages learned": score[~mine] > threshold,
+        f"{times}, nothing learned": score[~mine] > model.threshold,
+        f"{times}, {len(learned)} good pages learned": score[~mine] > threshold,
     }
 
 
-def _on_real(verdicts: Verdicts, main: Rows, promise: Rows, rows: Rows) -> MethodResult:
-    """Real pages by the first part's detector and thresholds."""
-    found, pages = verdicts.detectors[0], Pages.of(rows)
+def _on_real(verdicts: Verdicts, main: Rows, calibration: Rows, rows: Rows) -> MethodResult:
+    """Return the result on real pages of the first part's detector and thresholds."""
+    model, pages = verdicts.detectors[0], Pages.of(rows)
     part = parts_of(main)
-    tune = Pages.of(main).rows(part == 1).beside(Pages.of(promise))
-    another = np.concatenate([main["another"][part == 1], promise["another"]])
-    day = np.concatenate([main["day"][part == 1], promise["day"]])
-    of_tune = Scored(score=certain_score(found, tune, another), bad=tune.bad, design=tune.design, day=day)
-    score = certain_score(found, pages, rows["another"])
+    tune = Pages.of(main).rows(part == 1).beside(Pages.of(calibration))
+    another = np.concatenate([main["another"][part == 1], calibration["another"]])
+    day = np.concatenate([main["day"][part == 1], calibration["day"]])
+    of_tune = Scored(score=certain_score(model, tune, another), bad=tune.bad, design=tune.design, day=day)
+    score = certain_score(model, pages, rows["another"])
     return MethodResult(
         name=OURS,
         scored=Scored(score=score, bad=pages.bad, design=pages.design, day=rows["day"]),
         part=np.zeros(len(score), np.int64),
         alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),
-        promised=score > found.threshold,
+        promised=score > model.threshold,
     )
 
 

@@ -1,4 +1,4 @@
-"""What teaches the ranking that is shipped: good prints and misprints of composed designs on two presses."""
+"""Training set of the shipped ranking: good prints and misprints of composed designs on two presses."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 FIRST_SCENE: Final = 40
-"""Numbers of the scenes of this study, apart from those of others of the same seed."""
+"""Number of this study's first scene, distinct from those of other studies of the same seed."""
 RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
-"""Of ``ALGORITHMS``, those that rows depend on."""
-TEACHING_SEED: Final = 31
-"""Of designs, days, prints and misprints that teach; nothing is published on it."""
+"""Those of ``ALGORITHMS`` on which the rows depend."""
+TRAINING_SEED: Final = 31
+"""Seed of designs, days, prints and misprints for training; no results are published on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankingPlan:
-    """How many designs teach; each is printed once well, and so often wrong."""
+    """Numbers of designs for training; each is printed once well, and ``misprints`` times wrong."""
 
-    seed: int = TEACHING_SEED
+    seed: int = TRAINING_SEED
     pilot: int = 32
-    """Designs of each press, printed once, well, that teach how statistics scatter there."""
+    """Number of designs of each press, printed once, well, from which the scatter of its statistics is learned."""
     two_sensors: int = 800
-    """Designs on the press of two sensors."""
+    """Number of designs on the press of two sensors."""
     one_sensor: int = 200
-    """The same on the press of one."""
+    """Number of designs on the press of one sensor."""
     misprints: int = 2
     good: int = 480
-    """Further designs on the press of two sensors, printed once, well."""
+    """Number of further designs on the press of two sensors, printed once, well."""
     per_day: int = 4
 
     @classmethod
     def quick(cls) -> RankingPlan:
-        """To see that all of it works."""
+        """Return a small plan that exercises the whole study."""
         return cls(pilot=6, two_sensors=24, one_sensor=12, good=12)
 
     def days(self, first: int, count: int) -> list[Day]:
-        """Press days on which designs ``first`` and further are printed."""
+        """Return the press days on which ``count`` designs from ``first`` on are printed."""
         return in_days("learn", range(first, first + count), self.per_day)
 
 
@@ -74,7 +74,7 @@ def lessons(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Lesson]:
-    """Rows of every press of the plan; cache: where they are kept, so that who was interrupted goes on."""
+    """Return the rows of every press of the plan; cache: folder of the rows, so that an interrupted study resumes."""
     two, one = PressFile.preset(TWO_SENSORS), PressFile.prototype()
     bench = _Bench(plan=plan, cache=cache, processes=processes, progress=progress)
     return [
@@ -91,7 +91,7 @@ class _Bench:
     progress: Callable[[str], None]
 
     def lesson(self, name: str, press_file: PressFile, number: int, *sets: tuple[int, int]) -> Lesson:
-        """One press: sets of (designs, misprints of each); no two share a design or a day."""
+        """Return the rows of one press, of sets of (designs, misprints of each); no two share a design or a day."""
         press = build_press(at_pitch(press_file, REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
         path = self.cache / f"{press.digest[:16]}.press"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,15 +102,15 @@ class _Bench:
         )
         digest = self._digest(scene, press)
         pilot = self.plan.days(number * 100_000, self.plan.pilot)
-        drawn = self._made(ScatterWork(scene=scene), pilot, "scatter", digest, f"{name}: scatter")
+        drawn = self._computed(ScatterWork(scene=scene), pilot, "scatter", digest, f"{name}: scatter")
         scatter = learn_scatter({of: pooled(values) for of, values in drawn.items()})
         rows = []
         for at, (count, misprints) in enumerate(sets, 1):
             days = self.plan.days(number * 100_000 + at * 10_000, count)
             of_set = replace(scene, number=scene.number + at, misprints=misprints)
             work = StatisticsWork(scene=of_set, scatter=scatter)
-            told = f"{name}: good prints" + (" and misprints" if misprints else "")
-            rows.append(self._made(work, days, "rows", self._digest(of_set, press), told))
+            label = f"{name}: good prints" + (" and misprints" if misprints else "")
+            rows.append(self._computed(work, days, "rows", self._digest(of_set, press), label))
         return Lesson(name=name, scatter=scatter, rows=tuple(rows))
 
     def _digest(self, scene: Scene, press: Press) -> str:
@@ -123,7 +123,7 @@ class _Bench:
         }
         return digest_of(facts)
 
-    def _made(
+    def _computed(
         self, work: ScatterWork | StatisticsWork, days: list[Day], kind: str, digest: str, what: str
     ) -> Rows:
         return run_pieces(

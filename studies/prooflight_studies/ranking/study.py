@@ -1,4 +1,4 @@
-"""The ranking that is shipped: learned from every lesson, judged by folds of press days that had not taught it."""
+"""The shipped ranking: trained on all rows, and evaluated by cross-validation over press days."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ if TYPE_CHECKING:
 FOLDS: Final = 4
 TREES: Final = 240
 LEFT_OUT_TREES: Final = 120
-"""Of rankings that are made to see what a kind that nobody taught is worth."""
+"""Number of trees of rankings that measure the value of training on a kind."""
 RATES: Final = (0.01, 0.02, 0.05)
 OF_A_PRESS: Final = len(Plan.of(DESIGNS).calibrate)
-"""Good pages that make a ranking fit for a press: as many as `press build` prints for that ..."""
+"""Number of good pages that calibrate a ranking for a press, as many as `press build` prints for that."""
 SIZES: Final = (20, 40, 80, OF_A_PRESS, 320)
-"""... and others, of a press that learned from its real pages."""
+"""Numbers of good pages for calibration; the others are for a press that learned from its real pages."""
 PARTS: Final = 6
-"""Of the rows that a fold judges, each judged by a model that other good pages made fit."""
+"""Number of parts of a fold's rows, each judged by a model that is calibrated on other good pages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Taught:
-    """All rows of all lessons, in one order."""
+class TrainingRows:
+    """All rows of all presses, in one order."""
 
     pages: Pages
     day: NDArray[np.int64]
     another: NDArray[np.bool_]
     severity: NDArray[np.float64]
     floor_mm2: NDArray[np.float64]
-    """``FloorFinding.area_mm2`` of each."""
+    """``FloorFinding.area_mm2`` of each row."""
     names: list[str]
     scatter: Scatter
-    """Of the first press: each press has its own when it is made ready."""
+    """Scatter of the first press; each press has its own after its calibration."""
 
     @classmethod
-    def of(cls, every: list[Lesson]) -> Taught:
-        """Presses are numbered in their order."""
+    def of(cls, every: list[Lesson]) -> TrainingRows:
+        """Concatenate the rows; presses are numbered in their order."""
         sets = [(number, rows) for number, lesson in enumerate(every) for rows in lesson.rows]
         pages = Pages.of(sets[0][1], sets[0][0])
         for number, rows in sets[1:]:
@@ -73,11 +73,11 @@ class Taught:
 
     @property
     def fold(self) -> NDArray[np.int64]:
-        """Which each row is judged in: press days take turns."""
+        """Return the fold in which each row is judged; press days take turns."""
         return np.asarray(np.unique(self.day, return_inverse=True)[1] % FOLDS)
 
     def model(self, which: NDArray[np.bool_], rng: np.random.Generator, trees: int) -> Any:
-        """What some rows teach."""
+        """Train a model on some rows."""
         return learn_model(
             self.pages.rows(which),
             names=self.names,
@@ -90,45 +90,45 @@ class Taught:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JudgedFold:
-    """Rows that one fold judges: their scores and kinds."""
+    """Rows that one fold judges, with their scores and kinds."""
 
     rows: NDArray[np.int64]
     score: NDArray[np.float64]
-    """(sizes, rows) by detectors that ``SIZES`` of good pages made fit; of one size where a kind did not teach."""
+    """Scores by detectors calibrated on ``SIZES`` good pages, (sizes, rows); of one size where a kind was left out."""
     kind: NDArray[np.str_]
-    """By the detector of ``OF_A_PRESS``."""
+    """Kinds by the detector of ``OF_A_PRESS``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoldWork:
-    """Number of a fold, and the kind that is kept from teaching ("": none) -> what it says of its rows.
+    """Judgement of a fold, given its number and the kind that is left out of training ("": none).
 
-    What it says is what a press's own detector would: each part of a press's rows is judged by the model made fit by as
-    many of its good pages of the other folds as a press has. More of them would make other scores.
+    Scores are those of a press's own detector: each part of a press's rows is judged by the model calibrated on as many
+    of its good pages of the other folds as a press has. More of them would give other scores.
     """
 
-    taught: Taught
+    training: TrainingRows
     seed: int
 
     def __call__(self, task: tuple[int, str]) -> JudgedFold:
-        """Rows of one fold."""
+        """Judge the rows of one fold."""
         index, without = task
-        taught, pages = self.taught, self.taught.pages
-        mine = taught.fold == index
+        training, pages = self.training, self.training.pages
+        mine = training.fold == index
         learn = ~mine & (pages.kind != without if without else True)
         rng = stream(self.seed, "ranking-fold", index)
-        model = taught.model(learn, rng, LEFT_OUT_TREES if without else TREES)
+        model = training.model(learn, rng, LEFT_OUT_TREES if without else TREES)
         judged = mine & (~pages.bad | (pages.kind == without)) if without else mine
         sizes = (OF_A_PRESS,) if without else SIZES
         score, kind = np.empty((len(sizes), len(mine))), np.zeros(len(mine), "U16")
-        part = np.unique(taught.day, return_inverse=True)[1] // FOLDS % PARTS
+        part = np.unique(training.day, return_inverse=True)[1] // FOLDS % PARTS
         for one, turn in product(np.unique(pages.press), range(PARTS)):
             here = pages.press == one
             own = rng.permutation(np.flatnonzero(here & ~mine & ~pages.bad))
             now = judged & here & (part == turn)
             if not now.any():
                 continue
-            these, another = pages.rows(now), taught.another[now]
+            these, another = pages.rows(now), training.another[now]
             for place, size in enumerate(sizes):
                 fit = adapted(model, pages.rows(own[:size]))
                 score[place, now] = certain_score(fit, these, another)
@@ -148,13 +148,13 @@ def run_ranking_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
-    """Teach, judge, and write ``ranking.md`` into ``results``; ship: where the ranking goes, if it is to be shipped.
+    """Train, evaluate, and write ``ranking.md`` into ``results``; ship: path for the ranking, if it is to be shipped.
 
-    left_out: whether each kind is also judged by a ranking that it did not teach.
+    left_out: whether each kind is also judged by a ranking that was trained without it.
     """
     plan = plan or RankingPlan()
-    taught = Taught.of(lessons(plan, cache, processes=processes, progress=progress))
-    pages, work = taught.pages, FoldWork(taught=taught, seed=plan.seed)
+    training = TrainingRows.of(lessons(plan, cache, processes=processes, progress=progress))
+    pages, work = training.pages, FoldWork(training=training, seed=plan.seed)
     kinds = np.unique(pages.kind[pages.bad]).tolist()
     tasks = [(fold, "") for fold in range(FOLDS)]
     tasks += [(fold, kind) for kind in kinds for fold in range(FOLDS)] if left_out else []
@@ -165,7 +165,7 @@ def run_ranking_study(
     judged = in_rows(folds[""])
     by_size = judged.score
     scores, design = by_size[SIZES.index(OF_A_PRESS)], _design(pages)[~pages.bad]
-    model = taught.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
+    model = training.model(np.ones(len(pages.bad), bool), stream(plan.seed, "ranking-trees"), TREES)
     assert model.screen is not None
     ranking = ShippedRanking(
         model=model,
@@ -179,13 +179,13 @@ def run_ranking_study(
     if ship is not None:
         ranking.save(ship)
         size_mb = ship.stat().st_size / 1e6
-    found = {
+    findings = {
         "plan": {name: getattr(plan, name) for name in RankingPlan.__slots__},
         "worlds": worlds_digest(),
         "size_mb": size_mb,
         "good": int((~pages.bad).sum()),
         "misprints": int(pages.bad.sum()),
-        "statistics": len(taught.names),
+        "statistics": len(training.names),
         "of_a_press": OF_A_PRESS,
         "rates": [_at(scores, pages, rate) for rate in RATES],
         "sizes": [
@@ -193,17 +193,17 @@ def run_ranking_study(
         ],
         "deciding": int(model.screen.statistic.size),
         "floor": {
-            "good": int((taught.floor_mm2[~pages.bad] >= FLOOR_AREA_MM2).sum()),
-            "misprints": int((taught.floor_mm2[pages.bad] >= FLOOR_AREA_MM2).sum()),
+            "good": int((training.floor_mm2[~pages.bad] >= FLOOR_AREA_MM2).sum()),
+            "misprints": int((training.floor_mm2[pages.bad] >= FLOOR_AREA_MM2).sum()),
         },
-        "kinds": [_kind(kind, taught, scores, judged.kind, folds[kind]) for kind in kinds],
+        "kinds": [_kind(kind, training, scores, judged.kind, folds[kind]) for kind in kinds],
     }
-    write_page(results / "ranking.md", "ranking", found)
-    return found
+    write_page(results / "ranking.md", "ranking", findings)
+    return findings
 
 
 def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
-    """Folds put together, in the order of their rows."""
+    """Concatenate folds in the order of their rows."""
     rows = np.concatenate([one.rows for one in folds])
     order = np.argsort(rows)
     return JudgedFold(
@@ -214,7 +214,7 @@ def in_rows(folds: Sequence[JudgedFold]) -> JudgedFold:
 
 
 def _design(pages: Pages) -> NDArray[np.int64]:
-    """A number a design and press."""
+    """Return a number for each design and press."""
     return np.asarray(pages.design + 10_000_000 * pages.press)
 
 
@@ -229,27 +229,27 @@ def _at(scores: NDArray[np.float64], pages: Pages, rate: float) -> dict[str, flo
 
 def _kind(
     kind: str,
-    taught: Taught,
+    training: TrainingRows,
     scores: NDArray[np.float64],
-    said: NDArray[np.str_],
-    untaught: list[JudgedFold],
+    assigned: NDArray[np.str_],
+    left_out: list[JudgedFold],
 ) -> dict[str, Any]:
-    """One kind at 1 % of the good pages judged: caught, named right, and caught where it did not teach."""
-    pages = taught.pages
+    """Return the figures of one kind at 1 % false alarms: caught, named right, and caught without training on it."""
+    pages = training.pages
     threshold = np.quantile(scores[~pages.bad], 1 - RATES[0], method="higher")
     mine = pages.kind == kind
     hit = mine & (scores > threshold)
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "kind": kind,
         "count": int(mine.sum()),
         "caught": float(hit.sum() / mine.sum()),
-        "named": float((said[hit] == kind).mean()) if hit.any() else None,
+        "named": float((assigned[hit] == kind).mean()) if hit.any() else None,
         "untaught": None,
     }
-    if untaught:
-        without = in_rows(untaught)
+    if left_out:
+        without = in_rows(left_out)
         score, bad = without.score[0], pages.bad[without.rows]
-        found["untaught"] = float(
+        figures["untaught"] = float(
             (score[bad] > np.quantile(score[~bad], 1 - RATES[0], method="higher")).mean()
         )
-    return found
+    return figures

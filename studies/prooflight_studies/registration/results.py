@@ -1,4 +1,4 @@
-"""Rows of the registration study -> the figures of its page: how well pages are found."""
+"""Figures of the registration study's page from its rows: accuracy of the registration of pages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
-from prooflight_studies.registration.truth import SAID
+from prooflight_studies.registration.truth import TRUTH_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,7 +30,7 @@ GOALS: Final = (
     ("with the local field", "content_rms", 0.12),
     ("99th percentile", "content_p99", 0.3),
 )
-"""In words, in ``summary``, and the limit. [pixels]"""
+"""Name, key in ``summary``, and limit. [pixels]"""
 PANEL_INCH: Final = (5.2, 3.9)
 COLOURS: Final = ("#2b6cb0", "#c05621", "#2f855a")
 
@@ -45,19 +45,23 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def summary(rows: NDArray[np.float64]) -> dict[str, float]:
-    """Root mean squares over scans that were found; p99 is the median and the mean over scans."""
-    kept = rows[_column(rows, "found") > 0]
-    measures: dict[str, float] = {"scans": len(rows), "found": len(kept)}
+    """Return root mean squares over registered scans; p99 is the mean over scans of each scan's 99th percentile."""
+    registered = rows[_column(rows, "found") > 0]
+    measures: dict[str, float] = {"scans": len(rows), "found": len(registered)}
     for area in ("content", "all"):
-        measures |= {f"{area}_{name}": _rms(_column(kept, f"{area}_{name}")) for name in ("global", "rms")}
-        measures[f"{area}_p99"] = float(np.nanmean(_column(kept, f"{area}_p99"))) if len(kept) else np.nan
+        measures |= {
+            f"{area}_{name}": _rms(_column(registered, f"{area}_{name}")) for name in ("global", "rms")
+        }
+        measures[f"{area}_p99"] = (
+            float(np.nanmean(_column(registered, f"{area}_p99"))) if len(registered) else np.nan
+        )
     return measures
 
 
 def register_results(
     whole: NDArray[np.float64], crops: NDArray[np.float64], *, seed: int, facts: str
 ) -> dict[str, Any]:
-    """All figures of the page, from rows of ``COLUMNS``; facts: of camera and raster, in words."""
+    """Return all figures of the page, from rows of ``COLUMNS``; facts: camera and raster, in words."""
     condition, white = _column(whole, "condition"), _column(whole, "white")
     good = condition == 0
     groups = {
@@ -76,7 +80,7 @@ def register_results(
     return {
         "seed": seed,
         "worlds": worlds_digest(),
-        "truth": SAID,
+        "truth": TRUTH_NOTE,
         "facts": facts,
         "designs": designs,
         "real": real,
@@ -91,14 +95,14 @@ def register_results(
 
 
 def draw_errors(path: Path, whole: NDArray[np.float64]) -> None:
-    """The picture of the errors of whole pages, from rows of ``COLUMNS``."""
-    condition, found = _column(whole, "condition"), _column(whole, "found") > 0
+    """Draw the errors of whole pages, from rows of ``COLUMNS``."""
+    condition, registered = _column(whole, "condition"), _column(whole, "found") > 0
     rms = _column(whole, "content_rms")
-    shown = (condition == 0) & found
+    shown = (condition == 0) & registered
     _draw_registration(
         path,
         {
-            name: rms[found & (condition == i)]
+            name: rms[registered & (condition == i)]
             for i, name in enumerate(("good prints", "a plane missing", "a block missing"))
         },
         _column(whole, "white")[shown],
@@ -114,9 +118,10 @@ def _draw_registration(
     good: NDArray[np.float64],
     real: NDArray[np.bool_],
 ) -> None:
-    """Left: shares of scans (n,) of each name below an error; right: good prints' errors by how white the page is.
+    """Draw shares of scans below an error (left), and good prints' errors by the white of the page (right).
 
-    errors, good: rms with the local field, where there is content [pixels]; white (n,): shares; real (n,): real pages.
+    errors (n,) by name, good (n,): rms with the local field, where there is content [pixels]; white (n,): shares; real
+    (n,): whether it is a real page.
     """
     figure = new_figure(2 * PANEL_INCH[0], PANEL_INCH[1], pads_inch=(0.1, 0.1))
     left, right = figure.subplots(1, 2)
@@ -148,11 +153,11 @@ def _draw_registration(
 
 
 def _silent(rows: NDArray[np.float64]) -> dict[str, int]:
-    found = _column(rows, "found") > 0
+    registered = _column(rows, "found") > 0
     return {
         "scans": len(rows),
-        "found": int(found.sum()),
+        "found": int(registered.sum()),
         "off place": int((_column(rows, "off_place") > 0).sum()),
-        "wrong": int((found & (_column(rows, "content_mean") > 1)).sum()),
-        "wrong somewhere": int((found & (_column(rows, "content_worst") > 1)).sum()),
+        "wrong": int((registered & (_column(rows, "content_mean") > 1)).sum()),
+        "wrong somewhere": int((registered & (_column(rows, "content_worst") > 1)).sum()),
     }

@@ -1,4 +1,4 @@
-"""How well pages are found: press-world scans whose place is known; writes ``registration.md``."""
+"""Accuracy of registration on press-world scans with a known position; writes ``registration.md``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from prooflight_studies.harness.folder import Folder
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.registration.results import COLUMNS, draw_errors, register_results
-from prooflight_studies.registration.truth import plane_parts, printed_at, said_at
+from prooflight_studies.registration.truth import plane_parts, printed_at, reported_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,42 +34,45 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 SCHEMA: Final = 3
-"""Of the rows kept between runs: goes up whenever code that makes them changes what they would say."""
+"""Version of the cached rows; raise it whenever code changes the values of rows."""
 CONDITIONS: Final = ("good", "missing plane", "missing block", "far off", "another page")
 SEED: Final = 6
-"""Of the page in docs/results."""
+"""Seed of the page in docs/results."""
 DESIGNS, PRINTS, REAL = 100, 5, 30
-"""Designs, good prints of each, and how many designs are real pages where there are any."""
+"""Designs, good prints of each, and number of designs that are real pages where there are any."""
 CROP_MM: Final = 60.0
-"""Side of the pages of the count of silent errors, cut from designs: 5,000 whole pages would take a day."""
+"""Side of the crops from designs in the count of silent errors: 5,000 whole pages would take a day."""
 CROPS_A_DESIGN: Final = 25
 CROP_PIXELS: Final = 640
-"""Of a line that sees a cutting and its margins."""
+"""Pixels of a line that sees a crop and its margins."""
 SILENT_PIXELS: Final = 1.0
 GRID_MM: Final = 3.0
 EDGE_SHARE: Final = 0.02
-"""A place has content where the signal's slope is at least this, rms over 3 mm. [white/pixel]"""
+"""Least slope of the signal, rms over 3 mm, at which a point has content. [white/pixel]"""
 BLOCK_SHARE: Final = (0.2, 0.5)
 """Side of a missing block, as a share of the page's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """What is left between where a page is said to lie and where it lies. [pixels]"""
+    """Error of a reported position of a page, relative to the true one. [pixels]"""
 
     global_rms: float
-    """Of the part that is linear over the page."""
+    """Rms of the part that is linear over the page."""
     rms: float
     p99: float
-    """Of the components' sizes."""
+    """99th percentile of the components' magnitudes."""
     worst: float
 
     mean: float
-    """Of the displacement as a whole, its length."""
+    """Length of the mean displacement."""
 
     @classmethod
     def of(cls, error: NDArray[np.float64], points: NDArray[np.float64], counts: NDArray[np.bool_]) -> Errors:
-        """Errors (n, 2) [pixels] at points (n, 2); counts (n, 2): which count across and along."""
+        """Compute errors from differences (n, 2) [pixels] at points (n, 2).
+
+        counts (n, 2): which points count across and along.
+        """
         model = np.hstack([np.ones((len(points), 1)), points - points.mean(axis=0)])
         linear, kept, mean = [], [], []
         for axis in range(2):
@@ -93,11 +96,11 @@ class Errors:
 def errors(
     where: Placement, truth: Placement, page: Page, press: Press, content: NDArray[np.bool_]
 ) -> tuple[Errors, Errors]:
-    """Over the page, and over where it has content (points, 2)."""
+    """Return the errors over the page, and over the points with content (points, 2)."""
     x, y = _grid(page)
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
-    said, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
-    off = np.stack([b - a for a, b in zip(said, is_, strict=True)], axis=-1).reshape(-1, 2)
+    reported, is_ = where.seen_mm(x, y, **size), truth.seen_mm(x, y, **size)
+    off = np.stack([b - a for a, b in zip(reported, is_, strict=True)], axis=-1).reshape(-1, 2)
     off /= [press.geometry.pixel_pitch_mm, press.geometry.line_pitch_mm]
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     return Errors.of(off, points, np.ones_like(content)), Errors.of(off, points, content)
@@ -111,9 +114,9 @@ def _grid(page: Page) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> NDArray[np.bool_]:
-    """Whether print tells of a displacement across, or along, about each point of the grid: (n, 2).
+    """Return whether the print shows a displacement across, or along, about each point of the grid: (n, 2).
 
-    Points next to the sheet's edge do not count: what is seen there is the sheet.
+    Points next to the sheet's edge do not count: the signal there is the sheet's.
     """
     sensor, geometry = press.sensors[0], press.geometry
     light = (expected_dn - sensor.column_offset_dn) / sensor.column_gain / sensor.white_dn
@@ -121,7 +124,7 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
     columns = ((x[0] + geometry.left_mm(page.width_mm)) / geometry.pixel_pitch_mm).astype(int)
     lines = ((y[:, 0] + geometry.lead_in_mm) / geometry.line_pitch_mm).astype(int)
     half = int(GRID_MM / 2 / geometry.pixel_pitch_mm)
-    told = []
+    informative = []
     for axis in (1, 0):
         slope2 = np.gradient(light, axis=axis) ** 2
         means = [
@@ -130,13 +133,13 @@ def content_map(page: Page, expected_dn: NDArray[np.float32], press: Press) -> N
             for column in columns
         ]
         enough = np.array(means).reshape(x.shape) > EDGE_SHARE**2
-        told.append((enough & np.pad(np.ones(np.array(x.shape) - 2, bool), 1)).ravel())
-    return np.stack(told, axis=1)
+        informative.append((enough & np.pad(np.ones(np.array(x.shape) - 2, bool), 1)).ravel())
+    return np.stack(informative, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One design, and what is done with it."""
+    """One design, and whether it is a real page and is cropped."""
 
     design: int
     real: bool
@@ -145,7 +148,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FindDesign:
-    """Prints of one design, scanned and looked for; sent to worker processes."""
+    """Registration of prints of one design; sent to worker processes."""
 
     press: Press
     composed: Corpus
@@ -154,13 +157,13 @@ class FindDesign:
     prints: int
 
     def page(self, task: Task) -> Page:
-        """The design as it enters the press; to be cut, where the press sees a cutting only."""
+        """Return the design as it enters the press; a design to be cropped is not placed on a sheet."""
         source = self.real if task.real and self.real is not None else self.composed
         page = source.page(task.design)
         return page if task.crops else self.press.geometry.lay(page)
 
     def __call__(self, task: Task) -> Rows:
-        """One row a scan."""
+        """Return one row for each scan."""
         rng = stream(self.seed, "registration-prints", task.design, int(task.real), int(task.crops))
         try:
             page = self.page(task)
@@ -169,15 +172,15 @@ class FindDesign:
         session = Session.draw(Amounts.stated(), self.press, rng)
         rows: list[tuple[float, ...]] = []
         if not task.crops:
-            rows = self._looked_for(task, page, page, session, [0] * self.prints + [1, 2], rng)
+            rows = self._registered(task, page, page, session, [0] * self.prints + [1, 2], rng)
         else:
             other = self.page(replace(task, design=task.design + 1))
             for _ in range(CROPS_A_DESIGN // len(CONDITIONS)):
                 cut = _cut(page, rng), _cut(other, rng)
-                rows += self._looked_for(task, *cut, session, list(range(len(CONDITIONS))), rng)
+                rows += self._registered(task, *cut, session, list(range(len(CONDITIONS))), rng)
         return {"rows": np.array(rows, np.float64).reshape(len(rows), -1)}
 
-    def _looked_for(
+    def _registered(
         self,
         task: Task,
         page: Page,
@@ -196,21 +199,21 @@ class FindDesign:
         for condition in plan:
             printed, print_ = self._printed(page, other, session, condition, rng)
             scan = fast_scan(printed, press, session, print_, rng=rng)
-            found = register(landmarks, scan)
+            result = register(landmarks, scan)
             seen = parts if printed is page else plane_parts(printed, press)
             truth = printed_at(print_, seen, printed)
-            everywhere, where_content = errors(said_at(found, seen), truth, page, press, content)
-            _, alone = errors(found.placement, truth, page, press, content)
+            everywhere, where_content = errors(reported_at(result, seen), truth, page, press, content)
+            _, alone = errors(result.placement, truth, page, press, content)
             rows.append(
                 (
-                    *(task.design, task.real, condition, white, found.found, found.off_place),
+                    *(task.design, task.real, condition, white, result.found, result.off_place),
                     *(
                         getattr(each, name)
                         for each in (everywhere, where_content)
                         for name in Errors.__slots__
                     ),
-                    *(max(found.shift_sd_mm) / press.geometry.pixel_pitch_mm, found.tiles_used),
-                    *(found.tiles_matching, found.tiles_foreign, found.residual_rms_pixels),
+                    *(max(result.shift_sd_mm) / press.geometry.pixel_pitch_mm, result.tiles_used),
+                    *(result.tiles_matching, result.tiles_foreign, result.residual_rms_pixels),
                     alone.rms,
                 )
             )
@@ -219,7 +222,7 @@ class FindDesign:
     def _printed(
         self, page: Page, other: Page, session: Session, condition: int, rng: np.random.Generator
     ) -> tuple[Page, Print]:
-        """What is printed instead of the page, and how."""
+        """Return the page that is printed under a condition, and its print."""
         print_ = Print.draw(session, self.press, page, rng)
         name = CONDITIONS[condition]
         if name == "missing plane":
@@ -240,7 +243,7 @@ def _cut(page: Page, rng: np.random.Generator) -> Page:
 
 
 def _without_plane(page: Page, rng: np.random.Generator) -> Page:
-    """Without one of the inks that cover at least a thousandth of the page."""
+    """Remove one of the inks that cover at least a thousandth of the page."""
     used = np.flatnonzero(page.cmyk[::4, ::4].reshape(-1, 4).mean(axis=0) > 0.255)
     cmyk = page.cmyk.copy()
     if used.size:
@@ -260,7 +263,7 @@ def _without_block(page: Page, rng: np.random.Generator) -> Page:
 
 
 def _far_off(rng: np.random.Generator) -> Placement:
-    """A misprint ``wrong-page``: off by 1.8 to 12 mm, or turned by 0.3 to 1 degree."""
+    """Draw a misprint ``wrong-page``: off by 1.8 to 12 mm, or rotated by 0.3 to 1 degree."""
     if rng.random() < 0.5:
         return Placement(skew_deg=float(rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)))
     far, way = 1.8 * (12 / 1.8) ** rng.random(), rng.uniform(0, 2 * np.pi)
@@ -268,9 +271,10 @@ def _far_off(rng: np.random.Generator) -> Placement:
 
 
 def whole_task(number: int, real_pages: int) -> Task:
-    """The study's design ``number``: of any ten three are real pages, so that a study cut short is one in small.
+    """Return the study's design ``number``.
 
-    Every other real page, from the second on, where there are enough: the rest served development.
+    Three of any ten are real pages, so that a shortened study is a sample of the whole. Every other real page is used,
+    from the second on, where there are enough: the rest served development.
     """
     of_ten = (0, 3, 6)
     before = 3 * (number // 10) + sum(one < number % 10 for one in of_ten)
@@ -280,7 +284,7 @@ def whole_task(number: int, real_pages: int) -> Task:
     return Task(design=number, real=False, crops=False)
 
 
-def _told(name: str, progress: Callable[[str], None]) -> Callable[[int, int], None]:
+def _progress_of(name: str, progress: Callable[[str], None]) -> Callable[[int, int], None]:
     return lambda done, of_all: progress(f"{name}: design {done} of {of_all}")
 
 
@@ -298,12 +302,12 @@ def run_register_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
-    """Find prints of ``designs`` designs, and cuttings of ``crop_designs``; writes ``registration.md`` and returns it.
+    """Register prints of ``designs`` designs and crops of ``crop_designs``; writes ``registration.md`` and returns it.
 
-    crop_press: the same press with a line as long as a cutting of 60 mm and its margins. pages: real pages, of which
-    three are among any ten designs. cache: where rows are kept, so that a study goes on where it was, or begins small
-    and grows; their digest covers press, world, number of pages, seed and ``SCHEMA``, not the code, which
-    must raise that. A real page wider than the press sees is left out.
+    crop_press: the same press with a line as long as a crop of 60 mm and its margins. pages: real pages, of which three
+    are among any ten designs. cache: folder of rows, so that a study resumes, or starts small and grows; their digest
+    covers press, world, number of pages, seed and ``SCHEMA``, not the code, which must raise that. A real page wider
+    than the press sees is left out.
     """
     dpi = press.dpi
     real = None if pages is None else Folder(path=pages, dpi=dpi)
@@ -326,7 +330,7 @@ def run_register_study(
             cache / name,
             digest=digest_of(facts),
             processes=processes,
-            progress=_told(name, progress),
+            progress=_progress_of(name, progress),
         )["rows"]
     pitch_mm = press.geometry.pixel_pitch_mm
     facts_shown = f"{dpi * pitch_mm / MM_PER_INCH:g} raster pixels a camera pixel of {pitch_mm:.4f} mm"

@@ -1,4 +1,4 @@
-"""Where a print lies in truth: from what was drawn to print it, and from nothing that was found in its scan."""
+"""True position of a print, from the values drawn to print it; independent of the registration of its scan."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
     from prooflight.simulation.prints import Print
 
-SAID: Final = (
+TRUTH_NOTE: Final = (
     "the sheet's drawn placement and, since content moves with the ink planes, the one shift that comes closest to "
     "their drawn register: over all pixels, in units of the noise, by how the expected signal answers to a plane that "
     "moves (a plane that is not printed moves nothing). Nothing of it is taken from what was found; of what was found, "
     "the placement and the planes, in the truth's mix, are compared with it"
 )
-"""What the page says of the truth."""
+"""Explanation of the truth on the page of results."""
 
 
 def printed_at(print_: Print, parts: NDArray[np.float64], page: Page) -> Placement:
-    """Where a print of ``page`` lies; parts (2, 4): ``plane_parts`` of what is printed."""
+    """Return the true position of a print of ``page``; parts (2, 4): ``plane_parts`` of what is printed."""
     return _with_planes(print_.placement, plane_pixels(print_, page) * page.pixel_mm, parts)
 
 
-def said_at(found: Registration, parts: NDArray[np.float64]) -> Placement:
-    """Where registration says that the same mix of planes lies: its placement, and the planes that it found."""
-    return _with_planes(found.placement, found.planes_mm, parts)
+def reported_at(result: Registration, parts: NDArray[np.float64]) -> Placement:
+    """Return the reported position of the same mix of planes: registration's placement and plane displacements."""
+    return _with_planes(result.placement, result.planes_mm, parts)
 
 
 def _with_planes(place: Placement, planes_mm: NDArray[np.floating], parts: NDArray[np.float64]) -> Placement:
@@ -45,10 +45,11 @@ def _with_planes(place: Placement, planes_mm: NDArray[np.floating], parts: NDArr
 
 
 def plane_parts(printed: Page, press: Press) -> NDArray[np.float64]:
-    """How much each plane counts in where a page is seen, across and along (2, 4): 1 together, 0 if nothing is printed.
+    """Return the weight of each plane in a page's apparent position, across and along (2, 4).
 
-    With g_p the change of the expected signal as plane p moves, and g their sum, planes that are off by d_p look most
-    like the whole page off by sum(d_p <g_p, g>) / <g, g>.
+    The weights sum to 1, or are 0 if nothing is printed. With g_p the change of the expected signal as plane p moves,
+    and g their sum, planes that are displaced by d_p are closest to the whole page displaced by sum(d_p <g_p, g>) / <g,
+    g>.
     """
     start = predict(printed, sensors=press.sensors, geometry=press.geometry, threads=1)
     parts = np.zeros((2, INKS))
@@ -63,14 +64,14 @@ def plane_parts(printed: Page, press: Press) -> NDArray[np.float64]:
         }
         if not slopes:
             continue
-        weighed = sum(slopes.values()) / start.variance_dn2
-        told = {ink: float(np.vdot(slope, weighed)) for ink, slope in slopes.items()}
-        parts[axis, list(told)] = np.array(list(told.values())) / max(sum(told.values()), 1e-9)
+        weighted = sum(slopes.values()) / start.variance_dn2
+        weights = {ink: float(np.vdot(slope, weighted)) for ink, slope in slopes.items()}
+        parts[axis, list(weights)] = np.array(list(weights.values())) / max(sum(weights.values()), 1e-9)
     return parts
 
 
 def _moved(page: Page, ink: int, axis: int) -> Page:
-    """With one plane a raster pixel further right (axis 0) or down (1)."""
+    """Move one plane a raster pixel to the right (axis 0) or down (1)."""
     cmyk = page.cmyk.copy()
     cmyk[..., ink] = 0
     if axis == 0:

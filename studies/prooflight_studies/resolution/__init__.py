@@ -1,1 +1,1 @@
-"""PDFs printed at another resolution than the one at which they were expected."""
+"""The study of resolution: PDFs printed at another resolution than that of the expected raster."""

@@ -1,7 +1,7 @@
-"""PDFs printed by presses whose resolution is their own, inspected against rasters drawn coarsely and finely.
+"""PDFs printed by presses at a resolution of their own, inspected against rasters drawn coarsely and finely.
 
-Everywhere else a simulated press prints the very raster from which its prints are foretold. A real press draws a PDF
-itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
+Everywhere else a simulated press prints the same raster from which its prints are predicted. A real press rasterises a
+PDF itself, at 600 or 1200 dpi, and rounds letters and lines to its own pixels.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 PRINTED_DPI: Final = (0, 600, 1200)
-"""0: the raster itself, drawn as finely as it was expected."""
+"""Resolutions of the prints; 0: the raster itself, drawn as finely as it was expected."""
 FINER: Final = (1, 2)
 WITH_MISPRINTS: Final = 1200
 PAGES_A_DAY: Final = 4
 QUICK: Final = 4
 OTHER_PAGES: Final = ("wrong-page",)
-"""Kinds that take another page; each job here has one."""
+"""Kinds that need another page; each job here has only one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,21 +52,21 @@ class Row:
 
     page: str
     printed_dpi: int
-    """0: the raster itself."""
+    """Resolution of the print; 0: the raster itself."""
     finer: int
-    """How many times as finely as the raster it was drawn."""
+    """Factor by which the raster was drawn more finely."""
     misprint: str
-    """Its kind; empty: a good print."""
+    """Kind of the misprint; empty: a good print."""
     severity: float
     alarm: bool
     p_value: float
     said: ScannedPage
-    """What the scan said, for a press that learns from it."""
+    """Values of the scan, from which a press can learn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What the page says."""
+class ResolutionResults:
+    """Results of the study, as the page shows them."""
 
     seed: int
     press: str
@@ -75,10 +75,13 @@ class Found:
     pages: int
     days: int
     rows: list[dict[str, Any]]
-    """By printed resolution and raster."""
+    """Counts by printed resolution and raster."""
     learned: list[dict[str, Any]]
-    """By printed resolution: of prints expected from the finely drawn raster, judged by the press once it has learned
-    from the good prints of the other half of the pages."""
+    """Counts by printed resolution, after recalibration.
+
+    They are of prints expected from the finely drawn raster, judged by the press after it learned from the good prints
+    of the other half of the pages.
+    """
     worst: list[dict[str, Any]]
     """Pages whose good prints alarm although they were drawn finely."""
 
@@ -92,10 +95,10 @@ def run_resolution_study(
     most: int | None = None,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _: None,
-) -> Found:
+) -> ResolutionResults:
     """Print the first pages of a folder's PDFs and inspect them; writes resolution.md.
 
-    most: so many pages. RequestError: the press has no detector of ours, or no PDF fits it.
+    most: greatest number of pages. RequestError: the press has no detector of ours, or no PDF fits it.
     """
     if press.ours is None:
         raise RequestError(
@@ -115,13 +118,13 @@ def run_resolution_study(
         rows += _of_page(pdf.stem, rasters, inspector, number=number, seed=seed)
     if not rows:
         raise RequestError(pages, "holds no PDF that fits this press", remedy="give a folder of PDFs")
-    found = _found(rows, press, seed=seed, pages=number)
-    write_page(out / "resolution.md", "resolution", found)
-    return found
+    results = _results(rows, press, seed=seed, pages=number)
+    write_page(out / "resolution.md", "resolution", results)
+    return results
 
 
 def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
-    """A PDF's first page by resolution (0: the press's) and how finely it was drawn; None: it does not fit."""
+    """Return a PDF's first page by resolution (0: the press's) and factor of drawing; None: it does not fit."""
     try:
         with PdfJob(pdf) as job:
             width_mm, _ = job.page_sizes_mm[0]
@@ -144,7 +147,10 @@ def _rasters(pdf: Path, press: Press) -> dict[tuple[int, int], Page] | None:
 def _of_page(
     name: str, rasters: dict[tuple[int, int], Page], inspector: Inspector, *, number: int, seed: int
 ) -> Iterator[Row]:
-    """Good prints at every resolution, and a misprint at one, against each raster; prints are the same for each."""
+    """Yield good prints at every resolution, and a misprint at one, against each raster.
+
+    The prints are the same for each raster.
+    """
     press = inspector.press
     session = Session.draw(
         amounts_of(press), press, stream(seed, "resolution-session", number // PAGES_A_DAY)
@@ -222,7 +228,7 @@ def _row(
 
 
 def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
-    """``Found.learned``; empty where half of the pages are too few to learn from."""
+    """Return ``ResolutionResults.learned``; empty where half of the pages are too few to learn from."""
     pages = sorted({row.page for row in rows})
     halves = set(pages[::2]), set(pages[1::2])
     if min(map(len, halves)) < FEWEST_REAL:
@@ -233,15 +239,17 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
         judged = list[tuple[Row, bool]]()
         for taught_by, others in (halves, halves[::-1]):
             good = [row.said for row in here if row.page in taught_by and not row.misprint]
-            ours = recalibrated(
-                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_promise(press)
+            detector = recalibrated(
+                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_target_rate(press)
             ).ours
-            assert ours is not None
+            assert detector is not None
             for row in here:
                 if row.page in others:
-                    said = row.said
-                    score = score_of(ours.model, said.values, said.page_features, another=said.another)
-                    judged.append((row, ours.decide(score, said.glyphs, said.floor_mm2).misprint))
+                    scanned = row.said
+                    score = score_of(
+                        detector.model, scanned.values, scanned.page_features, another=scanned.another
+                    )
+                    judged.append((row, detector.decide(score, scanned.glyphs, scanned.floor_mm2).misprint))
         good_alarms = [alarm for row, alarm in judged if not row.misprint]
         caught = [alarm for row, alarm in judged if row.misprint]
         table.append(
@@ -255,11 +263,11 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
     return table
 
 
-def _promise(press: Press) -> float:
+def _target_rate(press: Press) -> float:
     return 0.0 if press.ours is None else press.ours.promise.rate
 
 
-def _found(rows: list[Row], press: Press, *, seed: int, pages: int) -> Found:
+def _results(rows: list[Row], press: Press, *, seed: int, pages: int) -> ResolutionResults:
     table = []
     for dpi in PRINTED_DPI:
         for finer in FINER:
@@ -279,11 +287,11 @@ def _found(rows: list[Row], press: Press, *, seed: int, pages: int) -> Found:
                 }
             )
     fine = Counter(row.page for row in rows if row.alarm and not row.misprint and row.finer == max(FINER))
-    return Found(
+    return ResolutionResults(
         seed=seed,
         press=press.name,
         raster_dpi=press.dpi,
-        promise=_promise(press),
+        promise=_target_rate(press),
         pages=pages,
         days=-(-pages // PAGES_A_DAY),
         rows=table,

@@ -1,4 +1,4 @@
-"""A press that believes something wrong of its camera: what its tables then expect (paper, section 4.4)."""
+"""A press with a wrong model of its camera, and the resulting expectation (paper, section 4.4)."""
 
 from __future__ import annotations
 
@@ -22,23 +22,26 @@ Belief = Literal[
     "nothing", "sigma factor", "sigma offset", "gain", "swing", "swing, calibrated", "table noise"
 ]
 LEAST_SIGMA_DN: Final = 0.1
-"""assumed: no table holds less; 1/12 DN^2 of rounding alone is 0.29 DN."""
+"""assumed: least sigma of a table; 1/12 DN^2 of rounding alone is 0.29 DN."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What is wrong, and by how much; the scans themselves are right."""
+    """Kind and size of the error of the model; the scans themselves are right."""
 
     belief: Belief
     size: float
-    """Sigma factor, gain, swings: believed over true [-]. Sigma offset: added, over paper's sigma [-]. Table noise:
-    exposures of each node that mean and variance were taken from."""
+    """Size of the error.
+
+    Sigma factor, gain, swings: believed over true [-]. Sigma offset: added, over paper's sigma [-]. Table noise:
+    exposures of each node that mean and variance were taken from.
+    """
 
     def __str__(self) -> str:
         return self.belief if self.belief == "nothing" else f"{self.belief} {self.size:g}"
 
     def expected(self, seen: Prediction, press: Press) -> Prediction:
-        """The wrong expectation from the right one, (sensors, lines, pixels). ValueError: of table noise."""
+        """Return the wrong expectation from the right one, (sensors, lines, pixels). ValueError: for table noise."""
         pairs = [
             self._of_sensor(mean, variance, sensor)
             for mean, variance, sensor in zip(seen.expected_dn, seen.variance_dn2, press.sensors, strict=True)
@@ -49,7 +52,7 @@ class Disturbance:
         )
 
     def predicted(self, page: Page, press: Press, placement: Placement, seen: Prediction) -> Prediction:
-        """What is believed of a page that lies there; ``seen`` is what would be right."""
+        """Return the wrong expectation of a page at this placement; ``seen`` is the right one."""
         if self.belief != "table noise":
             return self.expected(seen, press)
         sensors = noisy_sensors(press, round(self.size))
@@ -99,7 +102,7 @@ AXES: Final[dict[Belief, str]] = {
     "swing, calibrated": "believed over true voltage swing [-]",
     "table noise": "exposures behind each node of the tables",
 }
-"""What ``Disturbance.size`` is, for people."""
+"""Labels of ``Disturbance.size`` in figures."""
 UNDISTURBED: Final[dict[Belief, float | None]] = {
     "sigma factor": 1.0,
     "sigma offset": 0.0,
@@ -108,18 +111,18 @@ UNDISTURBED: Final[dict[Belief, float | None]] = {
     "swing, calibrated": 1.0,
     "table noise": None,
 }
-"""The size at which nothing is wrong; None: there is none but infinity."""
+"""Size without an error; None: it would be infinite."""
 
 
 def all_disturbances() -> tuple[Disturbance, ...]:
-    """Nothing wrong first, then every belief at every size."""
+    """Return the undisturbed case first, then every belief at every size."""
     wrong = (Disturbance(belief=belief, size=size) for belief, sizes in SIZES.items() for size in sizes)
     return (NOTHING, *wrong)
 
 
 @lru_cache(maxsize=8)
 def noisy_sensors(press: Press, exposures: int) -> tuple[SensorModel, ...]:
-    """The press's sensors with tables as ``exposures`` (at least 2) repeated exposures of each node would give them.
+    """Return the press's sensors with tables measured by ``exposures`` (at least 2) repeated exposures of each node.
 
     Gaussian noise: the mean errs by sigma / sqrt(n), the variance is chi-square with n - 1 degrees of freedom.
     """

@@ -24,11 +24,11 @@ _ROWS: Final[dict[When, str]] = {"kept": "thresholds kept", "relearned": "relear
 _COLUMNS: Final = 3
 _LOGARITHMIC: Final = ("sigma factor", "swing", "swing, calibrated", "table noise")
 _TOP: Final = 1.3
-"""Never stopping costs 1 at alpha = 1; honest costs go a little beyond."""
+"""Upper limit of the axes: never stopping costs 1 at alpha = 1, and honest costs go a little beyond."""
 
 
 def draw_robustness(path: Path, result: RobustnessResult) -> None:
-    """Honest c at alpha = 1 against the size of each error: kept as it was, and below it relearned; bars are 95 %."""
+    """Draw honest c at alpha = 1 against the size of each error, kept, and below it relearned; bars are 95 %."""
     beliefs = list(SIZES)
     blocks = -(-len(beliefs) // _COLUMNS)
     figure = new_figure(4.4 * _COLUMNS, 2.8 * len(_ROWS) * blocks + 0.9, dpi=100)

@@ -1,4 +1,4 @@
-"""Rows of the robustness study -> what each detector costs under each wrong belief, kept and relearned."""
+"""Cost of each detector under each wrong belief, kept and relearned, from the rows of the robustness study."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 ALPHA: Final = 1.0
 FALSE_ALARM_RATE: Final = 0.01
 HARMLESS: Final = 0.05
-"""A cost that rises by no more is called unmoved in the summary."""
+"""Greatest rise of a cost that the summary calls unmoved."""
 CHI_SQUARE, TILE, PRINTED, TUNED = (
     "chi-square",
     "chi-square, worst tile",
@@ -67,7 +67,7 @@ OF_BASELINES: Final = {
     "SSIM, mean": (SSIM, SSIM),
     "variation model": (VARIATION_KEPT, VARIATION_LEARNED),
 }
-"""Column of each peer's scores, kept and relearned."""
+"""Columns of each baseline's scores, kept and relearned."""
 Sets = dict[str, "Rows"]
 When = Literal["kept", "relearned"]
 
@@ -79,7 +79,7 @@ class WindowReading:
     side: int = 8
     reading: Reading = "signed"
     own_unit: bool = False
-    """Whether the 0.675 is of a unit learned from good pages; else of sigma, as the paper has it."""
+    """Whether the 0.675 is of a unit learned from good pages; else of sigma, as in the paper."""
     bins: int = 16
     binning: Binning = "quantile"
 
@@ -88,7 +88,7 @@ class WindowReading:
         return f"{self.side} x {self.side}, {self.reading}, {self.bins} {self.binning} bins, share of {unit}"
 
     def statistics(self, rows: Rows, place: int, when: When) -> NDArray[np.float64]:
-        """(rows, 3 sensors) under the disturbance at ``place``."""
+        """Return the statistics (rows, 3 sensors) under the disturbance at ``place``."""
         signed = self.reading == "signed"
         share = (SHARE_KEPT if when == "kept" else SHARE_LEARNED) if self.own_unit else SHARE_AS_PRINTED
         which = [
@@ -100,7 +100,7 @@ class WindowReading:
         return np.asarray(numbers.reshape(len(numbers), -1), np.float64)
 
     def network(self, learn: Rows, place: int, when: When) -> BayesianNetwork:
-        """Learned under the disturbance at ``place``."""
+        """Train the network under the disturbance at ``place``."""
         return BayesianNetwork.learn(
             self.statistics(learn, place, when),
             types_of(learn["kind"], types=2),
@@ -112,59 +112,59 @@ class WindowReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """One detector on the test pages."""
+    """Results of one detector on the test pages."""
 
     cost: Interval
-    """c at alpha = 1, the threshold chosen on the tuning pages."""
+    """Cost c at alpha = 1, the threshold chosen on the tuning pages."""
     false_alarms: int
     misses: float
     area: float
-    """Under the ROC curve: no threshold plays a part. [-]"""
+    """Area under the ROC curve, independent of thresholds. [-]"""
     caught: float
-    """At 1 % false alarms, threshold from the test pages. [-]"""
+    """Share caught at 1 % false alarms, threshold from the test pages. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """One detector under one disturbance."""
+    """Results of one detector under one disturbance."""
 
     detector: str
     disturbance: Disturbance
     kept: Outcome
-    """Learned, and its threshold chosen, under the right tables."""
+    """Trained, and its threshold chosen, under the right tables."""
     relearned: Outcome
-    """Learned, and its threshold chosen, under the wrong ones."""
+    """Trained, and its threshold chosen, under the wrong tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SigmaCheck:
-    """Equations 4 and 5 against what was measured, for one factor of sigma."""
+    """Comparison of equations 4 and 5 with measurements, for one factor of sigma."""
 
     factor: float
     predicted: float
     """Pearson's statistic over pixels and sensors on a good page, degrees of freedom included, in closed form."""
     measured: float
-    """Its mean over good test pages."""
+    """Mean of the measured statistic over good test pages."""
     score_change: dict[str, float]
-    """Of each learned detector, relearned: greatest change of any test page's log likelihood ratio. [-]"""
+    """Greatest change of any test page's log likelihood ratio, for each trained detector, relearned. [-]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobustnessResult:
-    """One world."""
+    """Results in one world."""
 
     plan: Plan
     good: dict[str, int]
     bad: dict[str, int]
     reading: WindowReading
-    """Of the tuned network, chosen on the tuning pages under the right tables."""
+    """Reading of the tuned network, chosen on the tuning pages under the right tables."""
     points: tuple[Point, ...]
     checks: tuple[SigmaCheck, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobustnessPart:
-    """One world, and on what it was found."""
+    """Results in one world, with the press and pitch of their measurement."""
 
     press_digest: str
     pitch_mm: float
@@ -172,7 +172,7 @@ class RobustnessPart:
 
 
 def page_results(parts: Sequence[RobustnessPart], *, command: str) -> dict[str, Any]:
-    """All figures of the page; command: what regenerates it."""
+    """Return all figures of the page; command: the one that regenerates it."""
     return {
         "command": command,
         "worlds": worlds_digest(),
@@ -226,7 +226,7 @@ def _of_part(part: RobustnessPart) -> dict[str, Any]:
 
 
 def _rises(detector: str, points: Sequence[Point]) -> dict[str, Any]:
-    """The greatest rise of c over all sizes of each error, against no error."""
+    """Return the greatest rise of c over all sizes of each error, relative to no error."""
     start = next(point for point in points if point.disturbance == NOTHING).kept.cost
     rises = []
     for belief in SIZES:
@@ -241,7 +241,7 @@ def _rises(detector: str, points: Sequence[Point]) -> dict[str, Any]:
 
 
 def robustness_result(rows: Rows, plan: Plan) -> RobustnessResult:
-    """Learn, tune and test under every disturbance."""
+    """Train, tune and test under every disturbance."""
     sets: Sets = {of: chosen_rows(rows, plan, of) for of in JUDGED}
     good, bad = goods_and_bads(sets)
     reading = chosen_reading(sets)
@@ -257,7 +257,7 @@ def robustness_result(rows: Rows, plan: Plan) -> RobustnessResult:
 
 
 def chosen_reading(sets: Sets) -> WindowReading:
-    """The reading with the least cost on the tuning pages under the right tables, its unit learned."""
+    """Return the reading with the least cost on the tuning pages under the right tables, its unit learned."""
     costs = {}
     for side, way, bins, binning in itertools.product(
         SIDES, ("signed", "absolute"), (8, 16, 32), ("quantile", "equal-width")
@@ -272,7 +272,7 @@ def chosen_reading(sets: Sets) -> WindowReading:
 def _scorers(
     sets: Sets, reading: WindowReading
 ) -> dict[str, Callable[[str, int, When], NDArray[np.float64]]]:
-    """By detector: the scores of a set of pages, under the disturbance at a place, kept or relearned."""
+    """Return functions by detector: scores of a set of pages under the disturbance at a place, kept or relearned."""
 
     def column(name: str, kept: int, own: int) -> Callable[[str, int, When], NDArray[np.float64]]:
         return lambda of, place, when: np.asarray(
@@ -280,13 +280,13 @@ def _scorers(
         )
 
     def network(of_reading: WindowReading) -> Callable[[str, int, When], NDArray[np.float64]]:
-        held: dict[tuple[int, When], BayesianNetwork] = {}
+        networks: dict[tuple[int, When], BayesianNetwork] = {}
 
         def score(of: str, place: int, when: When) -> NDArray[np.float64]:
             key: tuple[int, When] = (0 if when == "kept" else place, when)
-            if key not in held:
-                held[key] = of_reading.network(sets["learn"], *key)
-            return held[key].log_ratio(of_reading.statistics(sets[of], place, when))
+            if key not in networks:
+                networks[key] = of_reading.network(sets["learn"], *key)
+            return networks[key].log_ratio(of_reading.statistics(sets[of], place, when))
 
         return score
 
@@ -312,12 +312,12 @@ def _points(sets: Sets, reading: WindowReading, seed: int) -> Iterator[Point]:
 
 def _outcome(test: Rows, score: NDArray[np.float64], threshold: float, seed: int) -> Outcome:
     pages = scored(test, score)
-    found = at_threshold(pages, threshold)
+    rates = at_threshold(pages, threshold)
     rng = stream(seed, "bootstrap")  # the same days are drawn for every detector and disturbance
     return Outcome(
         cost=bootstrap_cost(pages, ALPHA, threshold=threshold, rng=rng),
-        false_alarms=round(found.false_alarms * int((~pages.bad).sum())),
-        misses=found.misses,
+        false_alarms=round(rates.false_alarms * int((~pages.bad).sum())),
+        misses=rates.misses,
         area=area_under_roc(pages),
         caught=caught_at(pages, FALSE_ALARM_RATE),
     )
@@ -347,10 +347,11 @@ def _checks(sets: Sets, reading: WindowReading) -> Iterator[SigmaCheck]:
 
 
 def pearson_under(factor: float, pixels: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Mean of Pearson's statistic of one sensor's good pages (pixels of each), sigma believed ``factor`` times its own.
+    """Return the mean of Pearson's statistic of one sensor's good pages, for a wrong sigma.
 
-    Then z ~ N(0, 1 / factor^2) falls into interval i with probability q_i instead of p_i, and the statistic's mean is
-    sum(q (1 - q) / p) + n sum((q - p)^2 / p): with a right sigma the degrees of freedom, else growing with n.
+    pixels: of each page; factor: believed sigma over the true one. Then z ~ N(0, 1 / factor^2) falls into interval i
+    with probability q_i instead of p_i, and the statistic's mean is sum(q (1 - q) / p) + n sum((q - p)^2 / p): with a
+    right sigma the degrees of freedom, else growing with n.
     """
     shares = interval_shares()
     edges = interval_edges() / CODE_STEPS

@@ -1,4 +1,4 @@
-"""Scans of right and wrong prints, each measured under every wrong belief of the press: the robustness study's rows."""
+"""Rows of the robustness study: scans of right and wrong prints, measured under every wrong belief of the press."""
 
 from __future__ import annotations
 
@@ -39,37 +39,43 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 SIDES: Final = (4, 8, 16, 32)
-"""Of separate windows. [pixels]"""
+"""Sides of separate windows. [pixels]"""
 SHARE_AS_PRINTED, SHARE_KEPT, SHARE_LEARNED = range(FIRST_SHARE, FIRST_SHARE + 3)
-"""Numbers of a set of windows after those of ``measures``: shares below 0.675, below 0.675 of the unit learned from
-the right tables' good pages, and below that of the wrong tables' own."""
+"""Indices of statistics of a set of windows after those of ``measures``: shares below three limits.
+
+The limits are 0.675, 0.675 of the unit learned from the right tables' good pages, and 0.675 of that of the wrong
+tables' own.
+"""
 DIFFERENCE, SSIM, VARIATION_KEPT, VARIATION_LEARNED = range(4)
-"""Baselines' scores; the variation model's with what it learned under the right tables, and under the wrong ones."""
+"""Indices of the baselines' scores.
+
+There are two of the variation model, trained under the right tables and under the wrong ones.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Learned:
-    """What good copies of the pilot's designs teach under each disturbance."""
+    """Models trained on good copies of the pilot's designs under each disturbance."""
 
     units: NDArray[np.float64]
-    """(disturbances, sides, sensors) scatter of window means, ``harness.error_map.window_unit``."""
+    """Scatter of window means, ``detectors.paper.bayes.window_unit``. (disturbances, sides, sensors)"""
     variations: tuple[VariationModel, ...]
 
 
 def believed(
     bench: Bench, design: Design, printed: Printed, rng: np.random.Generator
 ) -> Iterator[tuple[NDArray[np.uint16], Prediction]]:
-    """One scan of a print, and what each disturbance expects of the page: both over the page's area.
+    """Yield one scan of a print and the expectation of the page under each disturbance, both over the page's area.
 
-    The page is found in its scan with the right tables, so that one thing is wrong at a time.
+    The page is registered with the right tables, so that only one thing is wrong at a time.
     """
     day, page, seen = bench.day, design.good.page, design.good.expected
     scan = day.recorded(day.seen(printed, rng), rng)
     placement = IN_PLACE
     if design.landmarks is not None:
-        found = register(design.landmarks, scan)
-        if found.found:
-            placement = found.placement
+        registration = register(design.landmarks, scan)
+        if registration.found:
+            placement = registration.placement
             seen = day.expected(page, placement)
     area = bench.area(page)
     measured = np.ascontiguousarray(scan[area])
@@ -79,14 +85,14 @@ def believed(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnGood:
-    """Good copies of the pilot's designs -> columns ``units`` and ``moments``, one row a design."""
+    """Measurement of good copies of the pilot's designs: columns ``units`` and ``moments``, one row a design."""
 
     press: Press
     pages: Designs
     plan: Plan
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench = Bench.of(day, self.press, self.pages, self.plan)
         white = bench.white_dn
         units, moments = [], []
@@ -105,7 +111,7 @@ class LearnGood:
 
 
 def learned(rows: Rows) -> Learned:
-    """From the pilot's rows."""
+    """Train the models on the pilot's rows."""
     return Learned(
         units=rows["units"].mean(axis=0),
         variations=tuple(VariationModel.learn(list(of_one)) for of_one in rows["moments"].swapaxes(0, 1)),
@@ -114,7 +120,7 @@ def learned(rows: Rows) -> Learned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchWrong:
-    """Good copies and misprints of a day's designs -> a row for each scan.
+    """Measurement of good copies and misprints of a day's designs, with a row for each scan.
 
     Columns: design, kind ("" where good), pixels; and, disturbances as their first axis, ``numbers`` (sides, sensors,
     7), ``chi_squares`` (2) and ``baselines`` (4).
@@ -126,7 +132,7 @@ class WatchWrong:
     learned: Learned
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench = Bench.of(day, self.press, self.pages, self.plan)
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
@@ -155,9 +161,9 @@ class WatchWrong:
             if first is None:
                 seen_first, pixels = seen, measured[0].size
             same_mean = first is not None and np.array_equal(seen.expected_dn, seen_first.expected_dn)
-            found = self._baselines(measured, seen, place, first if same_mean else None)
-            first = found if first is None else first
-            baselines.append(found)
+            scores = self._baselines(measured, seen, place, first if same_mean else None)
+            first = scores if first is None else first
+            baselines.append(scores)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
         measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": baselines}
         return facts | {name: np.array(values) for name, values in measured_as.items()}
@@ -174,8 +180,9 @@ class WatchWrong:
     def _baselines(
         self, measured: NDArray[np.uint16], seen: Prediction, place: int, same: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Baselines' scores; ``same``: those of a scan with the same expected signal, which is all that two of them
-        see.
+        """Return the baselines' scores.
+
+        same: those of a scan with the same expected signal, which is the only input of two of them.
         """
         white = [sensor.white_dn for sensor in self.press.sensors]
         if same is None:
@@ -197,10 +204,10 @@ def _units(z: NDArray[np.float32]) -> NDArray[np.float64]:
 def _numbers(
     z: NDArray[np.float32], kept: NDArray[np.float64], own: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(sides, sensors, 7); units (sides, sensors)."""
-    found = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
+    """Return the statistics (sides, sensors, 7); units (sides, sensors)."""
+    numbers = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
     for cut, side in enumerate(SIDES):
         units = (np.ones(len(z)), kept[cut], own[cut])
         limits = [(SHARE_SIGMAS * unit)[:, None, None] for unit in units]
-        numbers_of(window_means(z, side=side), limits, out=found[cut])
-    return found
+        numbers_of(window_means(z, side=side), limits, out=numbers[cut])
+    return numbers

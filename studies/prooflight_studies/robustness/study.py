@@ -1,4 +1,4 @@
-"""What a wrong belief about the camera costs each detector (paper, section 4.4); writes ``robustness.md``."""
+"""Cost to each detector of a wrong model of the camera (paper, section 4.4); writes ``robustness.md``."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
 
 PITCH_MM: Final = QUICK_PITCH_MM
-"""Coarse, since every scan is measured under 32 beliefs."""
+"""Coarse pitch, since every scan is measured under 32 beliefs."""
 
 
 def robustness_plans(*, seed: int, quick: bool, world: str | None = None) -> list[Plan]:
-    """The ideal world, then the press world with fewer designs, since its scans cost more; or the one asked for.
+    """Return the plans of the ideal world, and of the press world with fewer designs, whose scans cost more.
 
-    RequestError: there is no such world.
+    world: one alone. RequestError: there is no such world.
     """
     pilot, learn, tune, test = (1, 8, 4, 8) if quick else (6, 60, 40, 80)
     a_day = 4 if quick else 10
@@ -61,8 +61,8 @@ def run_robustness_study(
 ) -> list[RobustnessPart]:
     """Run every plan and write ``robustness.md`` with a picture for each world into ``results``.
 
-    world: one alone; None: both. cache: where rows are kept, so that a study that was interrupted goes on. cluster:
-    address of a Dask scheduler.
+    world: one alone; None: both. cache: folder of rows, so that an interrupted study resumes. cluster: address of a
+    Dask scheduler.
     """
     plans = plans or robustness_plans(seed=seed, quick=quick, world=world)
     press = build_press(at_pitch(press_file, PITCH_MM), seed=SPECIMEN_SEED)
@@ -91,11 +91,11 @@ def run_plan(
     cluster: str | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> RobustnessResult:
-    """One world: what good copies teach, rows, results."""
+    """Run one world: train on good copies, measure rows, and evaluate."""
     facts = plan.facts(press, repr(designs)) | {"disturbed": [str(one) for one in all_disturbances()]}
     digest = digest_of(facts | {"sides": list(SIDES)})
 
-    def told(what: str) -> Callable[[int, int], None]:
+    def progress_of(what: str) -> Callable[[int, int], None]:
         return lambda done, of: progress(f"{plan.world} world: {what}, {done} of {of} press days")
 
     pilot = run_pieces(
@@ -105,7 +105,7 @@ def run_plan(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("pilot"),
+        progress=progress_of("pilot"),
     )
     rows = run_pieces(
         WatchWrong(press=press, pages=designs, plan=plan, learned=learned(pilot)),
@@ -114,7 +114,7 @@ def run_plan(
         digest=digest,
         processes=processes,
         cluster=cluster,
-        progress=told("scans under every belief"),
+        progress=progress_of("scans under every belief"),
     )
     progress(f"{plan.world} world: judging")
     return robustness_result(rows, plan)

@@ -1,4 +1,4 @@
-"""What creeps: a density that drifts, a streak that grows, a lamp that ages; print after print of the press world."""
+"""Slow changes, print after print of the press world: a density that drifts, a streak that grows, a lamp that ages."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-WELL_KNOWN: Final = 0.5
-"""Share of an ink's amount that pages must tell on which its drift is watched."""
+LEAST_DETERMINED: Final = 0.5
+"""Least share of an ink's amount that a page must determine for its drift to be monitored on it."""
 DRIFT_A_PAGE: Final = 0.0005
-"""0.05 % of the density."""
+"""Drift a page: 0.05 % of the density."""
 TOLERANCE: Final = 0.07
-"""Where worlds.toml's misprint `density` begins."""
+"""Least amount of worlds.toml's misprint `density`."""
 GATE_INK: Final = 0.02
-"""Where worlds.toml's misprint `streak` begins, of a whole ink."""
+"""Least amount of worlds.toml's misprint `streak`, as a share of a whole ink."""
 STREAK_A_PAGE: Final = 0.0002
 STREAK_MM: Final = 0.5
 LAMP_A_PAGE: Final = 0.0001
-"""A lamp that loses 1 % in 100 pages, much faster than lamps do."""
+"""Loss of light a page: a lamp that loses 1 % in 100 pages, much faster than lamps do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Creep:
-    """What changes, by sheet."""
+    """Slow changes, by sheet."""
 
     gain: float = 0.0
-    """Of one ink, a page."""
+    """Change of one ink's gain, a page."""
     ink: int = 0
-    """Which; C, M, Y, K."""
+    """Index of that ink; C, M, Y, K."""
     streak: float = 0.0
-    """Of black ink in a column, a page."""
+    """Black ink added in a column, a page."""
     lamp: float = 0.0
-    """Light lost, a page."""
+    """Share of the light lost, a page."""
     good_pages: int = 0
-    """Before it begins."""
+    """Number of pages before the change begins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CreepRun:
-    """One run of one press on one day: print, look, add up."""
+    """Run of one press on one day: print, analyse, accumulate."""
 
     press: Press
     pages: tuple[Page, ...]
@@ -70,21 +70,21 @@ class CreepRun:
 
     @classmethod
     def of(cls, press: Press, pages: Iterable[Page], *, ink: int | None = None, most: int = 6) -> CreepRun:
-        """Designs made ready; of an ink, only those on which the press's sensors can tell it from the others."""
+        """Prepare designs; for an ink, only those on which the press's sensors distinguish it from the others."""
         geometry, sensors = press.geometry, press.sensors
-        found = []
+        usable = []
         for page in pages:
             expected = predict(page, sensors=sensors, geometry=geometry)
             ready = prepare_page(page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes)
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
                 analysis = analyse(ready, scan)
-                if not analysis.found.found or known_shares(analysis.fit)[ink] < WELL_KNOWN:
+                if not analysis.found.found or known_shares(analysis.fit)[ink] < LEAST_DETERMINED:
                     continue
-            found.append((page, ready))
-            if len(found) == most:
+            usable.append((page, ready))
+            if len(usable) == most:
                 break
-        return cls(press=press, pages=tuple(one for one, _ in found), ready=tuple(one for _, one in found))
+        return cls(press=press, pages=tuple(one for one, _ in usable), ready=tuple(one for _, one in usable))
 
     def run(
         self,
@@ -95,7 +95,7 @@ class CreepRun:
         stop: Callable[[Announcement], bool],
         follow: bool = True,
     ) -> dict[str, Any]:
-        """Until an announcement that ``stop`` knows; what was true then."""
+        """Run until an announcement for which ``stop`` is true; return the true state at that moment."""
         press, rng = self.press, stream(seed, "drift-prints")
         session = Session.draw(amounts_of(press), press, stream(seed, "drift-session"))
         monitor = RunMonitor.begin(
@@ -155,7 +155,7 @@ class CreepRun:
 
 
 def streaked(page: Page, share: float, rng: np.random.Generator) -> Any:
-    """The page's raster with so much more black in a column, a third of the way across, dithered."""
+    """Return the page's raster with this share of black added in a column, a third of the way across, dithered."""
     cmyk = page.cmyk.copy()
     middle, half = cmyk.shape[1] // 3, max(round(STREAK_MM / page.pixel_mm / 2), 1)
     column = cmyk[:, middle - half : middle + half, 3]
@@ -167,7 +167,7 @@ def streaked(page: Page, share: float, rng: np.random.Generator) -> Any:
 def drift_row(
     run: CreepRun, *, ink: int, seeds: range, good_pages: int, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """How soon a drift of one ink is announced, beside the first print that is out of tolerance."""
+    """Return how soon a drift of one ink is announced, and the first print that is out of tolerance."""
     rows, name = [], INK_NAMES[ink]
     for seed in seeds:
         creep = Creep(gain=DRIFT_A_PAGE, ink=ink, good_pages=good_pages)
@@ -179,7 +179,7 @@ def drift_row(
         row["announced"] is not None and (row["first_out"] is None or row["announced"] < row["first_out"])
         for row in rows
     ]
-    known = [page for page in announced if page is not None]
+    detected = [page for page in announced if page is not None]
     return {
         "ink": name,
         "fringes": run.press.fringes,
@@ -187,9 +187,9 @@ def drift_row(
         "designs": len(run.pages),
         "good_pages": good_pages,
         "runs": len(rows),
-        "announced": len(known),
+        "announced": len(detected),
         "before_first_out": int(sum(before)),
-        "median_page": float(np.median(known)) if known else None,
+        "median_page": float(np.median(detected)) if detected else None,
         "pages": announced,
         "first_out": [row["first_out"] for row in rows],
         "others": int(sum(row["others"] for row in rows)),
@@ -198,7 +198,7 @@ def drift_row(
 
 
 def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) -> dict[str, Any]:
-    """At how much ink a streak that grows is announced, while a lamp that ages is followed."""
+    """Return the ink at which a growing streak is announced, while an ageing lamp is tracked."""
     rows = []
     for seed in seeds:
         creep = Creep(streak=STREAK_A_PAGE, lamp=LAMP_A_PAGE, good_pages=40)
@@ -206,15 +206,15 @@ def streak_row(run: CreepRun, *, seeds: range, progress: Callable[[str], None]) 
         rows.append(row)
         progress(f"streak, day {seed}: {row['announced']}")
     width_mm = run.pages[0].width_mm
-    known = [row for row in rows if row["announced"] is not None]
+    detected = [row for row in rows if row["announced"] is not None]
     return {
         "runs": len(rows),
         "fringes": run.press.fringes,
-        "announced": len(known),
-        "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in known],
+        "announced": len(detected),
+        "ink_percent": [round(100 * STREAK_A_PAGE * row["announced"], 2) for row in detected],
         "gate_ink_percent": 100 * GATE_INK,
-        "off_mm": [round(abs(row["x_mm"] - width_mm / 3), 2) for row in known],
-        "followed_percent": [round(100 * row["light"][0], 2) for row in known],
-        "lamp_percent": [round(-100 * LAMP_A_PAGE * row["announced"], 2) for row in known],
-        "example": next((row["text"] for row in known), ""),
+        "off_mm": [round(abs(row["x_mm"] - width_mm / 3), 2) for row in detected],
+        "followed_percent": [round(100 * row["light"][0], 2) for row in detected],
+        "lamp_percent": [round(-100 * LAMP_A_PAGE * row["announced"], 2) for row in detected],
+        "example": next((row["text"] for row in detected), ""),
     }

@@ -1,4 +1,4 @@
-"""The running press measured: in real time, as fast as it goes, and through a long run full of faults."""
+"""Measurements of the running press: in real time, at full speed, and in a long run with many faults."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ if TYPE_CHECKING:
     from prooflight_studies.running.rig import Ring
 
 EARLY_SHEET: Final = 100
-"""At which memory is read first."""
+"""Sheet at which memory is read first."""
 FAULT_SHEETS: Final = 40
-"""From fault to fault, about; never less than 12."""
+"""Mean number of sheets from fault to fault; never less than 12."""
 ORDER: Final = frozenset(("missing", "repeated", "out-of-order"))
 """Faults that a print of another page of the job has: it is that page, in the wrong place."""
 NEAR: Final = 3
-"""Sheets behind a fault in which it must be named, and within two of which the pager must be in step."""
+"""Sheets after a fault in which it must be named; the pager must be in step within two of them."""
 
 
 @dataclass(slots=True)
 class Watcher:
-    """Notes what a run does on the way."""
+    """Observer of a run."""
 
     progress: Callable[[int], None]
     early_mb: tuple[int, int] = (0, 0)
     outcomes: list[tuple[int | None, str, tuple[str, ...], bool]] = field(default_factory=list)
-    """Job page, verdict, faults, and whether it came; of every sheet."""
+    """Job page, verdict, faults, and whether it came, of every sheet."""
     late: list[tuple[int, int]] = field(default_factory=list)
-    """Which sheets were late, counted from 1, and how long after their last line their verdict came. [ms]"""
+    """Index of each late sheet, counted from 1, and the delay of its verdict after its last line. [ms]"""
 
-    def told(self, outcome: Outcome) -> None:
-        """One sheet."""
+    def observe(self, outcome: Outcome) -> None:
+        """Record one sheet."""
         record = outcome.record
         self.outcomes.append((record.job_page, record.verdict.verdict, record.faults, outcome.came))
         if record.late and outcome.latency_s is not None:
@@ -62,7 +62,7 @@ class Watcher:
 
 
 class Metered:
-    """A source that notes what it costs: the drum's processor time, apart from the inspection's."""
+    """A source that measures its cost: the drum's processor time, separate from the inspection's."""
 
     def __init__(self, source: LineSource) -> None:
         self.sensors, self.pixels = source.sensors, source.pixels
@@ -70,7 +70,7 @@ class Metered:
         self._source = source
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Those of the source."""
+        """Yield the blocks of the source."""
         blocks = self._source.blocks()
         while True:
             begun_s = time.thread_time()
@@ -94,13 +94,13 @@ def live_row(
     inspectors: int,
     progress: Callable[[int], None],
 ) -> dict[str, Any]:
-    """One run of the drum; pages_per_s None: as fast as sheets are taken."""
+    """Return the row of one run of the drum; pages_per_s None: as fast as sheets are taken."""
     press, watcher = inspector.press, Watcher(progress=progress)
     drum = Metered(Drum(ring.scans, press=press, passing=turns(ring.sheets, {}), pages_per_s=pages_per_s))
     waits = pages_per_s is None
     settings = Settings(source_waits=waits, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
     running.start()
     while running.status().phase in ("waiting", "preparing"):
         running.join(0.05)
@@ -143,7 +143,7 @@ def live_row(
 
 
 def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], ring: Ring) -> dict[str, Any]:
-    """Of good prints and of misprints, how many were played, how many of these sheets alarmed, and how many prints."""
+    """Count the good prints and misprints played, the sheets of each that alarmed, and the prints that did."""
     outcomes = [one for one in outcomes if one[3]]  # a page that did not come was not played
     wrong = np.array([ring.is_wrong(sheet) for sheet in range(len(outcomes))], bool)
     alarm = np.array([verdict == "misprint" for _, verdict, _, _ in outcomes], bool)
@@ -163,9 +163,9 @@ def _caught(outcomes: Sequence[tuple[int | None, str, tuple[str, ...], bool]], r
 
 
 def memory_mb() -> tuple[int, int]:
-    """Memory that this process holds now: its own, and of files (the ring's pages); 0 where the system does not tell.
+    """Return the memory of this process: its own, and that of files (the ring's pages). [1e6 bytes]
 
-    [1e6 bytes]
+    Both are 0 where the system does not report it.
     """
     try:
         rows = dict(row.split(":", 1) for row in Path("/proc/self/status").read_text().splitlines())
@@ -176,7 +176,7 @@ def memory_mb() -> tuple[int, int]:
 
 
 def soak_faults(sheets: int, rng: np.random.Generator) -> dict[int, DrumFault]:
-    """Random faults of all kinds, 12 sheets apart or more, `FAULT_SHEETS` on average."""
+    """Draw random faults of all kinds, 12 sheets apart or more, `FAULT_SHEETS` on average."""
     faults, sheet = {}, 12
     while sheet < sheets - 12:
         kinds = (*ORDER_FAULTS, *LINE_FAULTS)
@@ -195,14 +195,14 @@ def soak_row(
     inspectors: int,
     progress: Callable[[int], None],
 ) -> dict[str, Any]:
-    """A long run with faults: were they named, was the job found again, did they raise alarms elsewhere?"""
+    """Return the row of a long run with faults: whether they were named, the job resumed, and alarms elsewhere."""
     faults = soak_faults(ring.sheets, stream(seed, "running-faults"))
     passing = turns(ring.sheets, faults)
     drum = Drum(ring.scans, press=inspector.press, passing=passing, blank=blank, foreign=foreign)
     watcher = Watcher(progress=progress)
     settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.told)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
     begun_s = time.perf_counter()
     running.start()
     running.join()
@@ -232,7 +232,7 @@ def soak_row(
 def _named(
     faults: dict[int, DrumFault], outcomes: list[tuple[int | None, str, tuple[str, ...], bool]]
 ) -> dict[str, Any]:
-    """Faults whose kind stands in the journal at the sheet of the job concerned, or beside it."""
+    """Count faults whose kind is in the journal at the sheet of the job concerned, or next to it."""
     at: dict[int, set[str]] = {}
     page = 0
     for job_page, _, kinds, _ in outcomes:
@@ -257,7 +257,7 @@ def _in_step(
     came: list[tuple[int | None, str, tuple[str, ...], bool]],
     faults: dict[int, DrumFault],
 ) -> dict[str, Any]:
-    """Sheets taken for another page than they show, and for how long after a fault."""
+    """Count sheets that are identified as another page than they show, and for how long after a fault."""
     if len(shown) != len(came):
         return {"in_step": f"{len(came)} sheets seen, {len(shown)} shown", "steps_lost": None}
     wrong = [
@@ -273,7 +273,7 @@ def _in_step(
 def _alarms(
     shown: list[Turn], came: list[tuple[int | None, str, tuple[str, ...], bool]], prints: int
 ) -> dict[str, Any]:
-    """Alarms of sheets without a fault: of prints that mostly pass, near a fault and elsewhere."""
+    """Count alarms of sheets without a fault: of prints that mostly pass, near a fault and elsewhere."""
     if len(shown) != len(came):
         return {}
     of_print: dict[int, list[bool]] = {}

@@ -41,7 +41,10 @@ WIDTH: Final = 128
 
 
 def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed: int) -> str:
-    """Run the drum with some misprints, a streak that creeps in and a lamp that ages; the view as SVG and as text."""
+    """Run the drum with some misprints, a growing streak and an ageing lamp, and draw the live view.
+
+    The view is written as SVG to ``path`` and returned as text.
+    """
     press = inspector.press
     scans = [_scan(inspector, pages, sheet, seed=seed) for sheet in range(SHEETS)]
     drum = Drum(scans, press=press, passing=turns(SHEETS, FAULTS))
@@ -55,8 +58,8 @@ def draw_live(path: Path, inspector: Inspector, pages: tuple[Page, ...], *, seed
             title = f"six pages on {press.name}, drum, {inspector.detector.name}"
             views.append(live_view(running.status(), recent, title=title, deadline_s=None))
 
-    book = Ring(scans=scans, pages=pages, sheets=SHEETS, repeated=True)
-    running = watched(inspector, source=drum, book=book, settings=settings, tell=tell)
+    ring = Ring(scans=scans, pages=pages, sheets=SHEETS, repeated=True)
+    running = watched(inspector, source=drum, book=ring, settings=settings, tell=tell)
     running.start()
     running.join()
     if not views:

@@ -1,4 +1,4 @@
-"""What the running study runs on: designs, prints made ready on disk, and books of sheets over them."""
+"""Set-up of the running study: designs, prints stored on disk, and sequences of sheets over them."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 DESIGN_SEED: Final = 90_000
-"""Of designs that no other study draws."""
+"""Seed of designs that no other study draws."""
 PIECE_MM: Final = (36.0, 44.0)
-"""Small sheets, for what takes many of them."""
+"""Size of small sheets, for parts that need many of them."""
 PIECES_TRIED: Final = 6
 SYSTEM_PAGE: Final = 4096
-"""Bytes, at most, that the system reads at once."""
+"""Greatest number of bytes that the system reads at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,25 +49,25 @@ class A4Designs:
     dpi: float
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
+        """Return design ``index``, from 0."""
         rng = stream(self.seed, "a4-design", index)
         black_alone = often(rng, BLACK_ALONE)
         layout = pick_weighted(rng, IN_BLACK if black_alone else IN_COLOUR)
-        look = DesignStyle.draw(rng, black_alone=black_alone)
+        style = DesignStyle.draw(rng, black_alone=black_alone)
         sheet = Sheet(width_mm=210.0, height_mm=297.0, dpi=self.dpi)
-        layout(sheet, rng, look)
+        layout(sheet, rng, style)
         return Page(cmyk=sheet.cmyk, dpi=self.dpi, name=design_name(index), number=index + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pieces:
-    """Small pages, cut out of composed designs where these are busiest."""
+    """Small pages, cropped from composed designs where these are busiest."""
 
     seed: int
     dpi: float
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
+        """Return design ``index``, from 0."""
         whole = design_page(self.seed, index, dpi=self.dpi).cmyk
         columns, rows = (round(extent * self.dpi / 25.4) for extent in PIECE_MM)
         rng = stream(self.seed, "piece-places", index)
@@ -87,19 +87,19 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintWork:
-    """Prints of the press world onto the disk; small and picklable."""
+    """Prints of the press world, written to disk; small and picklable."""
 
     press: Press
     designs: A4Designs | Pieces
     folder: Path
     count: int
-    """Designs."""
+    """Number of designs."""
     seed: int
     wrong_every: int = 0
-    """One in so many prints is a misprint, of every kind in turn; 0: none."""
+    """One in this many prints is a misprint, of every kind in turn; 0: none."""
 
     def __call__(self, index: int) -> None:
-        """Print ``index``, of design index modulo their number, unless it is there already."""
+        """Print ``index``, of design index modulo their number, unless it is stored already."""
         scan_file = self.folder / f"scan{index:04}.npy"
         if scan_file.exists():
             return
@@ -117,7 +117,10 @@ class PrintWork:
         _save(scan_file, fast_scan(page, self.press, session, print_, rng=rng))
 
     def _wrong(self, page: Page, index: int) -> NDArray[np.uint16]:
-        """A misprint of a page, its severity drawn evenly; the next kind where one does not reach the gate."""
+        """Return a misprint of a page, its severity drawn evenly.
+
+        If a kind does not have the least effect that counts, the next one is taken.
+        """
         rng = stream(self.seed, "running-misprint", index)
         today = SimulatedDay(press=self.press, session=day(self.press, self.seed))
         others = [one for one in range(self.count) if one != index % self.count]
@@ -141,13 +144,13 @@ def _save(path: Path, array: NDArray[Any]) -> None:
 
 @lru_cache(maxsize=1)
 def day(press: Press, seed: int) -> Session:
-    """The session of all prints of a seed, one object a process."""
+    """Return the session of all prints of a seed, one object a process."""
     return Session.draw(amounts_of(press), press, stream(seed, "session"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ring:
-    """Prints ready to be played, and the pages they are of; a ``PageBook``."""
+    """Prints ready to be played, and the pages that they are of; a ``PageBook``."""
 
     scans: list[NDArray[np.uint16]]
     pages: tuple[Page, ...]
@@ -155,21 +158,21 @@ class Ring:
     repeated: bool
     """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
     wrong: frozenset[int] = frozenset()
-    """Which prints are misprints."""
+    """Indices of the prints that are misprints."""
 
     def is_wrong(self, sheet: int) -> bool:
-        """Whether a sheet is a misprint."""
+        """Return whether a sheet is a misprint."""
         return sheet % len(self.scans) in self.wrong
 
     def with_fewer_wrong(self, keep: int) -> Ring:
-        """The same with so many of its misprints; good prints of their designs come in place of the others."""
+        """Return the same with ``keep`` of its misprints; the others are replaced by good prints of their designs."""
         wrong, designs, count = sorted(self.wrong), len(self.pages), len(self.scans)
-        kept = frozenset(wrong[:: -(-len(wrong) // keep)][:keep]) if keep else frozenset[int]()
+        remaining = frozenset(wrong[:: -(-len(wrong) // keep)][:keep]) if keep else frozenset[int]()
         scans = list(self.scans)
-        for print_ in self.wrong - kept:
+        for print_ in self.wrong - remaining:
             of_design = range(print_ % designs, count, designs)
             scans[print_] = self.scans[next(one for one in of_design if one not in self.wrong)]
-        return replace(self, scans=scans, wrong=kept)
+        return replace(self, scans=scans, wrong=remaining)
 
     def __len__(self) -> int:
         return self.sheets
@@ -196,7 +199,7 @@ def ring(
     shown: Callable[[Iterator[None], int], Iterator[None]],
     wrong_every: int = 0,
 ) -> Ring:
-    """``prints`` prints of ``count`` designs, rendered where they are not on the disk yet; scans lie in memory."""
+    """Return ``prints`` prints of ``count`` designs, rendered where they are not on disk yet; scans are in memory."""
     folder.mkdir(parents=True, exist_ok=True)
     _same_press(folder / "press.json", press)
     work = PrintWork(
@@ -217,7 +220,7 @@ def ring(
 
 
 def _same_press(path: Path, press: Press) -> None:
-    """Prints of another press are thrown away. What was taught to a press changes no print."""
+    """Delete prints of another press. Training of a press changes no print."""
     digest = replace(press, ours=None, bayes=None).digest
     if path.exists() and json.loads(path.read_text())["press"] != digest:
         for file in path.parent.glob("*.npy"):

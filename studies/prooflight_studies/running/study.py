@@ -1,7 +1,7 @@
-"""``prooflight study running``: everything that is said of the running press, measured part by part.
+"""``prooflight study running``: all published figures of the running press, measured part by part.
 
-Each part's figures go into the cache as soon as they are there, and running.md is written again with them, so that an
-interrupted study goes on where it was.
+Each part's figures are cached as soon as they are measured, and running.md is written again with them, so that an
+interrupted study resumes.
 """
 
 from __future__ import annotations
@@ -39,39 +39,42 @@ PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "pic
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 OURS_PER_S: Final = 3.0
-"""Asked of our detector where every page is another, or two sensors look on."""
+"""Required rate of our detector where all pages differ, or there are two sensors."""
 OURS_SHARE: Final = 0.8
-"""Of its highest sustained speed, at which our detector is run in real time where that is below what is asked."""
+"""Share of our detector's highest sustained rate at which it runs in real time.
+
+It is used where that is below the required rate.
+"""
 WRONG_EVERY: Final = 11
-"""Of the prints that our detector is shown, one in so many is a misprint; of all of the ten designs in turn."""
+"""One in this many of our detector's prints is a misprint; of all of the ten designs in turn."""
 FEW_WRONG: Final = 100
-"""Where misprints are rare, one in about so many."""
+"""One in about this many, where misprints are rare."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How much of everything."""
+    """Size of each part of the study."""
 
     prints: int
     designs: int
-    """Repeated ones."""
+    """Number of repeated designs."""
     live_sheets: int
     fast_sheets: int
     soak_sheets: int
     taught_designs: int
-    """Small ones, that teach the press of the soak and the picture."""
+    """Number of small designs on which the press of the soak and the picture is trained."""
     taught_pages: int
-    """Designs that make the presses of the real-time rows of our detector ready, as `press build` does."""
+    """Number of designs on which the presses of our detector's real-time rows are trained, as by `press build`."""
     our_prints: int
-    """Of each of these rows, misprints among them."""
+    """Number of prints of each of these rows, misprints among them."""
     our_designs: int
-    """Of the row whose pages are all different."""
+    """Number of designs of the row whose pages are all different."""
     days: int
-    """Of runs that drift."""
+    """Number of days of runs that drift."""
 
     @classmethod
     def of(cls, *, quick: bool) -> Plan:
-        """The whole study, or some minutes' version."""
+        """Return the plan of the whole study, or of a version of some minutes."""
         if quick:
             return cls(
                 prints=8,
@@ -91,9 +94,9 @@ class Plan:
         )  # fmt: skip
 
 
-def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
-    """All figures of the page, None for parts that were not measured; known: the parts that were, with that seed."""
-    live = [row for name in ("repeated", "different", "ours") for row in known.get(name, [])]
+def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
+    """Return all figures of the page, None for unmeasured parts; measured: the others, with that seed."""
+    live = [row for name in ("repeated", "different", "ours") for row in measured.get(name, [])]
     # Parts that were measured before these were noted; None: not known.
     noted: dict[str, Any] = {"fringes": None, "called": None}
     # Sheets that came out unlike those shown cannot be told apart.
@@ -103,7 +106,7 @@ def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[
         "alarms": None,
         "prints_that_alarm_anyway": None,
     }
-    soak, drift = known.get("soak"), known.get("drift")
+    soak, drift = measured.get("soak"), measured.get("drift")
     if soak is not None:
         soak = noted | unknown | soak
         if soak["alarms"] is not None:
@@ -112,13 +115,13 @@ def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[
     return {
         "cores": cores,
         "seed": seed,
-        "parts": list(known),
+        "parts": list(measured),
         "deadline_ms": round(1000 * DEADLINE_S),
         "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
         "drift": None if drift is None else [{"fringes": None} | row for row in drift],
         **{
-            part: None if (of := known.get(part)) is None else {"fringes": None} | of
+            part: None if (of := measured.get(part)) is None else {"fringes": None} | of
             for part in ("streak", "picture")
         },
     }
@@ -126,32 +129,32 @@ def running_results(known: Mapping[str, Any], *, cores: int, seed: int) -> dict[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """Where it works and with what."""
+    """Paths and plan of the study."""
 
     out: Path
     cache: Path
     plan: Plan
     seed: int
     one: Path | None
-    """A press with one sensor, taught; None: the prototype, untaught."""
+    """A trained press with one sensor; None: the prototype, untrained."""
     two: Path | None
     """A press with two sensors."""
     inspectors: int
     progress: Callable[[str], None]
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
-        """Measure what is not in the cache yet; again: all parts named."""
+        """Measure the parts that are not in the cache yet; again: all parts named."""
         for part in parts:
-            if part in self._known() and not again:
+            if part in self._stored() and not again:
                 self.progress(f"{part}: known")
                 continue
             self.progress(f"{part}")
             measured = getattr(self, f"_{part}")()
             with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._known() | {part: measured}, indent=1))
+                unfinished.write_text(json.dumps(self._stored() | {part: measured}, indent=1))
             self._write_page()
         self._write_page()
-        return self._known()
+        return self._stored()
 
     # --- parts ---
 
@@ -164,7 +167,7 @@ class Study:
         return self._live("all pages different", press, count=self.plan.prints, repeated=False)
 
     def _live(self, name: str, press: Press, *, count: int, repeated: bool) -> list[dict[str, Any]]:
-        """At the speed asked for, and as fast as it goes."""
+        """Return rows at the required rate, and at full speed."""
         prints = self._ring(
             press, f"{len(press.sensors)}-{count}", count, self.plan.prints, repeated=repeated
         )
@@ -174,8 +177,10 @@ class Study:
         ]
 
     def _ours(self) -> list[dict[str, Any]]:
-        """Under our detector as `press build` makes it, misprints among the prints: as fast as it goes, in real time at
-        the speed asked, and where that is too fast, at what it sustains of it.
+        """Return rows of our detector as `press build` makes it, misprints among the prints.
+
+        They are measured at full speed, in real time at the required rate, and where that is too fast, at a rate that
+        it sustains.
         """
         one, two = self._ready("one", self.one, "prototype.toml"), self._ready("two", self.two, TWO_SENSORS)
         prints, sheets = self.plan.our_prints, self.plan.live_sheets
@@ -200,7 +205,7 @@ class Study:
         return rows
 
     def _shown(self, press: Press, count: int, prints: int, *, repeated: bool) -> Ring:
-        """Prints for our detector, misprints among them."""
+        """Return prints for our detector, misprints among them."""
         return self._ring(
             press,
             f"ours-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",
@@ -273,7 +278,7 @@ class Study:
     # --- what they need ---
 
     def _untrained(self, preset: str) -> Press:
-        """A preset with a line of 400 pixels."""
+        """Build a preset with a line of 400 pixels."""
         return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
 
     def _ring(
@@ -308,7 +313,7 @@ class Study:
             yield item
 
     def _press(self, name: str, given: Path | None, preset: str) -> Press:
-        """The press given, or a preset's, built once."""
+        """Return the given press, or a preset's, built once."""
         if given is not None:
             return Press.load(given)
         path = self.cache / "running" / f"{name}.press"
@@ -317,7 +322,7 @@ class Study:
         return Press.load(path)
 
     def _ready(self, name: str, given: Path | None, preset: str) -> Press:
-        """A press as `press build` makes it ready, once, unless it came taught."""
+        """Return a press trained as by `press build`, once, unless it was given trained."""
         press = self._press(name, given, preset)
         if press.ours is not None:
             return press
@@ -329,7 +334,7 @@ class Study:
         return Press.load(path)
 
     def _small(self) -> Press:
-        """The prototype with a line of 400 pixels, taught by pieces of designs, once."""
+        """Return the prototype with a line of 400 pixels, trained on pieces of designs, once."""
         path = self.cache / "running" / f"small-{self.plan.taught_designs}.press"
         if not path.exists():
             press = build_press(PressFile.prototype(), seed=1, pixels=SMALL_PIXELS)
@@ -353,9 +358,9 @@ class Study:
     def _results(self) -> Path:
         return self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json"
 
-    def _known(self) -> dict[str, Any]:
+    def _stored(self) -> dict[str, Any]:
         return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
 
     def _write_page(self) -> None:
-        found = running_results(self._known(), cores=os.cpu_count() or 1, seed=self.seed)
-        write_page(self.out / "running.md", "running", found)
+        results = running_results(self._stored(), cores=os.cpu_count() or 1, seed=self.seed)
+        write_page(self.out / "running.md", "running", results)

@@ -1,4 +1,4 @@
-"""What the soak plays: prints of whole designs and of forms that differ in three words; and the faults."""
+"""Input of the soak: prints of whole designs and of forms that differ in three words, and the faults."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.drum import Turn
 
 WORDS: Final = 3
-"""By which the forms of one template differ."""
+"""Number of words by which the forms of one template differ."""
 FIELD_MM: Final = (34.0, 6.0)
 LETTERS: Final = "ABCDEFGHKLMNPRSTUVWXYZ"
 TYPE_PT: Final = 11.0
@@ -37,7 +37,7 @@ TYPE_PT: Final = 11.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SoakRing:
-    """A job printed once in the press world, and two sheets that are none of it."""
+    """A job printed once in the press world, and two sheets that are not part of it."""
 
     thumbnails: tuple[Thumbnail, ...]
     scans: tuple[NDArray[np.uint16], ...]
@@ -46,7 +46,7 @@ class SoakRing:
 
 
 class RepeatedJob:
-    """A job's thumbnails, printed over and over until so many sheets have passed; ``following.Expected``."""
+    """A job's thumbnails, repeated for so many sheets; ``following.Expected``."""
 
     def __init__(self, designs: Sequence[Thumbnail | None], sheets: int) -> None:
         self._designs, self._sheets = designs, sheets
@@ -87,13 +87,13 @@ def soak_ring(
         good = predict(page, sensors=press.sensors, geometry=press.geometry)
         thumbnails.append(thumbnail_of(page, good, press))
         scans.append(printed(page, index))
-    stranger = design_page(seed, count + 1000, dpi=press.dpi)
-    white = replace(stranger, cmyk=np.zeros_like(stranger.cmyk))
+    unknown_sheet = design_page(seed, count + 1000, dpi=press.dpi)
+    white = replace(unknown_sheet, cmyk=np.zeros_like(unknown_sheet.cmyk))
     return SoakRing(
         thumbnails=tuple(thumbnails),
         scans=tuple(scans),
         blank=printed(white, count),
-        foreign=printed(stranger, count + 1),
+        foreign=printed(unknown_sheet, count + 1),
     )
 
 
@@ -116,7 +116,7 @@ def _extent(page: Page) -> tuple[float, float]:
 
 
 def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random.Generator) -> Page:
-    """A form with its own words in white fields."""
+    """Return a form with its own words in white fields."""
     cmyk = empty.cmyk.copy()
     for x_mm, y_mm in places_mm:
         field = Sheet(width_mm=FIELD_MM[0], height_mm=FIELD_MM[1], dpi=empty.dpi)
@@ -128,30 +128,35 @@ def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random
     return replace(empty, cmyk=cmyk)
 
 
-def drawn_faults(sheets: int, *, every: int, apart: int, rng: np.random.Generator) -> dict[int, DrumFault]:
-    """Faults of all kinds, evenly, about every so many sheets and at least ``apart`` sheets from each other."""
+def drawn_faults(sheets: int, *, every: int, spacing: int, rng: np.random.Generator) -> dict[int, DrumFault]:
+    """Draw faults of all kinds, evenly, one in ``every`` sheets on average.
+
+    They are at least ``spacing`` sheets from each other.
+    """
     kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-    faults, sheet = dict[int, DrumFault](), apart
+    faults, sheet = dict[int, DrumFault](), spacing
     while True:
-        sheet += apart + int(rng.geometric(1 / (every - apart + 1)) - 1)
-        if sheet >= sheets - apart:
+        sheet += spacing + int(rng.geometric(1 / (every - spacing + 1)) - 1)
+        if sheet >= sheets - spacing:
             return faults
         faults[sheet] = DrumFault.draw(kinds[int(rng.integers(len(kinds)))], rng)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passed:
-    """A sheet that passes the camera, as it is in truth."""
+    """True state of a sheet that passes the camera."""
 
     page: int | None
-    """None: none of the job's."""
+    """Page of the job; None: the sheet is not part of it."""
     fault: int | None
-    """Index of the fault, among those drawn, that concerns it; None: none does."""
+    """Index of the fault, among those drawn, that concerns the sheet; None: none does."""
 
 
 def truth(passing: list[Turn], faults: dict[int, DrumFault]) -> list[Passed]:
-    """Sheets that pass, one an entry. A fault concerns its own sheet, both of two that changed places, the second of a
-    page that came twice, and the one behind a page that did not come.
+    """Return the sheets that pass, one an entry.
+
+    A fault concerns its own sheet, both of two sheets that changed places, the second print of a repeated page, and the
+    sheet after a missing page.
     """
     number = {sheet: index for index, sheet in enumerate(faults)}
     of_fault = {id(fault): number[sheet] for sheet, fault in faults.items()}
@@ -162,16 +167,16 @@ def truth(passing: list[Turn], faults: dict[int, DrumFault]) -> list[Passed]:
         for place in (sheet, sheet + 1)
     }
     twice = {sheet: number[sheet] for sheet, fault in faults.items() if fault.kind == "repeated"}
-    sheets, behind, came = list[Passed](), None, set[int]()
+    sheets, pending, came = list[Passed](), None, set[int]()
     for turn in passing:
         if turn.fault is not None and turn.fault.kind == "missing":
-            behind = of_fault[id(turn.fault)]
+            pending = of_fault[id(turn.fault)]
             continue
-        fault = behind if turn.fault is None else of_fault[id(turn.fault)]
+        fault = pending if turn.fault is None else of_fault[id(turn.fault)]
         if fault is None and turn.page is not None:
             fault = swapped.get(turn.page, twice.get(turn.page) if turn.page in came else None)
         if turn.page is not None:
             came.add(turn.page)
         sheets.append(Passed(page=turn.page, fault=fault))
-        behind = None
+        pending = None
     return sheets

@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from prooflight_studies.soak.sheets import Passed, SoakRing
 
 SHEETS, QUICK_SHEETS = 3600, 240
-"""An hour at a page a second, the paper's slowest."""
+"""Numbers of sheets: an hour at a page a second, the paper's slowest."""
 FAULT_EVERY: Final = 12
 """Sheets from fault to fault, on average; a press with so many would be stopped."""
-APART: Final = 6
-"""Sheets between faults at least, so that it can be told which of them did what."""
+LEAST_SPACING: Final = 6
+"""Least number of sheets between faults, so that effects can be attributed to one of them."""
 BLOCKS_TIMED: Final = 45
-"""A page's worth."""
+"""Number of blocks timed together, a page's worth."""
 IN_STEP: Final = 2
 """Sheets from a fault's first on within which the run must be in step again."""
 DETECTOR: Final = "none"
-"""What looks at the sheets: nothing does, since their place in the job is all that is asked."""
+"""Name of the detector in the journal: none inspects the sheets, since only their place in the job is evaluated."""
 UNITS: Final = {
     "slip": "mm",
     "stretch": "%",
@@ -58,51 +58,51 @@ UNITS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoakFigures:
-    """What came of the soak."""
+    """Results of the soak."""
 
     kinds: dict[str, dict[str, int]]
-    """Of each kind: drawn, named, in_step."""
+    """Counts for each kind: drawn, named, in_step."""
     sheets: int
     seen: int
-    """Sheets that came out; as many as passed, or some were lost or made up."""
+    """Sheets that came out; a difference from the number passed means that some were lost or invented."""
     false_faults: int
-    """Faults said of sheets that no fault concerned."""
+    """Faults reported for sheets that no fault concerned."""
     wrong_pages: int
-    """Such sheets taken for another page or none."""
+    """Such sheets identified as another page or none."""
     unlike: int
-    """Such sheets cut out otherwise than in a run without faults."""
+    """Such sheets whose crop differs from that in a run without faults."""
     missing_said: int
-    """Pages said to be missing."""
+    """Pages reported as missing."""
     missing_true: int
-    """Of them, pages that did not come."""
+    """Pages reported as missing that did not come."""
     missing_in_truth: int
     unconcerned: int
     """Sheets that no fault concerned."""
     verdicts: dict[str, int]
-    """What the sheets that came were called, by ``VERDICTS``."""
+    """Number of the sheets that came by verdict, of ``VERDICTS``."""
     paging_ms_per_page: float
-    """CPU time."""
+    """CPU time of paging for each page."""
     notes: tuple[str, ...]
-    """What went wrong, one line each."""
+    """Errors, one line each."""
 
 
-def soak_results(found: SoakFigures, size: Mapping[str, int], *, seed: int) -> dict[str, Any]:
-    """All figures of the page; size: of the job, as ``SIZE`` has it."""
+def soak_results(figures: SoakFigures, size: Mapping[str, int], *, seed: int) -> dict[str, Any]:
+    """Return all figures of the page; size: of the job, as ``SIZE`` has it."""
     kinds = []
-    for kind, counts in found.kinds.items():
+    for kind, counts in figures.kinds.items():
         least, greatest = AMOUNTS.get(kind, (0.0, 0.0))
         amounts = {"unit": UNITS.get(kind), "least": least, "greatest": greatest}
         kinds.append({"kind": kind, **amounts, **counts})
-    told = {field.name: getattr(found, field.name) for field in fields(found)}
+    values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     stated = {
         "detector": DETECTOR,
         "job": size,
         "seed": seed,
         "every": FAULT_EVERY,
-        "apart": APART,
+        "apart": LEAST_SPACING,
         "worlds": worlds_digest(),
     }
-    return told | stated | {"kinds": kinds}
+    return values | stated | {"kinds": kinds}
 
 
 def run_soak_study(
@@ -113,7 +113,7 @@ def run_soak_study(
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> SoakFigures:
-    """Play, page, keep a journal, read it again and compare with the truth; write ``soak.md``."""
+    """Play the sheets, page them, keep a journal, read it and compare it with the truth; write ``soak.md``."""
     progress("building the press")
     press = build_press(PressFile.prototype(), seed=1)
     size = (
@@ -121,7 +121,7 @@ def run_soak_study(
     )
     ring = soak_ring(press, **size, seed=seed, progress=progress)
     count = sheets or (QUICK_SHEETS if quick else SHEETS)
-    faults = drawn_faults(count, every=FAULT_EVERY, apart=APART, rng=stream(seed, "soak-faults"))
+    faults = drawn_faults(count, every=FAULT_EVERY, spacing=LEAST_SPACING, rng=stream(seed, "soak-faults"))
     passing = turns(count, faults)
     progress("a run without faults")
     usual = _played(press, ring, turns(2 * len(ring.scans), {}), sheets=2 * len(ring.scans))
@@ -145,10 +145,10 @@ def run_soak_study(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """What came out of the pager, in order."""
+    """Output of the pager, in order."""
 
     digests: tuple[int | None, ...]
-    """Of each record's page in its scan; None: a missing page."""
+    """Digest of each record's page in its scan; None: a missing page."""
     cpu_s: float
 
 
@@ -189,7 +189,10 @@ def _played(
 
 
 def _digest(page: SeenPage, thumbnail: Thumbnail | None, press: Press) -> int:
-    """Of the sheet in its scan; not of the backing before and behind it, which is another in every turn."""
+    """Return the digest of the sheet in its scan.
+
+    The backing before and after the sheet is left out, since it differs in every turn.
+    """
     geometry = press.geometry
     first = round(geometry.lead_in_mm / geometry.line_pitch_mm)
     height_mm = thumbnail.height_mm if thumbnail is not None else 0.0
@@ -219,7 +222,7 @@ def compared(
     *,
     cpu_s: float,
 ) -> SoakFigures:
-    """Rows of the journal against what passed.
+    """Compare rows of the journal with what passed.
 
     digests: of each row's scan, None where the row is of a page that did not come. usual: of each design's scan in a
     run without faults.
@@ -227,7 +230,7 @@ def compared(
     kinds = list(faults.values())
     came = [row for row, digest in zip(rows, digests, strict=True) if digest is not None]
     cut = [digest for digest in digests if digest is not None]
-    gone = [row.job_page for row, digest in zip(rows, digests, strict=True) if digest is None]
+    missing = [row.job_page for row, digest in zip(rows, digests, strict=True) if digest is None]
     never = {sheet for sheet, fault in faults.items() if fault.kind in ("missing", "blank", "unknown")}
     counts: dict[str, dict[str, int]] = {
         kind: {"drawn": 0, "named": 0, "in_step": 0} for kind in (*ORDER_FAULTS, *LINE_FAULTS)
@@ -238,7 +241,7 @@ def compared(
     for number, fault in enumerate(kinds):
         place, count = first[number], counts[fault.kind]
         near = {kind for row in came[place : place + IN_STEP] for kind in row.faults}
-        after = range(place + IN_STEP, min(place + APART - 1, len(sheets), len(came)))
+        after = range(place + IN_STEP, min(place + LEAST_SPACING - 1, len(sheets), len(came)))
         in_step = all(came[n].job_page == sheets[n].page and not came[n].faults for n in after)
         count["drawn"] += 1
         count["named"] += fault.kind in near
@@ -263,8 +266,8 @@ def compared(
         false_faults=false_faults,
         wrong_pages=wrong_pages,
         unlike=unlike,
-        missing_said=len(gone),
-        missing_true=len(never & set(gone)),
+        missing_said=len(missing),
+        missing_true=len(never & set(missing)),
         missing_in_truth=len(never),
         unconcerned=sum(sheet.fault is None for sheet in sheets),
         verdicts={name: sum(row.verdict.verdict == name for row in came) for name in VERDICTS},
@@ -274,6 +277,6 @@ def compared(
 
 
 def _usual(run: _Run, designs: int) -> dict[int, int]:
-    """Each design's scan in its second turn, without a fault."""
+    """Return the digest of each design's scan in its second turn, without a fault."""
     second = run.digests[designs : 2 * designs]
     return {design: digest for design, digest in enumerate(second) if digest is not None}

@@ -1,4 +1,4 @@
-"""How fast a scan is compared with a given prediction, beside its baselines and the memory's own speed, in one run."""
+"""Speed of comparing a scan with a given prediction, its baselines, and the memory's own speed, in one run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 REPEATS: Final = 9
 READ_LIMIT: Final = "read 6 bytes a pixel"
-"""Those of a scan and of its expected signal: what no comparison can beat."""
+"""Row that reads the bytes of a scan and of its expected signal: an upper bound for any comparison."""
 OURS: Final = "compare and gather"
 NUMPY: Final = "numpy, the same statistics of plain z"
 SSIM_SCIKIT: Final = "SSIM, scikit-image"
@@ -34,7 +34,7 @@ SSIM_SIGMA_PX: Final = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompareRow:
-    """One way of comparing, timed on one core in turns with all others."""
+    """One method of comparison, timed on one core in turns with all others."""
 
     name: str
     mpx_per_cpu_s: float
@@ -59,7 +59,7 @@ def read(words):  # type: ignore[no-untyped-def]
 def numpy_statistics(
     measured_dn: NDArray[np.uint16], prediction: Prediction
 ) -> tuple[NDArray[np.generic], ...]:
-    """The statistics of ``Evidence`` in plain NumPy, of plain z: histogram, block means, energy, extremes, sums."""
+    """Return the statistics of ``Evidence`` in NumPy, of plain z: histogram, block means, energy, extremes, sums."""
     z = normalised_error(measured_dn, prediction.expected_dn, prediction.variance_dn2)
     place = np.searchsorted(interval_edges().astype(np.float32) / 64, z.ravel())
     sensors, lines, pixels = z.shape
@@ -78,7 +78,7 @@ def numpy_statistics(
 
 
 def ssim_opencv(one: NDArray[np.float32], other: NDArray[np.float32], *, top: float) -> float:
-    """Mean structural similarity of two images by OpenCV's Gaussian windows (Wang 2004, equation 13)."""
+    """Return the mean structural similarity of two images by OpenCV's Gaussian windows (Wang 2004, equation 13)."""
     window = (SSIM_WINDOW, SSIM_WINDOW)
 
     def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -115,7 +115,10 @@ def _scikit_image(
 def ways(
     measured_dn: NDArray[np.uint16], prediction: Prediction, *, top_codes_dn: Sequence[int]
 ) -> dict[str, Callable[[], object]]:
-    """What is timed, by name, on (sensors, lines, pixels) arrays; baselines see the first sensor as an image."""
+    """Return the timed functions by name, on (sensors, lines, pixels) arrays.
+
+    Baselines use the first sensor's image.
+    """
     expected, variance = prediction.expected_dn, prediction.variance_dn2
     both = np.concatenate([image.ravel().view(np.uint16) for image in (measured_dn, expected)])
     words = both[: both.size // 4 * 4].view(np.uint64)
@@ -135,7 +138,7 @@ def ways(
 def in_turns(
     works: Mapping[str, Callable[[], object]], repeats: int, *, clock: Callable[[], float]
 ) -> dict[str, NDArray[np.float64]]:
-    """What each work takes by a clock, (repeats,) [s], all in turns, after one turn that is not counted."""
+    """Return the time of each function by a clock, (repeats,) [s], all in turns, after one turn that is not counted."""
     times: dict[str, list[float]] = {name: [] for name in works}
     for turn in range(repeats + 1):
         for name, work in works.items():
@@ -153,19 +156,19 @@ def compare_rows(
     top_codes_dn: Sequence[int],
     repeats: int = REPEATS,
 ) -> list[CompareRow]:
-    """Time every way in turns, ``repeats`` times, after one turn that is not counted; one core.
+    """Time every method in turns, ``repeats`` times, after one turn that is not counted; one core.
 
     measured_dn, prediction: (sensors, lines, pixels) of a page's area, contiguous, larger than the processor's caches
     if reading memory is to be the limit.
     """
-    found = ways(measured_dn, prediction, top_codes_dn=top_codes_dn)
+    functions = ways(measured_dn, prediction, top_codes_dn=top_codes_dn)
     of_sensor = measured_dn[0].size / 1e6
-    size = dict.fromkeys(found, measured_dn.size / 1000000.0)
-    size |= {name: of_sensor for name in found if "OpenCV" in name or "scikit" in name}
+    size = dict.fromkeys(functions, measured_dn.size / 1000000.0)
+    size |= {name: of_sensor for name in functions if "OpenCV" in name or "scikit" in name}
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        times = in_turns(found, repeats, clock=time.thread_time)
+        times = in_turns(functions, repeats, clock=time.thread_time)
     finally:
         cv2.setNumThreads(threads)
     speeds = {name: size[name] / taken for name, taken in times.items()}

@@ -1,4 +1,4 @@
-"""What a page moves through memory, counted, and what many cores would then carry: on paper."""
+"""Memory traffic of a page, counted, and the calculated throughput of many cores."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 LEAST_BYTES: Final = 2**21 + 1
-"""Of an array that comes from memory; assumed: a smaller one (a table, a row, a patch) stays in a core's cache."""
+"""Least size of an array that comes from memory; assumed: a smaller one (a table, a row, a patch) stays in cache."""
 WORKS: Final = {
     "first look": "our detector: whole, first look, mixed",
     "both looks": "our detector: whole, both looks, mixed",
@@ -32,38 +32,38 @@ MEMORIES: Final = {
     "8 channels of DDR4-3200": 204.8,
     "12 channels of DDR5-4800": 460.8,
 }
-"""What memory can move: channels x 8 bytes x transfers a second (JEDEC). [GB/s]"""
+"""Memory bandwidth: channels x 8 bytes x transfers a second (JEDEC). [GB/s]"""
 REACHED: Final = 0.8
-"""Of that, which reading reaches. (assumed: what STREAM shows of such machines)"""
+"""Share of the bandwidth that reading reaches. (assumed: as STREAM shows for such machines)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageCost:
-    """What one page of one sensor takes."""
+    """Cost of one page of one sensor."""
 
     work: str
     cpu_s: float
     gigabytes: float
-    """Handed to compiled loops in arrays that no core's cache holds, each counted once a call."""
+    """Data passed to compiled loops in arrays larger than a core's cache, each counted once a call."""
     pages_per_s: Mapping[str, tuple[float, ...]]
-    """By memory, for each of ``CORES``: as many as cores or memory carry, whichever is fewer."""
+    """Throughput by memory, for each of ``CORES``: the limit of the cores or of the memory, whichever is lower."""
 
 
 def page_costs(press: Press, *, quick: bool = False) -> list[PageCost]:
-    """Of a mixed page, one thread."""
+    """Return the costs of a mixed page, with one thread."""
     works = detector_works("mixed", bench_pages(press, quick=quick)["mixed"], press)
-    asked = {name: works[of][0] for name, of in WORKS.items()}
-    times = in_turns(asked, REPEATS, clock=time.process_time)
-    found = []
-    for name, work in asked.items():
+    selected = {name: works[of][0] for name, of in WORKS.items()}
+    times = in_turns(selected, REPEATS, clock=time.process_time)
+    costs = []
+    for name, work in selected.items():
         with counted() as moved:
             work()
-        found.append(page_cost(name, cpu_s=float(np.median(times[name])), moved_bytes=moved[0]))
-    return found
+        costs.append(page_cost(name, cpu_s=float(np.median(times[name])), moved_bytes=moved[0]))
+    return costs
 
 
 def page_cost(work: str, *, cpu_s: float, moved_bytes: int) -> PageCost:
-    """From what was measured."""
+    """Compute the throughput from the measured time and memory traffic."""
     gigabytes = moved_bytes / 1e9
     return PageCost(
         work=work,
@@ -80,7 +80,7 @@ def page_cost(work: str, *, cpu_s: float, moved_bytes: int) -> PageCost:
 
 @contextmanager
 def counted() -> Iterator[list[int]]:
-    """Bytes that compiled loops are handed meanwhile, in the one element of a list."""
+    """Count the bytes that are passed to compiled loops within the context, in the one element of a list."""
     plain, moved = Kernel.__call__, [0]
 
     def call(kernel: Kernel, *arguments: Any, **named: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How fast our detector is: what it prepares of a design, how it looks at a scan, what it says of it, and all of it."""
+"""Speed of our detector: preparation of a design, analysis of a scan, its statistics, and all together."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 MOVED = Placement(shift_mm=(0.3, -0.2), skew_deg=0.05, stretch_percent=(0.02, -0.01))
-"""A page off its place as prints of worlds.toml's press world are."""
+"""Displacement of a page like those of prints of worlds.toml's press world."""
 
 
-LOOKS: Final = ("first look", "both looks")
+PASSES: Final = ("first look", "both looks")
 
 
 def grown_works(
     pages: Mapping[str, tuple[Page, Press]], *, threads: int = 1
 ) -> dict[str, tuple[Callable[[], object], float]]:
-    """First look and both looks of pages on presses, by what they differ in; megapixels of all sensors together."""
+    """Return the screening pass and both passes of pages on presses, by name; megapixels of all sensors together."""
     works: dict[str, tuple[Callable[[], object], float]] = {}
     for name, (page, press) in pages.items():
         scanned = _Scanned.of(page, press, threads=threads)
@@ -52,9 +52,9 @@ def grown_works(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Scanned:
-    """A page ready for the scan that it has."""
+    """A prepared page with its scan."""
 
-    known: PreparedPage
+    design: PreparedPage
     scan: NDArray[np.uint16]
     threads: int
 
@@ -63,30 +63,33 @@ class _Scanned:
         sensors, geometry = press.sensors, press.geometry
         expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
         in_place = predict(page, sensors=sensors, geometry=geometry)
-        known = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
-        _ = known.added.images
-        return cls(known=known, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads)
+        design = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
+        _ = design.added.images
+        return cls(
+            design=design, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads
+        )
 
     def at_first(self) -> tuple[ScanAnalysis, list[Observed]]:
-        found = analyse(self.known, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
+        analysis = analyse(self.design, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
         scatter = Scatter.white()
-        return found, screen_statistics(
-            found.sums, found.marks, found.fit, found.found, scatter, threads=self.threads
+        return analysis, screen_statistics(
+            analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=self.threads
         )
 
     def at_both(self) -> object:
-        found, seen = self.at_first()
-        whole = found.of_every_mode()
+        analysis, seen = self.at_first()
+        whole = analysis.of_every_mode()
         return remaining_statistics(whole.sums, Scatter.white(), seen, threads=self.threads)
 
 
 def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
-    """Each step and its camera megapixels; "whole": from a scan to its statistics, of a page prepared or a fresh one.
+    """Return each step and its camera megapixels.
 
-    "First look": what every page is looked at for; "both looks": what one takes that is passed on. Prediction follows
-    planes' fringes, as a press does unless it is told otherwise (``[inspection] fringes``), and glyphs are weighed. A
-    fresh design is searched for codes besides, as ``Inspector.prepare`` does. Of all sensors together one megapixel is
-    counted, so that two sensors show what they cost.
+    "whole": from a scan to its statistics, of a prepared page or a fresh one. "First look": the screening pass, which
+    every page gets; "both looks": with the full pass, which pages that are passed on get. Prediction includes planes'
+    fringes, as a press does by default (``[inspection] fringes``), and glyphs are tested. A fresh design is also
+    searched for codes, as ``Inspector.prepare`` does. The megapixels are those of one sensor, so that a second sensor's
+    cost shows.
     """
     sensors, geometry = press.sensors, press.geometry
     expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED, threads=1)
@@ -100,11 +103,11 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
             page, planned.expected, sensors=sensors, geometry=geometry, fringes=True, glyphs=True
         )
 
-    def analysed(known: PreparedPage) -> ScanAnalysis:
-        return analyse(known, scan, looked_at=SCREEN_MODES)
+    def analysed(design: PreparedPage) -> ScanAnalysis:
+        return analyse(design, scan, looked_at=SCREEN_MODES)
 
-    def at_first(known: PreparedPage) -> ScanAnalysis:
-        analysis = analysed(known)
+    def at_first(design: PreparedPage) -> ScanAnalysis:
+        analysis = analysed(design)
         screen_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
         return analysis
 

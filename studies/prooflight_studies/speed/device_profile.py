@@ -1,4 +1,4 @@
-"""A CMYK profile made in memory, so that lcms2 can look up the very table that prediction does."""
+"""A CMYK profile made in memory, so that lcms2 can look up the same table as prediction."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LAB_WHITE: Final = 0xFF00
 
 
 def cmyk_to_lab(lightness: NDArray[np.floating]) -> ImageCms.ImageCmsTransform:
-    """Pillow's transform of CMYK to L*a*b* whose L* is a table (n, n, n, n) of 0..1 over the four inks."""
+    """Return Pillow's transform of CMYK to L*a*b* whose L* is a table (n, n, n, n) of 0..1 over the four inks."""
     profile = ImageCms.ImageCmsProfile(io.BytesIO(profile_bytes(lightness)))
     return ImageCms.buildTransform(profile, ImageCms.createProfile("LAB"), "CMYK", "LAB")
 
 
 def profile_bytes(lightness: NDArray[np.floating]) -> bytes:
-    """The least that an output profile needs (ICC.1:2001-04, 6.3.3): description, copyright, white, one table."""
+    """Return a minimal output profile (ICC.1:2001-04, 6.3.3): description, copyright, white, one table."""
     tags = {
         b"desc": b"desc" + bytes(4) + struct.pack(">I", 6) + b"table\0" + bytes(78),
         b"cprt": b"text" + bytes(4) + b"none\0",

@@ -1,4 +1,4 @@
-"""The speeds of one run: ``docs/performance.md`` and its picture."""
+"""Page and picture of the speeds of one run: ``docs/performance.md``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VECTORS: Final = ("avx512bw", "avx2", "sse4.2", "neon")
 
 
 def machine() -> str:
-    """Cores and vector instructions, without names."""
+    """Return cores and vector instructions, without names."""
     features = binding.get_host_cpu_features()
     vectors = next((name for name in VECTORS if features.get(name)), "no vector instructions known")
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
@@ -34,7 +34,7 @@ def machine() -> str:
 
 def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder: Path) -> None:
     """Write ``performance.md``, its figures as JSON and its picture into ``folder``."""
-    found = {
+    results = {
         "machine": machine(),
         "picture": PICTURE,
         "rows": rows,
@@ -42,19 +42,19 @@ def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder
         "reached": REACHED,
         "costs": costs,
     }
-    write_page(folder / "performance.md", "speed", found)
+    write_page(folder / "performance.md", "speed", results)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)
 
 
 def _drawn(rows: Sequence[SpeedRow]) -> Figure:
-    """Bars on a logarithmic axis: photo pages beside baselines, then growth."""
-    kept = [row for row in rows if row.name.endswith(", photo")]
+    """Draw bars on a logarithmic axis: photo pages with their baselines, then growth."""
+    photos = [row for row in rows if row.name.endswith(", photo")]
     grown = [row for row in rows if row.name.startswith("growth")]
     figure = Figure(figsize=(8, 7.5), dpi=110, layout="constrained")
-    axes = figure.subplots(2, 1, height_ratios=[len(kept), max(len(grown), 1)])
+    axes = figure.subplots(2, 1, height_ratios=[len(photos), max(len(grown), 1)])
     for axis, part, title in (
-        (axes[0], kept, "A photo page, one core"),
+        (axes[0], photos, "A photo page, one core"),
         (axes[1], grown, "Prediction of a mixed page as things grow, one core"),
     ):
         names = [row.name.removesuffix(", photo").removeprefix("growth: ") for row in part]

@@ -1,4 +1,4 @@
-"""How soon a warm installation says its first verdict, from the start of the process."""
+"""Time from the start of the process to the first verdict of a warm installation."""
 
 from __future__ import annotations
 
@@ -38,11 +38,12 @@ print(done.verdict.verdict)
 
 
 def start_seconds(press: Press, page: Page) -> list[float]:
-    """Wall-clock from starting Python to the first verdict on ``page``, of starts after one that warms the caches. [s]
+    """Return wall-clock times from starting Python to the first verdict on ``page``. [s]
 
-    The press is loaded from its file, the page and its scan from arrays. RuntimeError: no verdict came.
+    They are of starts after one that warms the caches. The press is loaded from its file, the page and its scan from
+    arrays. RuntimeError: no verdict came.
     """
-    found = []
+    seconds = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         press.save(folder / "bench.press")
@@ -52,9 +53,9 @@ def start_seconds(press: Press, page: Page) -> list[float]:
         for start in range(STARTS + 1):
             begun = time.perf_counter()
             command = [sys.executable, "-c", FIRST_VERDICT, name]
-            said = subprocess.run(command, capture_output=True, text=True, check=False)
-            if said.stdout.strip() not in ("good", "misprint"):
-                raise RuntimeError(said.stderr)
+            completed = subprocess.run(command, capture_output=True, text=True, check=False)
+            if completed.stdout.strip() not in ("good", "misprint"):
+                raise RuntimeError(completed.stderr)
             if start:
-                found.append(time.perf_counter() - begun)
-    return found
+                seconds.append(time.perf_counter() - begun)
+    return seconds

@@ -1,4 +1,4 @@
-"""How fast pages are predicted, compared and judged, as ratios to baselines measured in the same run."""
+"""Speed of prediction, comparison and whole inspections, as ratios to baselines measured in the same run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.scans import ideal_scan
 from prooflight_studies.speed.compare import compare_rows, in_turns
-from prooflight_studies.speed.detector import LOOKS, MOVED, detector_works, grown_works
+from prooflight_studies.speed.detector import MOVED, PASSES, detector_works, grown_works
 from prooflight_studies.speed.device_profile import cmyk_to_lab
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ EVERY_OTHER: Final = slice(None, None, 2)
     where="P <= W, P % 8 == 0",
 )
 def look_up_page(packed, quantised, level, out):  # type: ignore[no-untyped-def]
-    """``look_up_light`` of each row, as far as ``out`` goes."""
+    """Look up each row by ``look_up_light``, as far as ``out`` goes."""
     for row in range(packed.shape[0]):
         look_up_light(packed[row, : out.size], quantised, level, out)
 
@@ -54,13 +54,16 @@ class SpeedRow:
     mpx_per_cpu_s: float
     """Megapixels a second of processor time, one core; of the raster in look-ups, of the camera elsewhere."""
     ratio: float
-    """Of the first row of its group, ours, over this one; in growth, of this one over the first."""
+    """Speed of the first row of its group, ours, over this one; in growth, of this one over the first."""
     lowest_mpx_per_cpu_s: float
     highest_mpx_per_cpu_s: float
 
 
 def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> dict[str, Page]:
-    """A page of bars like text, one of noisy gradients like a photograph, one half each, at the press's resolution."""
+    """Return a page of bars like text, one of noisy gradients like a photograph, and one half each.
+
+    They have the press's resolution.
+    """
     side = round(
         (side_mm or (QUICK_MM if quick else SIDE_MM)) * press.supersampling / press.geometry.pixel_pitch_mm
     )
@@ -80,7 +83,7 @@ def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> d
 
 
 def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
-    """Look-up, prediction, comparison and whole pages, then how cost grows; one core, but for the last group."""
+    """Time look-up, prediction, comparison, whole pages, and growth; on one core, but for the last group."""
     rows = []
     for name, page in bench_pages(press, quick=quick).items():
         rows += look_up_rows(name, page, press)
@@ -90,7 +93,7 @@ def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
 
 
 def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
-    """CMYK -> one sensor's mean by this package, lcms2 (Pillow) and scipy; all of every second node's table."""
+    """Time CMYK -> one sensor's mean by this package, lcms2 (Pillow) and scipy; all of every second node's table."""
     table = press.sensors[0].mean_dn
     small = table[EVERY_OTHER, EVERY_OTHER, EVERY_OTHER, EVERY_OTHER]
     height, width = page.cmyk.shape[:2]
@@ -101,13 +104,13 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     out = np.empty(width // 8 * 8, np.float32)
     part = page.cmyk[: max(height // 8, 1)].reshape(-1, 4).T / np.float32(2 * NODE_STEP)
 
-    def ours() -> None:
+    def look_up() -> None:
         look_up_page(packed, quantised, none, out)
 
     size = packed.size / 1e6
     return _rows(
         {
-            f"look-up, {name}": (ours, height * out.size / 1e6),
+            f"look-up, {name}": (look_up, height * out.size / 1e6),
             f"lcms2, {name}": (lambda: transform.apply(image, target), size),
             f"scipy map_coordinates, {name}": (
                 lambda: ndimage.map_coordinates(small, part, order=1),
@@ -118,7 +121,7 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 
 
 def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
-    """Prediction in place and moved, whole inspections, and comparison beside its baselines; ratios: to the first."""
+    """Time prediction in place and moved, whole inspections, comparison and its baselines; ratios: to the first."""
     prediction = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     scan = ideal_scan(prediction, press, stream(None, "bench-scan"))
     size = scan.size / 1e6
@@ -152,10 +155,10 @@ def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
 
 
 def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable[[], object], float]]:
-    """Whole pages under the paper's detector, from raster and scan to a verdict; megapixels of all sensors.
+    """Return whole inspections by the paper's detector, from raster and scan to a verdict; megapixels of all sensors.
 
-    "shared": predicted and prepared before; "off its place": the page lies as prints of the press world do, so that its
-    prediction moves after it.
+    "shared": predicted and prepared before; "off its place": the page is displaced as prints of the press world are, so
+    that its prediction is moved.
     """
     inspector = Inspector.of(press, "chi-square")
     prepared = inspector.prepare(page)
@@ -182,13 +185,16 @@ def inspections(name: str, page: Page, press: Press) -> dict[str, tuple[Callable
 
 
 def halved(page: Page) -> Page:
-    """Every other pixel of every other row, at half the resolution: the raster of a press with s = 1 for one with 2."""
+    """Return every other pixel of every other row, at half the resolution.
+
+    It is the raster of a press with s = 1, from that of one with s = 2.
+    """
     cmyk = np.ascontiguousarray(page.cmyk[EVERY_OTHER, EVERY_OTHER])
     return replace(page, cmyk=cmyk, dpi=page.dpi / 2)
 
 
 def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
-    """Prediction of a mixed page as pages, sensors and raster grow; and on two cores, by the wall."""
+    """Time prediction of a mixed page as pages, sensors and raster grow; and on two cores, by the wall clock."""
     base = bench_pages(press, quick=quick)["mixed"]
     works: dict[str, tuple[Callable[[], object], float]] = {}
 
@@ -219,7 +225,7 @@ def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
 
 
 def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
-    """Our detector on a mixed page as pages, sensors and raster grow; and on two cores, by the wall."""
+    """Time our detector on a mixed page as pages, sensors and raster grow; and on two cores, by the wall clock."""
     base = bench_pages(press, quick=quick)["mixed"]
     grown: dict[str, tuple[Page, Press]] = {"as it is": (base, press)}
     for sensors in (2, 3):
@@ -232,17 +238,17 @@ def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
         rows = round(times * len(base.cmyk))
         tall = np.concatenate([base.cmyk] * max(round(times), 1))[:rows]
         grown[f"{times:g} pages long"] = replace(base, cmyk=np.ascontiguousarray(tall)), press
-    found = []
+    timed = []
     for name, one in grown.items():  # one after the other, for a design of several pages takes a gigabyte
-        found += _rows(grown_works({name: one}))
+        timed += _rows(grown_works({name: one}))
     for threads in (1, min(2, os.cpu_count() or 1)):
         whole = {f"{threads} threads, by the wall": (base, press)}
-        found += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
-    first = {look: next(row for row in found if look in row.name).mpx_per_cpu_s for look in LOOKS}
+        timed += _rows(grown_works(whole, threads=threads), clock=time.perf_counter)
+    first = {look: next(row for row in timed if look in row.name).mpx_per_cpu_s for look in PASSES}
     return [
         replace(row, ratio=round(row.mpx_per_cpu_s / first[look], 2))
-        for row in found
-        for look in LOOKS
+        for row in timed
+        for look in PASSES
         if look in row.name
     ]
 
@@ -252,7 +258,7 @@ def _rows(
     *,
     clock: Callable[[], float] = time.process_time,
 ) -> list[SpeedRow]:
-    """Each work (what to do, its megapixels) in turns, after one turn that is not counted."""
+    """Time each function, given with its megapixels, in turns, after one turn that is not counted."""
     times = in_turns({name: work for name, (work, _) in works.items()}, REPEATS, clock=clock)
     speeds = {name: size / times[name] for name, (_, size) in works.items()}
     first = float(np.median(next(iter(speeds.values()))))

@@ -1,1 +1,1 @@
-"""Nuisances and misprints that no detector is taught by, and what scans say of them: for judging alone."""
+"""The study of stress: nuisances and misprints on which no detector is trained, for evaluation only."""

@@ -1,4 +1,4 @@
-"""The file of nuisances and misprints for judging: read, checked, and made into what simulates them."""
+"""The file of nuisances and misprints for evaluation: its reading, checks, and the objects that simulate them."""
 
 from __future__ import annotations
 
@@ -30,31 +30,32 @@ STRESS_FILES: Final = GivenFiles(error=RequestError, remedy=REMEDY, largest_mb=1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stress:
-    """All that a stress file states, by name and in the order of the file's kinds."""
+    """Content of a stress file, by name and in the order of the file's kinds."""
 
     nuisances: Mapping[str, Nuisance]
     marks: Mapping[str, Mark | Digit]
-    """Misprints."""
+    """Misprints of the file."""
     digest: str
     """SHA-256 of the file."""
 
     def nuisance(self, name: str) -> Nuisance:
-        """RequestError: there is none of that name."""
+        """Return a nuisance; RequestError: there is none of that name."""
         return _named("nuisance", self.nuisances, name)
 
     def mark(self, name: str) -> Mark | Digit:
-        """RequestError: there is none of that name."""
+        """Return a misprint; RequestError: there is none of that name."""
         return _named("misprint", self.marks, name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """To worker processes: read-only mappings do not travel."""
+        """Pickle for worker processes: read-only mappings cannot be pickled."""
         return _again, (dict(self.nuisances), dict(self.marks), self.digest)
 
 
 def load_stress(path: Path) -> Stress:
-    """RequestError: the file is no TOML, or a table or an amount is missing, unknown or wrong.
+    """Read a stress file.
 
-    OSError: the system cannot open it.
+    RequestError: the file is no TOML, or a table or an amount is missing, unknown or wrong. OSError: the system cannot
+    open it.
     """
     data = STRESS_FILES.read(path)
     text = STRESS_FILES.text(data, where=path)
@@ -83,22 +84,22 @@ def _check_head(raw: dict[str, Any]) -> None:
 
 
 def _tables(raw: dict[str, Any], of: str, kinds: Mapping[str, type[Kind]]) -> dict[str, Kind]:
-    """Every table of a kind, all of them there and none beside them; Misfit otherwise."""
+    """Return every table of a kind; Misfit: one is missing or unknown."""
     given = raw.get(of)
     if not isinstance(given, dict):
         raise Misfit(of, "is missing" if given is None else "must be a table of tables")
     for name in given:
         if name not in kinds:
             raise Misfit(f"{of}.{shortly(name)}", "is not known here")
-    found = {}
+    parsed = {}
     for name, kind in kinds.items():
         if name not in given:
             raise Misfit(f"{of}.{name}", "is missing")
-        found[name] = checked(kind, given[name], under=f"{of}.{name}.")
-    return found
+        parsed[name] = checked(kind, given[name], under=f"{of}.{name}.")
+    return parsed
 
 
-def _named(what: str, known: Mapping[str, Kind], name: str) -> Kind:
-    if name not in known:
-        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(known)}")
-    return known[name]
+def _named(what: str, entries: Mapping[str, Kind], name: str) -> Kind:
+    if name not in entries:
+        raise RequestError(what, f"there is no {shortly(name)!r}", remedy=f"choose of {', '.join(entries)}")
+    return entries[name]

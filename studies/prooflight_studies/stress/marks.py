@@ -1,7 +1,7 @@
-"""Misprints that no detector is taught by: a class a kind, with the amounts that a file states.
+"""Misprints on which no detector is trained: a class for each kind, with the amounts that a file states.
 
-They are drawn into the page's raster, before it is printed; a digit by composing the page again. None is let through a
-gate: what a kind does is what it does.
+They are drawn into the page's raster, before it is printed; a digit by composing the page again. All are used, without
+a least effect.
 """
 
 from __future__ import annotations
@@ -36,34 +36,34 @@ if TYPE_CHECKING:
 
     Change = Callable[[NDArray[np.float32], slice], None]
     Compose = Callable[[Callable[..., Sheet]], Page]
-    """Composes one page, on what the function given makes of ``Sheet``'s arguments."""
+    """Composition of one page, on the object that the given function returns for ``Sheet``'s arguments."""
 
 BLACK: Final = slice(3, 4)
 HAIR_EDGE_MM: Final = 25.0
-"""From the page's edges to the hair's middle, at least (the file's words)."""
+"""Least distance from the page's edges to the hair's middle (the file's words)."""
 MOST_CURVATURE_PER_MM: Final = 0.12
-"""Of a hair, to either side (the file's words)."""
+"""Greatest curvature of a hair, to either side (the file's words)."""
 SCRATCH_DEG: Final = 30.0
-"""Between a scratch and the travel, to either side (the file's words; assumed: exactly, and off the travel)."""
+"""Angle between a scratch and the travel, to either side (the file's words; assumed: exactly, and off the travel)."""
 SUBPIXELS: Final = 8
-"""Across a raster pixel that a thin mark crosses."""
+"""Subpixels across a raster pixel that a thin mark crosses."""
 TRIES: Final = 50
-"""Windows drawn until two are apart and differ; a page where none do has no such misprint."""
+"""Number of windows drawn until two are separate and differ; a page where none do has no such misprint."""
 DIGITS: Final = "0123456789"
 SIZE_WITHIN_PT: Final = 0.5
-"""assumed: composed type is of any size, and so near a stated one counts as it."""
+"""Greatest difference from a stated size; assumed, since composed type is of any size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawn:
-    """A page that goes wrong."""
+    """A page with a misprint."""
 
     page: Page
-    """What is printed."""
+    """The page that is printed."""
     regions_mm: tuple[Region, ...]
-    """x, y, width, height of each place concerned; the whole page where it is all of it. [mm]"""
+    """x, y, width, height of each region concerned; the whole page where all of it is. [mm]"""
     variant: str = ""
-    """Which of the kind's amounts it has, where it has several."""
+    """Amount of the kind, where it has several."""
 
 
 class Mark(Block):
@@ -72,7 +72,7 @@ class Mark(Block):
     what: str
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """The page with it; None: the kind cannot be on this page. The page given stays as it is."""
+        """Return the page with the misprint; None: the kind cannot be on this page. The given page is not changed."""
         raise NotImplementedError
 
 
@@ -84,7 +84,7 @@ class Hair(Mark):
     ink_percent: Percent
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Black comes up to ``ink_percent`` where it is less; None: the page is too small for one off its edges."""
+        """Raise black to ``ink_percent`` where it is less; None: the page is too small for a hair off its edges."""
         extents_mm = np.array([page.width_mm, page.height_mm])
         if (extents_mm < 2 * HAIR_EDGE_MM).any():
             return None
@@ -106,14 +106,14 @@ class Hair(Mark):
 
 
 class Scratch(Mark):
-    """A straight line from which ink is gone, whatever ink it is."""
+    """A straight line along which all inks are lost."""
 
     width_mm: Positive
     length_mm: Positive
     loss_percent: Percent
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Its middle lies on ink; None: there is none."""
+        """Draw a scratch with its middle on ink; None: there is none."""
         middle = _content(page, rng)
         if middle is None:
             return None
@@ -141,7 +141,7 @@ class Cast(Mark):
     amount_percent: Percent
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Of an ink that this half has; less of it where all of it is full. None: the page is blank."""
+        """Change an ink that this half has; it is reduced where all of it is full. None: the page is blank."""
         rows, columns = page.cmyk.shape[:2]
         halves = [
             Box(top=0, left=left, bottom=rows, right=right)
@@ -168,13 +168,13 @@ class Cast(Mark):
 
 
 class TextExchanged(Mark):
-    """Two windows of the page in each other's place."""
+    """Two windows of the page, exchanged."""
 
     window_mm: tuple[Positive, Positive]
-    """Width, height."""
+    """Width, height. [mm]"""
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Both on content, apart, and different; None: no two are."""
+        """Exchange windows that are both on content, separate, and different; None: no two are."""
         pair = _windows(page, self.window_mm, rng)
         if pair is None:
             return None
@@ -186,13 +186,13 @@ class TextExchanged(Mark):
 
 
 class GlyphExchanged(Mark):
-    """A window that shows what belongs elsewhere on the page."""
+    """A window that shows content from elsewhere on the page."""
 
     window_mm: tuple[Positive, Positive]
-    """Width, height."""
+    """Width, height. [mm]"""
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Both places on content, apart, and different; None: no two are."""
+        """Copy between windows that are both on content, separate, and different; None: no two are."""
         pair = _windows(page, self.window_mm, rng)
         if pair is None:
             return None
@@ -203,13 +203,13 @@ class GlyphExchanged(Mark):
 
 
 class Mottle(Mark):
-    """All inks lie unevenly, together."""
+    """Unevenness that all inks have in common."""
 
     rms_percent: Percent
     grain_mm: Positive
 
     def drawn(self, page: Page, rng: np.random.Generator) -> Drawn | None:
-        """Over the whole page; None: it is blank."""
+        """Apply mottle to the whole page; None: it is blank."""
         whole = Box.whole(page)
         if (_shares(page, whole) < LEAST_INK_SHARE).all():
             return None
@@ -232,9 +232,9 @@ class Digit(Block):
     sizes_pt: tuple[Positive, ...]
 
     def drawn(self, page: Page, rng: np.random.Generator, compose: Compose) -> Drawn | None:
-        """The page composed again with one digit changed; None: it shows none of about these sizes.
+        """Return the page composed again with one digit changed; None: it has no digit of about these sizes.
 
-        Sizes that the page has are equally likely. compose: makes this very page on another sheet.
+        Sizes that the page has are equally likely. compose: composes this very page on another sheet.
         """
         noted = NotedDigits()
         compose(noted.sheet)
@@ -256,19 +256,19 @@ class Digit(Block):
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class NotedDigits:
-    """The digits of a page in the order in which they are set, one of them wrong if asked for."""
+    """Record of a page's digits in the order in which they are set, optionally with one of them wrong."""
 
     slip_at: int | None = None
     slip: int = 0
-    """By how much the digit there is too great, modulo 10."""
+    """Difference of the wrong digit from the right one, modulo 10."""
     sizes_pt: list[float] = field(default_factory=list)
 
     def sheet(self, **how: float) -> Sheet:
-        """A sheet that notes them here."""
+        """Return a sheet that records its digits here."""
         return _NotingSheet(self, **how)
 
     def set(self, letter: str, size_pt: float) -> str:
-        """What is drawn for a letter."""
+        """Return the letter that is drawn for a letter."""
         if letter not in DIGITS:
             return letter
         self.sizes_pt.append(size_pt)
@@ -294,7 +294,7 @@ MARKS: Final[Mapping[str, type[Mark | Digit]]] = {
     "mottle": Mottle,
     "digit": Digit,
 }
-"""By the name of a file's table."""
+"""Classes by the name of a file's table."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -302,15 +302,15 @@ class Ribbon:
     """A thin mark of constant curvature and even width."""
 
     middle_mm: tuple[float, float]
-    """x, y."""
+    """x, y. [mm]"""
     angle: float
-    """Of its direction at the middle, from x towards y. [radian]"""
+    """Direction at the middle, from x towards y. [radian]"""
     curvature_per_mm: float
     width_mm: float
     length_mm: float
 
     def on(self, page: Page) -> tuple[Box, NDArray[np.float32]]:
-        """The part of a page that it touches, and how much of each of its pixels it covers, 0..1."""
+        """Return the part of a page that the mark touches, and its coverage of each pixel, 0..1."""
         pixel = page.pixel_mm
         at = np.linspace(-self.length_mm / 2, self.length_mm / 2, 257)
         x_mm, y_mm = self._line(at)
@@ -339,7 +339,7 @@ class Ribbon:
         return box, cover
 
     def _line(self, along: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Points of the middle line so far along it. [mm]"""
+        """Return points of the middle line at these positions along it. [mm]"""
         half = self.curvature_per_mm * along / 2
         chord = along * np.sinc(half / np.pi)
         return (
@@ -350,7 +350,10 @@ class Ribbon:
     def _from_line(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """How far points lie off the middle line, and how far along it; of a straight line too. [mm]"""
+        """Return the distances of points from the middle line, and their positions along it. [mm]
+
+        The line may be straight.
+        """
         x, y = x_mm - self.middle_mm[0], y_mm - self.middle_mm[1]
         ahead = x * np.cos(self.angle) + y * np.sin(self.angle)
         aside = y * np.cos(self.angle) - x * np.sin(self.angle)
@@ -365,9 +368,9 @@ class Ribbon:
 def draw_mark(
     page: Page, mark: Mark | Digit, *, rng: np.random.Generator, compose: Compose | None = None
 ) -> Drawn | None:
-    """A misprint of that kind; None: it cannot be on this page, or changes nothing of it.
+    """Draw a misprint of that kind; None: it cannot be on this page, or changes nothing of it.
 
-    compose: makes this very page on another sheet. RequestError: a digit, of a page that nothing composes.
+    compose: composes this very page on another sheet. RequestError: a digit, on a page that is not composed.
     """
     if isinstance(mark, Digit):
         if compose is None:
@@ -388,7 +391,7 @@ def _rewritten(page: Page, box: Box, inks: slice, change: Change, rng: np.random
 
 
 def _changed(page: Page, other: Page) -> Box | None:
-    """The least box that holds all in which two pages of one size differ; None: in nothing."""
+    """Return the least box that holds all differences of two pages of one size; None: there are none."""
     rows, columns = np.nonzero(page.packed != other.packed)
     if not rows.size:
         return None
@@ -398,16 +401,16 @@ def _changed(page: Page, other: Page) -> Box | None:
 
 
 def _content(page: Page, rng: np.random.Generator) -> tuple[int, int] | None:
-    """A pixel (row, column) that has ink; None: there is none."""
-    found = np.argwhere(page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP].max(axis=2) >= INKED)
-    if not len(found):
+    """Return a random pixel (row, column) that has ink; None: there is none."""
+    inked = np.argwhere(page.cmyk[::SAMPLE_STEP, ::SAMPLE_STEP].max(axis=2) >= INKED)
+    if not len(inked):
         return None
-    row, column = found[int(rng.integers(len(found)))] * SAMPLE_STEP
+    row, column = inked[int(rng.integers(len(inked)))] * SAMPLE_STEP
     return int(row), int(column)
 
 
 def _windows(page: Page, window_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Box, Box] | None:
-    """Two windows about content that are apart and do not show the same; None: none were found."""
+    """Return two windows about content that are separate and differ; None: there are none."""
     width_mm, height_mm = window_mm
     for _ in range(TRIES):
         boxes = []
@@ -417,20 +420,20 @@ def _windows(page: Page, window_mm: tuple[float, float], rng: np.random.Generato
                 return None
             boxes.append(Box.around(page, middle, width_mm=width_mm, height_mm=height_mm))
         one, other = boxes
-        apart = (
+        separate = (
             one.bottom <= other.top
             or other.bottom <= one.top
             or one.right <= other.left
             or other.right <= one.left
         )
         shown, elsewhere = (page.cmyk[box.rows, box.columns] for box in boxes)
-        if apart and not np.array_equal(shown, elsewhere):
+        if separate and not np.array_equal(shown, elsewhere):
             return one, other
     return None
 
 
 def _shares(page: Page, box: Box) -> NDArray[np.float64]:
-    """How much of a part of the page each ink covers, (4,), 0..1."""
+    """Return the share of a part of the page that each ink covers, (4,), 0..1."""
     sample = page.cmyk[box.rows, box.columns][::SAMPLE_STEP, ::SAMPLE_STEP]
     shares: NDArray[np.float64] = sample.reshape(-1, 4).mean(axis=0) / FULL
     return shares

@@ -1,7 +1,7 @@
-"""What may befall a good print that no detector is taught by: a class a nuisance, with the amounts that a file states.
+"""Nuisances of good prints on which no detector is trained: a class for each, with the amounts that a file states.
 
-A nuisance does one of four things: it changes the session, the true press, where the page lies, or the light. What it
-does not do stays as it is, to the last bit.
+A nuisance changes one of four: the session, the true press, the page's placement, or the light. All else stays as it
+is, to the last bit.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ Percent = Annotated[float, Field(strict=True, ge=0, le=100, allow_inf_nan=False)
 Columns = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
 MIDDLE: Final = 0.4
-"""assumed: share of the field, about its middle, in which a bad column lies: under the narrowest designs, off edges."""
+"""assumed: share of the field, about its middle, that has bad columns, to be under narrow designs and off edges."""
 WAVE_NODES: Final = 32
-"""Nodes of a warp to a period: a line between them leaves a sine by 0.5 % of its amplitude at most."""
+"""Nodes of a warp to a period: a line between them differs from a sine by 0.5 % of its amplitude at most."""
 TILT_NM: Final = (400.0, 700.0)
 
 
@@ -57,25 +57,25 @@ class Passing:
     page: Page
     placement: Placement
     place: tuple[float, float]
-    """Two numbers in [0, 1) that stay for the day: which column, of which sensor."""
+    """Two numbers in [0, 1) that select the bad column and sensor; constant for the day."""
     others: Sequence[int]
     """Designs that may be on the other side of the sheet."""
     fetch: Callable[[int], Page] | None
-    """Gives them."""
+    """Function that returns these designs."""
 
     @property
     def lines(self) -> int:
-        """Of its scan."""
+        """Number of lines of its scan."""
         return self.press.geometry.lines(self.page.height_mm)
 
     def seen_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The points of the page that the camera's pixels see, x and y, (lines, pixels) each. [mm]"""
+        """Return the points of the page that the camera's pixels see, x and y, (lines, pixels) each. [mm]"""
         page, geometry = self.page, self.press.geometry
         x, y = np.meshgrid(geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(self.lines))
         return self.placement.seen_mm(x, y, page_width_mm=page.width_mm, page_height_mm=page.height_mm)
 
     def on_page(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether points lie on the sheet."""
+        """Return whether points are on the sheet."""
         return _on(self.page, x_mm, y_mm)
 
     @property
@@ -91,38 +91,44 @@ class Passing:
 
 
 class Nuisance(Block):
-    """One nuisance; by itself it does nothing."""
+    """One nuisance; the base class changes nothing."""
 
     what: str
 
     def session(self, session: Session) -> Session:
-        """The day as it is under the nuisance."""
+        """Return the day under the nuisance."""
         return session
 
     def true_press(self, press: Press, press_file: PressFile | None) -> Press:
-        """The press as it truly is under it, whatever its tables say. press_file: that it was built from."""
+        """Return the press as it truly is under the nuisance, whatever its tables say.
+
+        press_file: that it was built from.
+        """
         return press
 
     def moved(
         self, placement: Placement, page: Page, geometry: ScanGeometry, rng: np.random.Generator
     ) -> Placement:
-        """Where a print lies under it."""
+        """Return the placement of a print under the nuisance."""
         return placement
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]] | None:
-        """What is added to 1 in the factor of its light, broadcast to (sensors, lines, pixels); None: nothing. [-]"""
+        """Return the term added to 1 in the factor of the light; None: nothing. [-]
+
+        It broadcasts to (sensors, lines, pixels).
+        """
         return None
 
 
 class Formation(Nuisance):
-    """Paper's cloudiness: texture of one grain, of all sensors alike, on the sheet and not on what lies around it."""
+    """Paper's cloudiness: texture of one grain, alike for all sensors, on the sheet and not on what surrounds it."""
 
     rms_percent: Percent
     grain_mm: Positive
     where: Literal["sheet"]
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]]:
-        """A pixel takes the field's value at its middle; a grain is many pixels wide."""
+        """Sample the field at each pixel's middle; a grain is many pixels wide."""
         x_mm, y_mm = passing.seen_mm()
         field = SheetTexture.draw(passing.page, self.grain_mm, rng).at(x_mm, y_mm)
         return field * (passing.on_page(x_mm, y_mm) * np.float32(self.rms_percent / 100))
@@ -135,13 +141,13 @@ class LightRipple(Nuisance):
     period_lines: Positive
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]]:
-        """A sine over the scan's lines, of one phase a sheet."""
+        """Return a sine over the scan's lines, of one phase for each sheet."""
         turns = np.arange(passing.lines) / self.period_lines + rng.random()
         return (self.amplitude_percent / 100) * np.sin(2 * np.pi * turns)[:, None]
 
 
 class WebWobble(Nuisance):
-    """The web's speed goes up and down."""
+    """Periodic variation of the web's speed."""
 
     amplitude_mm: NotNegative
     period_mm: Positive
@@ -149,11 +155,11 @@ class WebWobble(Nuisance):
     def moved(
         self, placement: Placement, page: Page, geometry: ScanGeometry, rng: np.random.Generator
     ) -> Placement:
-        """A sine along the travel on top of the print's own warp, whose nodes stay among the new ones.
+        """Add a sine along the travel to the print's own warp, whose nodes stay among the new ones.
 
-        Scans are sampled at nodes ``NODE_PITCH`` lines apart with straight lines between. That takes sinc^2 of the
-        pitch over the period off a sine, which is given back here; what it adds of shorter waves stays, at most 4 % of
-        the amplitude for nodes a sixth of a period apart.
+        Scans are sampled at nodes ``NODE_PITCH`` lines apart with straight lines between. That attenuates a sine by
+        sinc^2 of the pitch over the period, which is compensated here; the shorter waves that it adds stay, at most 4 %
+        of the amplitude for nodes a sixth of a period apart.
         """
         phase = rng.random()
         if self.amplitude_mm == 0:
@@ -175,7 +181,7 @@ class ShowThrough(Nuisance):
     """assumed: standard deviation of a Gaussian."""
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]]:
-        """1 less ``amplitude_percent`` of what light the other side takes, by each sensor's own tables."""
+        """Subtract ``amplitude_percent`` of the light that the other side absorbs, by each sensor's own tables."""
         x_mm, y_mm = passing.seen_mm()
         mirrored_mm = passing.page.width_mm - x_mm
         back, press = self._back(passing, rng), passing.press
@@ -199,13 +205,13 @@ class ShowThrough(Nuisance):
 
 
 class Dust(Nuisance):
-    """On the glass: neighbouring columns of all sensors lose light, the same all day."""
+    """Dust on the glass: neighbouring columns of all sensors lose light, the same all day."""
 
     columns: Columns
     loss_percent: Percent
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]]:
-        """Of whole columns, the backing's light too."""
+        """Attenuate whole columns, including the backing's light."""
         change = np.zeros((1, passing.press.geometry.pixels))
         change[:, passing.column : passing.column + self.columns] = -self.loss_percent / 100
         return change
@@ -218,22 +224,22 @@ class DeadColumn(Nuisance):
     loss_percent: Percent
 
     def light_change(self, passing: Passing, rng: np.random.Generator) -> NDArray[np.floating[Any]]:
-        """Of whole columns, the backing's light too."""
+        """Attenuate whole columns, including the backing's light."""
         change = np.zeros((len(passing.press.sensors), 1, passing.press.geometry.pixels))
         change[passing.sensor, :, passing.column : passing.column + self.columns] = -self.loss_percent / 100
         return change
 
 
 class LooserPress(Nuisance):
-    """All amounts by which good prints differ, times a number."""
+    """Variation of good prints, all amounts multiplied by a factor."""
 
     times: NotNegative
 
     def session(self, session: Session) -> Session:
-        """The same day's draws, further apart.
+        """Return the same day's draws, scaled.
 
-        Its prints are the same prints, further apart, up to their specks, of which there are more: what is drawn after
-        these (the print's lamp, flicker and noise) is drawn anew.
+        Its prints are the same prints, scaled, up to their specks, of which there are more: what is drawn after these
+        (the print's lamp, flicker and noise) is drawn again.
         """
         times = self.times
         sensors = tuple(
@@ -256,24 +262,24 @@ class LooserPress(Nuisance):
 
 
 class PatchyTables(Nuisance):
-    """The tables' error that is smooth in CMYK, times a number."""
+    """The tables' error that is smooth in CMYK, multiplied by a factor."""
 
     times: NotNegative
 
     def session(self, session: Session) -> Session:
-        """The same patches, stronger."""
+        """Return the day with the same errors, stronger."""
         sensors = (replace(each, table_shape_sd=each.table_shape_sd * self.times) for each in session.sensors)
         return replace(session, sensors=tuple(sensors))
 
 
 class AgeingLamp(Nuisance):
-    """The lamp's spectrum tilts; nobody calibrates anew."""
+    """A tilt of the lamp's spectrum without recalibration."""
 
     tilt_percent: Percent
-    """From ``TILT_NM``'s one end to the other; assumed: towards red, as the blue of LEDs fades first."""
+    """Tilt between the ends of ``TILT_NM``; assumed: towards red, as the blue of LEDs fades first."""
 
     def true_press(self, press: Press, press_file: PressFile | None) -> Press:
-        """Tables and backing as the same camera has them under the tilted lamp, over what it has under its own."""
+        """Scale tables and backing by the ratio of what the same camera has under the tilted lamp and under its own."""
         if press_file is None:
             raise ValueError("the ageing lamp needs the spectra of a press file: give `press_file`")
         changes = lamp_changes(press_file.path, press_file.text, self.tilt_percent)
@@ -302,11 +308,11 @@ NUISANCES: Final[Mapping[str, type[Nuisance]]] = {
     "ageing_lamp": AgeingLamp,
     "dead_column": DeadColumn,
 }
-"""By the name of a file's table."""
+"""Classes by the name of a file's table."""
 
 
 def finer(warp: Warp | None, page: Page, pitch_mm: float) -> Warp:
-    """The same warp with nodes at most ``pitch_mm`` apart; a warp of zeros over the page for None."""
+    """Return the same warp with nodes at most ``pitch_mm`` apart; a warp of zeros over the page for None."""
     if warp is None:
         rows, columns = (int(extent / pitch_mm) + 2 for extent in (page.height_mm, page.width_mm))
         return Warp(nodes_mm=np.zeros((rows, columns, 2), np.float32), pitch_mm=pitch_mm)
@@ -322,7 +328,7 @@ def finer(warp: Warp | None, page: Page, pitch_mm: float) -> Warp:
 
 
 def multiplied(amounts: Amounts, times: float) -> Amounts:
-    """All amounts times a number, as ``all_times`` of ``[variation]`` does it, those that a press file states too."""
+    """Multiply all amounts as ``all_times`` of ``[variation]`` does it, including those that a press file states."""
 
     def more(name: str, value: Any) -> Any:
         if isinstance(value, tuple):
@@ -339,7 +345,7 @@ def multiplied(amounts: Amounts, times: float) -> Amounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LampChange:
-    """What another lamp does to one sensor: new over old. [-]"""
+    """Effect of another lamp on one sensor: new over old. [-]"""
 
     mean: NDArray[np.float32]
     """(33, 33, 33, 33)"""
@@ -350,7 +356,10 @@ class LampChange:
 
 @lru_cache(maxsize=2)
 def lamp_changes(path: Path, text: str, tilt_percent: float) -> tuple[LampChange, ...]:
-    """Of every sensor of a press file; kept by what it says, for the tables of two lamps take seconds."""
+    """Return the change for every sensor of a press file.
+
+    Results are cached by the file's text, since the tables of two lamps take seconds.
+    """
     press_file = PressFile(path, text)
     camera, inks = press_file.camera(), press_file.inks()
     aged = replace(camera, light=tilted(camera.light, tilt_percent))
@@ -368,7 +377,10 @@ def lamp_changes(path: Path, text: str, tilt_percent: float) -> tuple[LampChange
 
 
 def tilted(light: Light, tilt_percent: float) -> Light:
-    """The light with its power times a line in wavelength, level beyond ``TILT_NM``; its mean power is kept."""
+    """Return the light with its power times a line in wavelength, level beyond ``TILT_NM``.
+
+    Its mean power is unchanged.
+    """
     low, high = TILT_NM
     place = (np.clip(spectra.WAVE_NM, low, high) - (low + high) / 2) / (high - low)
     power = light.relative_power * (1 + tilt_percent / 100 * place)
@@ -387,7 +399,10 @@ def _backing(camera: Camera, index: int, reflectance: NDArray[np.float64]) -> fl
 
 
 def _light_taken(press: Press, page: Page, blur_mm: float) -> NDArray[np.float32]:
-    """What share of paper's light a page takes, blurred: (sensors, lines, pixels) of its scan, 0 beyond it. [-]"""
+    """Return the share of the paper's light that a page absorbs, blurred: (sensors, lines, pixels) of its scan. [-]
+
+    It is 0 beyond the page.
+    """
     geometry = press.geometry
     seen = predict(page, sensors=press.sensors, geometry=geometry, threads=1).expected_dn
     taken = np.zeros_like(seen)

@@ -1,4 +1,4 @@
-"""Rows of stress: good prints under every nuisance, and every misprint, each beside the same good print without."""
+"""Rows of stress: good prints under every nuisance, and every misprint, each with the same good print without."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from prooflight.rng import stream
 from prooflight.simulation.captures import Printed
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight_studies.harness.protocol import OTHERS
-from prooflight_studies.press.scans import places_mm, what_is_said
+from prooflight_studies.press.scans import places_mm, scan_row
 from prooflight_studies.stress.marks import MARKS, draw_mark
 from prooflight_studies.stress.stressed import stressed
 
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
     from prooflight_studies.stress.marks import Compose
 
 COPY = 0
-"""Of a scene: every row of a design is of one and the same print."""
+"""Copy number: every row of a design is of the same print."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressWork:
-    """A good copy of a day's designs, the same under nuisances, the same with misprints -> a row each.
+    """Measurement of a day's designs: a good copy, the same under nuisances, and the same with misprints, a row each.
 
-    All designs of a day are held at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
+    All designs of a day are in memory at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
     Columns: design, kind (of the misprint, with its variant; "" where good), severity, nuisance ("" where none), day,
-    values (statistics,), boxes (statistics, 4) [mm], portrait, another, glyphs, places (PLACES, 4) [mm, NaN: none].
-    Beside them ``unmade_kind`` and ``unmade_design``, one for each misprint that cannot be on its page, and ``names``
-    of the statistics.
+    values (statistics,), boxes (statistics, 4) [mm], portrait (the page features), another, glyphs, places (PLACES, 4)
+    [mm, NaN: none]. Columns ``unmade_kind`` and ``unmade_design`` have an entry for each misprint that cannot be on its
+    page, and ``names`` has those of the statistics.
     """
 
     scene: Scene
-    """In the press world."""
+    """Scene in the press world."""
     scatter: Scatter
     stress: Stress
     nuisances: tuple[str, ...]
@@ -55,19 +55,19 @@ class StressWork:
     wrong_under: tuple[str, ...] = ()
     """Nuisances, "" for none, under each of which every design is printed once wrong, of the scene's kind in turn."""
     press_file: PressFile | None = None
-    """That the scene's press was built from, for what a lamp does."""
+    """Press file that the scene's press was built from, for the effect of a lamp."""
 
     def __call__(self, day: Day, /) -> Rows:
-        """``Work``."""
+        """Return the rows of a day."""
         bench, table = self.scene.day(day), _Table(day=day)
         designs = {index: bench.design(index) for index in day.designs}
         for name in ("", *self.nuisances):
             under = self._under(bench, name, day) if name else bench
-            for index, (good, known) in designs.items():
-                self._add(table, under, good, known, index, nuisance=name)
+            for index, (good, prepared) in designs.items():
+                self._add(table, under, good, prepared, index, nuisance=name)
         for kind in self.marks:
             mark = self.stress.mark(kind)
-            for index, (good, known) in designs.items():
+            for index, (good, prepared) in designs.items():
                 number = list(MARKS).index(kind)
                 rng = stream(self.scene.seed, "stress-mark", self.scene.number, index, number)
                 drawn = draw_mark(good.page, mark, rng=rng, compose=self._composing(bench, index))
@@ -75,14 +75,14 @@ class StressWork:
                     table.unmade.append((kind, index))
                     continue
                 wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
-                said = f"{kind} {drawn.variant}".strip()
-                self._add(table, bench, wrong, known, index, kind=said, regions_mm=drawn.regions_mm)
+                label = f"{kind} {drawn.variant}".strip()
+                self._add(table, bench, wrong, prepared, index, kind=label, regions_mm=drawn.regions_mm)
         for name in self.wrong_under:
             self._add_wrong(table, bench, self._under(bench, name, day) if name else bench, designs, name)
         return table.rows()
 
     def _composing(self, bench: PressDay, index: int) -> Compose | None:
-        """Composes a design as the press takes it; None: designs here are not composed."""
+        """Return a function that composes a design as the press takes it; None: designs here are not composed."""
         pages = self.scene.pages
         if not isinstance(pages, Corpus):
             return None
@@ -96,15 +96,15 @@ class StressWork:
         designs: Mapping[int, tuple[Printed, PreparedPage]],
         name: str,
     ) -> None:
-        """One misprint of each design, the same whatever the nuisance."""
-        for index, (good, known) in designs.items():
+        """Add one misprint of each design, the same whatever the nuisance."""
+        for index, (good, prepared) in designs.items():
             rng, kind = self.scene.rng(index, 1), self.scene.kind(index, 1)
             others = rng.permutation([other for other in designs if other != index])[:OTHERS].tolist()
             wrong = bench.wrong(good, kind, others, rng)
             if wrong is None:
                 table.unmade.append((kind, index))
                 continue
-            self._add(table, under, wrong, known, index, nuisance=name, kind=kind, rng=rng)
+            self._add(table, under, wrong, prepared, index, nuisance=name, kind=kind, rng=rng)
 
     def _under(self, bench: PressDay, name: str, day: Day) -> PressDay:
         under = stressed(
@@ -122,7 +122,7 @@ class StressWork:
         table: _Table,
         bench: PressDay,
         printed: Printed,
-        known: PreparedPage,
+        prepared: PreparedPage,
         index: int,
         *,
         nuisance: str = "",
@@ -131,7 +131,7 @@ class StressWork:
         rng: np.random.Generator | None = None,
     ) -> None:
         scan = bench.scan(printed, self.scene.rng(index, COPY) if rng is None else rng)
-        said, table.names = what_is_said(bench, known, scan, self.scatter)
+        row, table.names = scan_row(bench, prepared, scan, self.scatter)
         facts = {
             "design": index,
             "kind": kind,
@@ -139,13 +139,13 @@ class StressWork:
             "day": table.day.designs[0],
             "severity": printed.severity,
         }
-        for name, value in {**facts, **said, "places": places_mm(regions_mm)}.items():
+        for name, value in {**facts, **row, "places": places_mm(regions_mm)}.items():
             table.columns[name].append(value)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Table:
-    """Rows as they are made."""
+    """Rows while they are collected."""
 
     day: Day
     columns: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
@@ -154,10 +154,10 @@ class _Table:
 
     def rows(self) -> Rows:
         rows = {name: np.array(values) for name, values in self.columns.items()}
-        words = {name: rows[name].astype("U24") for name in ("kind", "nuisance")}
-        beside = {
+        labels = {name: rows[name].astype("U24") for name in ("kind", "nuisance")}
+        extra = {
             "unmade_kind": np.array([kind for kind, _ in self.unmade], "U24"),
             "unmade_design": np.array([index for _, index in self.unmade], np.int64),
             "names": np.array(self.names, "U48"),
         }
-        return rows | words | beside
+        return rows | labels | extra

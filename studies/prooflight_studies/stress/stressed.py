@@ -1,4 +1,4 @@
-"""A press day with a nuisance in force, each of its prints the twin of one without."""
+"""A press day under a nuisance, each of whose prints has a twin without it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressedDay(SimulatedDay):
-    """A day in the press world under a nuisance; what its tables expect knows nothing of it."""
+    """A day in the press world under a nuisance, which the expectations of its tables do not include."""
 
     nuisance: Nuisance
     true_press: Press
@@ -42,9 +42,10 @@ class StressedDay(SimulatedDay):
     def seen_in_press(
         self, page: Page, rng: np.random.Generator, placement: Placement = IN_PLACE
     ) -> Prediction:
-        """``SimulatedDay.seen_in_press`` of the same print, the nuisance in force.
+        """Return ``SimulatedDay.seen_in_press`` of the same print under the nuisance.
 
-        ``rng`` is drawn from as there and no further: the nuisance has its own, seeded by what ``rng`` draws next.
+        ``rng`` is drawn from as there and no further: the nuisance has its own generator, seeded by what ``rng`` would
+        draw next.
         """
         assert self.session is not None
         print_ = Print.draw(self.session, self.press, page, rng)
@@ -73,10 +74,11 @@ def stressed(
     fetch: Callable[[int], Page] | None = None,
     press_file: PressFile | None = None,
 ) -> StressedDay:
-    """The day under a nuisance; of one rng, its prints are those of ``day`` but for the nuisance.
+    """Return the day under a nuisance; with equal rng, its prints are those of ``day`` but for the nuisance.
 
-    rng: of what stays all day. others, fetch: designs, for what shows through. press_file: that the press was built
-    from, for what a lamp does. ValueError: the day is none of the press world, or the nuisance lacks what it needs.
+    rng: draws what is constant for the day. others, fetch: designs, for show-through. press_file: that the press was
+    built from, for the effect of a lamp. ValueError: the day is not of the press world, or the nuisance lacks what it
+    needs.
     """
     if day.session is None:
         raise ValueError("nuisances are of the press world: this day has no session")
@@ -92,10 +94,10 @@ def stressed(
 
 
 def lit_otherwise(seen: Prediction, change: NDArray[np.floating], press: Press) -> Prediction:
-    """Light times 1 + change, (sensors, lines, pixels) once broadcast; no change leaves every bit.
+    """Multiply the light by 1 + change, (sensors, lines, pixels) once broadcast; a change of 0 keeps every bit.
 
-    Variance but that of rounding takes the same factor: right for shot noise, and to first order of a few per cent for
-    halftone (whose goes with the square) and for reading noise (which stays).
+    The variance except that of rounding takes the same factor: exact for shot noise, and to first order of a few per
+    cent for halftone (which scales with the square) and for read noise (which stays).
     """
     offset = np.stack([sensor.column_offset_dn for sensor in press.sensors])[:, None]
     top = np.array([sensor.top_code_dn for sensor in press.sensors], np.float32)[:, None, None]

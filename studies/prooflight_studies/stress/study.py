@@ -1,7 +1,8 @@
-"""What no detector was taught by: alarms under every nuisance before and after its good pages were learned, misprints
-of kinds that nobody taught, and what a nuisance costs in misprints caught.
+"""Stress study: alarms under nuisances before and after learning, and misprints of kinds without training.
 
-The press is what `press build` makes; what it learns is what `press learn` learns.
+It measures false alarms under every nuisance before and after its good pages were learned, misprints of untrained
+kinds, and the misprints that a nuisance hides. The press is made as `press build` makes it; it learns as `press learn`
+does.
 """
 
 from __future__ import annotations
@@ -54,39 +55,39 @@ if TYPE_CHECKING:
 SCENE, REAL_SCENE = 60, 61
 BUILD_SEED: Final = 90_001
 MOST_UNTOLD, OFTEN_TOLD = 0.03, 0.95
-"""False alarms of a run that need not be told, and how often more of them must be."""
+"""False-alarm rate of a run that need not be reported, and share of runs above it that must be."""
 COSTLY: Final = "formation_half"
-"""Under which misprints are printed as well."""
+"""Nuisance under which misprints are printed as well."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StressPlan:
-    """How many designs; no two sets share a design or a press day."""
+    """Numbers of designs; no two sets share a design or a press day."""
 
     seed: int = 53
     learn: int = 40
-    """Good pages of a press under a nuisance that are learned from, on days of their own."""
+    """Number of good pages of a press under a nuisance that are learned, on days of their own."""
     per_day: int = 4
     runs: int = 10
-    """Of so many ..."""
+    """Number of runs under every nuisance."""
     per_run: int = 30
-    """... good pages each under every nuisance, each on one press day."""
+    """Number of good pages of each run, printed on one press day."""
     marks: int = 120
-    """Designs on which every misprint is drawn that nobody taught."""
+    """Number of designs on which every misprint is drawn that no detector is trained on."""
     wrong: int = 300
-    """Designs printed wrong with and without ``COSTLY``."""
+    """Number of designs printed wrong with and without ``COSTLY``."""
     good: int = 2240
-    """Further designs, printed once, well."""
+    """Number of further designs, printed once, well."""
     rounds: int = 5
-    """In which every real page is printed once well and once wrong."""
+    """Number of rounds in which every real page is printed once well and once wrong."""
 
     def days(self, first: int, count: int, per_day: int) -> list[Day]:
-        """Press days on which designs ``first`` and further are printed."""
+        """Return the press days on which ``count`` designs from ``first`` on are printed."""
         return in_days("stress", range(first, first + count), per_day)
 
     @property
     def sets(self) -> dict[str, list[Day]]:
-        """The days of every set."""
+        """Press days of every set."""
         return {
             "learn": self.days(0, self.learn, self.per_day),
             "judge": self.days(10_000, self.runs * self.per_run, self.per_run),
@@ -106,24 +107,24 @@ def run_stress_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
-    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: where rows are kept.
+    """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: folder of rows.
 
-    real: pages of real documents, beside the composed designs.
+    real: pages of real documents, in addition to the composed designs.
     """
     plan, stress = plan or StressPlan(), load_stress(stress_file)
     press_file = at_pitch(PressFile.preset(TWO_SENSORS), REDUCED_PITCH_MM)
-    untaught = build_press(press_file, seed=SPECIMEN_SEED)
+    untrained = build_press(press_file, seed=SPECIMEN_SEED)
     progress("building the press as `press build` does")
     press = trained(
-        untaught,
-        Corpus(seed=BUILD_SEED, dpi=untaught.dpi),
+        untrained,
+        Corpus(seed=BUILD_SEED, dpi=untrained.dpi),
         designs=DESIGNS,
         seed=plan.seed,
         processes=processes,
     )
     assert press.ours is not None
     bench = _Bench(
-        press=untaught,
+        press=untrained,
         press_file=press_file,
         scatter=press.ours.model.scatter,
         stress=stress,
@@ -133,7 +134,7 @@ def run_stress_study(
         progress=progress,
     )
     every = bench.rows()
-    found = judged_stress(press.ours, every, plan)
+    judged = judged_stress(press.ours, every, plan)
     of_real = None if real is None else _as_built(press.ours, bench.real_rows(real), plan)
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
@@ -144,7 +145,7 @@ def run_stress_study(
         "stress": stress.digest,
         "unmade": _unmade(every["marks"]),
         "real": of_real,
-        **found,
+        **judged,
     }
     write_page(results / "stress.md", "stress", page)
     return page
@@ -152,13 +153,13 @@ def run_stress_study(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Bench:
-    """Where rows are made and kept: what they depend on, and not by which ranking they are judged."""
+    """Computation and cache of rows, with all that they depend on; the ranking that judges them is none of it."""
 
     press: Press
-    """Not taught."""
+    """Press, untrained."""
     press_file: PressFile
     scatter: Scatter
-    """That its statistics are told by."""
+    """Scatter that its statistics are normalised by."""
     stress: Stress
     plan: StressPlan
     cache: Path
@@ -166,7 +167,7 @@ class _Bench:
     progress: Callable[[str], None]
 
     def rows(self) -> dict[str, Rows]:
-        """Of every set of the plan, on composed designs."""
+        """Return the rows of every set of the plan, on composed designs."""
         scene = self._scene(Corpus(seed=self.plan.seed, dpi=self.press.dpi), SCENE)
         plain = StressWork(
             scene=scene,
@@ -184,15 +185,18 @@ class _Bench:
             "wrong": replace(plain, wrong_under=("", COSTLY)),
             "good": plain,
         }
-        return {name: self._made(works[name], days, name) for name, days in self.plan.sets.items()}
+        return {name: self._computed(works[name], days, name) for name, days in self.plan.sets.items()}
 
     def real_rows(self, real: Folder) -> Rows:
-        """Of real pages that are no wider than the press sees, each printed once well and once wrong a round."""
+        """Return rows of the real pages that the press sees in full width.
+
+        Each is printed once well and once wrong in every round.
+        """
         pages = Rounds(folder=real)
         fits = [self.press.geometry.sees(min(size)) for size in real.sizes_mm]
         designs = [index for index in range(self.plan.rounds * len(fits)) if fits[index % len(fits)]]
         work = StatisticsWork(scene=self._scene(pages, REAL_SCENE), scatter=self.scatter)
-        return self._made(work, in_days("stress", designs, self.plan.per_day), "real")
+        return self._computed(work, in_days("stress", designs, self.plan.per_day), "real")
 
     def _scene(self, pages: Designs, number: int) -> Scene:
         path = self.cache / f"{self.press.digest[:16]}.press"
@@ -200,7 +204,7 @@ class _Bench:
         self.press.save(path)
         return Scene(press=path, pages=pages, seed=self.plan.seed, number=number, misprints=1)
 
-    def _made(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
+    def _computed(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
         facts = {
             "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
             "stress": self.stress.digest,
@@ -223,25 +227,25 @@ class _Bench:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rounds:
-    """The pages of a folder over and over: each round they are designs of their own."""
+    """Pages of a folder, repeated: in each round they are new designs."""
 
     folder: Folder
 
     def page(self, index: int) -> Page:
-        """Design ``index``, from 0."""
+        """Return design ``index``, from 0."""
         return replace(self.folder.page(index % len(self.folder)), name=design_name(index))
 
 
-def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
-    """What comes of the rows, by the detector as it was built and as each nuisance's good pages made it fit."""
+def judged_stress(detector: CalibratedDetector, every: dict[str, Rows], plan: StressPlan) -> dict[str, Any]:
+    """Judge the rows by the detector as built, and as recalibrated on each nuisance's good pages."""
     learn, judge, wrong = every["learn"], every["judge"], every["wrong"]
-    fits = {name: _fit(ours, learn, name) for name in np.unique(learn["nuisance"]).tolist() if name}
+    fits = {name: _fit(detector, learn, name) for name in np.unique(learn["nuisance"]).tolist() if name}
     nuisances = []
     for name in ["", *fits]:
         here = judge["nuisance"] == name
         fit = fits.get(name)
         day = judge["day"][here]
-        alarm, told = _judged_runs(ours, judge, here, plan.seed)
+        alarm, told = _judged_runs(detector, judge, here, plan.seed)
         after, told_after = (None, None) if fit is None else _judged_runs(fit, judge, here, plan.seed)
         beyond = [alarm[day == one].mean() > MOST_UNTOLD for one in np.unique(day)]
         of_beyond = [page for page, far in zip(told, beyond, strict=True) if far and page is not None]
@@ -261,79 +265,83 @@ def judged_stress(ours: CalibratedDetector, every: dict[str, Rows], plan: Stress
         )
     return {
         "nuisances": nuisances,
-        "marks": [_mark(ours, every["marks"], kind) for kind in np.unique(every["marks"]["kind"]) if kind],
+        "marks": [
+            _mark(detector, every["marks"], kind) for kind in np.unique(every["marks"]["kind"]) if kind
+        ],
         "costly": COSTLY,
-        "caught": _caught(ours, wrong, wrong["nuisance"] == ""),
+        "caught": _caught(detector, wrong, wrong["nuisance"] == ""),
         "caught_costly": _caught(fits[COSTLY], wrong, wrong["nuisance"] == COSTLY),
-        "composed": _as_built(ours, _plain(every), plan),
+        "composed": _as_built(detector, _plain(every), plan),
         "floor": True,
     }
 
 
-def _fit(ours: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetector:
-    """As `press learn` makes it fit by those good pages."""
+def _fit(detector: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedDetector:
+    """Calibrate on those good pages as `press learn` does."""
     here = rows["nuisance"] == nuisance
     return fit_for(
-        ours.model,
-        ours.references,
+        detector.model,
+        detector.references,
         Pages.of(rows).rows(here),
         rows["another"][here],
-        false_alarm_rate=ours.promise.asked,
-        misprint_rate=ours.misprint_rate,
+        false_alarm_rate=detector.promise.asked,
+        misprint_rate=detector.misprint_rate,
         real=True,
         glyphs=rows["glyphs"][here],
     )
 
 
 def _scores(
-    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
+    detector: CalibratedDetector, rows: Rows, here: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the ranking's scores, and those of ranking, glyphs and floor together."""
-    ranking = certain_score(ours.model, Pages.of(rows).rows(here), rows["another"][here])
-    return ranking, _of_all_tests(ours, ranking, rows, here)
+    ranking = certain_score(detector.model, Pages.of(rows).rows(here), rows["another"][here])
+    return ranking, _of_all_tests(detector, ranking, rows, here)
 
 
 def _of_all_tests(
-    ours: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
+    detector: CalibratedDetector, ranking: NDArray[np.float64], rows: Rows, here: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Return scores above the threshold where ranking, glyphs or floor alarm; of another page neither of the last."""
     another = rows["another"][here]
     glyphs, floor_mm2 = (
         np.where(another, none, rows[name][here]) for name, none in (("glyphs", NONE), ("floor_mm2", 0.0))
     )
-    return np.array([ours.decide(*one).score for one in zip(ranking, glyphs, floor_mm2, strict=True)])
+    return np.array([detector.decide(*one).score for one in zip(ranking, glyphs, floor_mm2, strict=True)])
 
 
 def _judged_runs(
-    ours: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
+    detector: CalibratedDetector, rows: Rows, here: NDArray[np.bool_], seed: int
 ) -> tuple[NDArray[np.bool_], list[int | None]]:
-    """Which pages alarm; and of each run, after how many it says that its promise does not hold (None: it does not)."""
-    found: list[int | None] = []
-    pages, (ranking, score) = Pages.of(rows).rows(here), _scores(ours, rows, here)
-    said = summaries(ours.model, ours.model.deviations(pages.values, pages.page_features), ranking)
+    """Return which pages alarm, and for each run the page at which the test rejects exchangeability (None: never)."""
+    ends: list[int | None] = []
+    pages, (ranking, score) = Pages.of(rows).rows(here), _scores(detector, rows, here)
+    page_summaries = summaries(
+        detector.model, detector.model.deviations(pages.values, pages.page_features), ranking
+    )
     day = rows["day"][here]
     for number, one in enumerate(np.unique(day)):
-        test, rng = ExchangeabilityTest.of(ours), stream(seed, "stress-ties", number)
+        test, rng = ExchangeabilityTest.of(detector), stream(seed, "stress-ties", number)
         after = None
-        for count, summary in enumerate(said[day == one], 1):
+        for count, summary in enumerate(page_summaries[day == one], 1):
             test.add(summary, rng)
             if test.suspended:
                 after = count
                 break
-        found.append(after)
-    return score > ours.threshold, found
+        ends.append(after)
+    return score > detector.threshold, ends
 
 
-def _mark(ours: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
+def _mark(detector: CalibratedDetector, rows: Rows, kind: str) -> dict[str, Any]:
     here = rows["kind"] == kind
-    ranking, score = _scores(ours, rows, here)
-    caught, without = (int((one > ours.threshold).sum()) for one in (score, ranking))
+    ranking, score = _scores(detector, rows, here)
+    caught, without = (int((one > detector.threshold).sum()) for one in (score, ranking))
     return {"kind": str(kind), "count": int(here.sum()), "caught": caught, "without_glyphs": without}
 
 
-def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> dict[str, Any]:
+def _caught(detector: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> dict[str, Any]:
     here = where & (rows["kind"] != "")
-    hit = _scores(ours, rows, here)[1] > ours.threshold
+    hit = _scores(detector, rows, here)[1] > detector.threshold
     upper = rows["severity"][here] >= 1 / 3
     return {
         "count": int(hit.size),
@@ -348,7 +356,7 @@ def _caught(ours: CalibratedDetector, rows: Rows, where: NDArray[np.bool_]) -> d
 
 
 def _plain(every: dict[str, Rows]) -> Rows:
-    """All good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
+    """Return all good prints without a nuisance, of every set, and the misprints of the twelve kinds."""
     scores = "glyphs", "floor_mm2", "widening"
     columns = ("design", "day", "kind", "severity", "values", "portrait", "another", *scores)
     parts = []
@@ -358,25 +366,28 @@ def _plain(every: dict[str, Rows]) -> Rows:
     return {column: np.concatenate([part[column] for part in parts]) for column in columns}
 
 
-def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
-    """False alarms, misses, kinds named and c(1) of the detector as it was built.
+def _as_built(detector: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[str, Any]:
+    """Return false alarms, misses, kinds named and c(1) of the detector as it was built.
 
-    Named is what the ranking names; what glyphs or floor alone say is none of the twelve kinds. c(1) is at the
-    threshold that costs least on the good pages and misprints that the ranking was judged by.
+    Kinds are those named by the ranking; the verdicts of glyphs or floor alone name none of the twelve kinds. c(1) is
+    at the threshold that costs least on the good pages and misprints on which the ranking was evaluated.
     """
     pages = Pages.of(rows)
     score, named = np.empty(len(pages.kind)), np.zeros(len(pages.kind), bool)
     for times in np.unique(rows["widening"]):
-        here, model = rows["widening"] == times, ours.model.widened(times)
+        here, model = rows["widening"] == times, detector.model.widened(times)
         those, another = pages.rows(here), rows["another"][here]
         score[here] = certain_score(model, those, another)
-        said = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
-        named[here] = said == those.kind
-    by_ranking, score = score > ours.threshold, _of_all_tests(ours, score, rows, np.ones(score.size, bool))
-    bad, alarm, upper = pages.bad, score > ours.threshold, rows["severity"] >= 1 / 3
+        kinds = np.where(another, WRONG_PAGE_KIND, model.kinds_of(those.values, those.page_features))
+        named[here] = kinds == those.kind
+    by_ranking, score = (
+        score > detector.threshold,
+        _of_all_tests(detector, score, rows, np.ones(score.size, bool)),
+    )
+    bad, alarm, upper = pages.bad, score > detector.threshold, rows["severity"] >= 1 / 3
     judged = Scored(score=score, bad=bad, design=pages.design, day=rows["day"])
     cost = bootstrap_cost(
-        judged, 1.0, threshold=_least_cost_elsewhere(ours), rng=stream(plan.seed, "stress-bootstrap")
+        judged, 1.0, threshold=_least_cost_elsewhere(detector), rng=stream(plan.seed, "stress-bootstrap")
     )
     return {
         "good": int((~bad).sum()),
@@ -394,8 +405,8 @@ def _as_built(ours: CalibratedDetector, rows: Rows, plan: StressPlan) -> dict[st
     }
 
 
-def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
-    good, wrong = ours.scores.reference.worst, shipped_ranking().misprints
+def _least_cost_elsewhere(detector: CalibratedDetector) -> float:
+    good, wrong = detector.scores.reference.worst, shipped_ranking().misprints
     number = np.arange(good.size + wrong.size)
     bad = number >= good.size
     pages = Scored(score=np.concatenate([good, wrong]), bad=bad, design=number, day=number)
@@ -403,5 +414,5 @@ def _least_cost_elsewhere(ours: CalibratedDetector) -> float:
 
 
 def _unmade(rows: Rows) -> dict[str, int]:
-    """Of each kind, on how many pages it could not be."""
+    """Return for each kind the number of pages on which it could not be."""
     return dict(sorted(Counter(rows["unmade_kind"].tolist()).items()))

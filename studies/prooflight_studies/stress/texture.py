@@ -1,4 +1,4 @@
-"""Noise that lies on a sheet: Gaussian, of one grain, and moving with the sheet."""
+"""Gaussian noise of one grain on a sheet, which moves with the sheet."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 NODES_A_GRAIN: Final = 6
-"""A cubic through so many nodes leaves less than 0.1 % of such a field's variance out."""
+"""Nodes of the field per grain; a cubic through these omits less than 0.1 % of the field's variance."""
 REACH_NODES: Final = 2
 """Nodes beyond the page that a cubic needs."""
 
@@ -26,12 +26,17 @@ class SheetTexture:
     """A field over a page, of mean 0 and standard deviation 1 everywhere."""
 
     nodes: NDArray[np.float32]
-    """(rows, columns), ``pitch_mm`` apart; the first lies ``REACH_NODES`` beyond the page's corner. [-]"""
+    """Values at nodes ``pitch_mm`` apart, (rows, columns); the first is ``REACH_NODES`` beyond the page's corner.
+    [-]
+    """
     pitch_mm: float
 
     @classmethod
     def draw(cls, page: Page, grain_mm: float, rng: np.random.Generator) -> Self:
-        """grain_mm: full width at half maximum of the correlation, exp(-(d / l)^2) at a distance d. [mm]"""
+        """Draw a field.
+
+        grain_mm: full width at half maximum of the correlation, exp(-(d / l)^2) at a distance d. [mm]
+        """
         pitch_mm = grain_mm / NODES_A_GRAIN
         rows, columns = (
             int(extent / pitch_mm) + 2 + 2 * REACH_NODES for extent in (page.height_mm, page.width_mm)
@@ -41,9 +46,12 @@ class SheetTexture:
         return cls(nodes=nodes.astype(np.float32), pitch_mm=pitch_mm)
 
     def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float32]:
-        """At points of the page, two arrays (rows, columns) -> (rows, columns); beyond the nodes it is mirrored."""
+        """Interpolate at points of the page, two arrays (rows, columns) -> (rows, columns).
+
+        The field is mirrored beyond the nodes.
+        """
         column, row = ((each / self.pitch_mm + REACH_NODES).astype(np.float32) for each in (x_mm, y_mm))
-        found: NDArray[np.float32] = cv2.remap(
+        values: NDArray[np.float32] = cv2.remap(
             self.nodes, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
         )
-        return found
+        return values

@@ -1,4 +1,4 @@
-"""How well the default tables replace the exact model on the colours that pages really have; writes ``tables.md``."""
+"""Accuracy of the default tables relative to the exact model, on the colours of real pages; writes ``tables.md``."""
 
 from __future__ import annotations
 
@@ -31,15 +31,17 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 DPI: Final = 100.0
-"""Pages are ripped without anti-aliasing, so a coarse raster has the colours of a fine one, only fewer of them."""
+"""Resolution of the pages. Without anti-aliasing, a coarse raster has the colours of a fine one, only fewer of them."""
 FREQUENT, OTHERS = 5_000, 15_000
-"""Of a page with more colours: its most frequent ones and as many of the others, drawn at random, which then stand for
-all others."""
+"""Numbers of colours taken from a page that has more.
+
+They are its most frequent ones and as many of the others, drawn at random, which then stand for all others.
+"""
 QUICK_PAGES: Final = 5
 WORST: Final = 6
 _CHUNK: Final = 65_536
 GOAL_RMS_SIGMA: Final = 0.10
-"""A hundredth of the noise's variance: the tables then cost nothing that a detector could notice."""
+"""Goal: a hundredth of the noise's variance, whose effect no detector could notice."""
 GOAL_WHITE_SIGMA: Final = 0.03
 GOAL_SIGMA_PERCENT: Final = 1.0
 GOAL_BUILD_S: Final = 60.0
@@ -47,7 +49,7 @@ GOAL_BUILD_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Worst:
-    """One of the colours farthest off."""
+    """One of the colours with the largest errors."""
 
     cmyk_percent: tuple[float, float, float, float]
     error_sigma: float
@@ -55,7 +57,7 @@ class Worst:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableRow:
-    """One sensor's tables on one set of colours. Errors of the mean are in sigma of the temporal noise."""
+    """Errors of one sensor's tables on one set of colours. Errors of the mean are in sigma of the temporal noise."""
 
     press: str
     inks: str
@@ -63,10 +65,10 @@ class TableRow:
     colours: str
     different: int
     rms_sigma: float
-    """Over different colours."""
+    """Rms over different colours."""
     rms_sigma_by_pixels: float
     worst_page_rms_sigma: float
-    """Of the page where it is greatest, over its different colours."""
+    """Rms of the page where it is greatest, over its different colours."""
     worst_page_rms_sigma_by_pixels: float
     max_sigma: float
     white_sigma: float
@@ -77,7 +79,7 @@ class TableRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltPress:
-    """What was measured, and how long it took to build."""
+    """Identity of a measured press, and the time that it took to build."""
 
     press: str
     inks: str
@@ -88,67 +90,70 @@ class BuiltPress:
     build_s: float
     build_cpu_s: float
     load: float
-    """Programs that wanted to run when it was built, this one included (average of a minute). [-]"""
+    """Number of programs that were ready to run during the build, this one included (average of a minute). [-]"""
     cores: int
     pixels: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Colours:
-    """Recipes of a set of pages; each page's count for themselves."""
+    """Recipes of a set of pages; those of each page are counted separately."""
 
     name: str
     source: str
-    """What they are of, and its digest."""
+    """Origin of the colours, and its digest."""
     cmyk: NDArray[np.uint8]
-    """(n, 4)"""
+    """Recipes. (n, 4)"""
     times: NDArray[np.float64]
-    """(n,) how many different colours of its page each stands for."""
+    """Number of different colours of its page that each stands for. (n,)"""
     pixels: NDArray[np.float64]
-    """(n,) how many pixels each stands for."""
+    """Number of pixels that each stands for. (n,)"""
     page: NDArray[np.int64]
-    """(n,) index of its page."""
+    """Index of the page of each. (n,)"""
 
 
 def page_colours(
     page: Page, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
-    """Different colours of a page (n, 4), how many colours and how many pixels each stands for, (n,) each."""
+    """Return a page's different colours (n, 4), and how many colours and pixels each stands for, (n,) each."""
     packed, pixels = np.unique(page.cmyk.reshape(-1, 4).view(np.uint32).ravel(), return_counts=True)
     times = np.ones(packed.size)
     if packed.size > FREQUENT + OTHERS:
         order = np.argsort(-pixels, kind="stable")
         drawn = np.sort(rng.choice(order[FREQUENT:], OTHERS, replace=False))
-        kept = np.concatenate([order[:FREQUENT], drawn])
+        chosen = np.concatenate([order[:FREQUENT], drawn])
         times[drawn] = (packed.size - FREQUENT) / OTHERS
-        packed, pixels, times = packed[kept], pixels[kept], times[kept]
+        packed, pixels, times = packed[chosen], pixels[chosen], times[chosen]
     return packed.view(np.uint8).reshape(-1, 4), times, pixels * times
 
 
 def job_colours(
     name: str, path: Path, *, seed: int, most: int | None = None, progress: Callable[[str], None]
 ) -> Colours:
-    """Colours of the pages of a PDF, or of a folder of them; ``most``: of so many pages. JobError: see ``open_job``."""
-    found = []
+    """Return the colours of the pages of a PDF, or of a folder of them.
+
+    most: number of pages at most. JobError: see ``open_job``.
+    """
+    per_page = []
     with open_job(path, dpi=DPI) as job:
         count = len(job) if most is None else min(most, len(job))
         for number in range(1, count + 1):
             progress(f"colours of {name}, page {number} of {count}")
-            found.append(page_colours(job.page(number), stream(seed, "table-colours", number)))
+            per_page.append(page_colours(job.page(number), stream(seed, "table-colours", number)))
     files = sorted(path.glob("*.pdf")) if path.is_dir() else [path]
     sha = hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files))
     return Colours(
         name=name,
         source=f"{count} page{'s' if count > 1 else ''} at {DPI:g} dpi, SHA-256 `{sha.hexdigest()[:16]}`",
-        cmyk=np.concatenate([cmyk for cmyk, _, _ in found]),
-        times=np.concatenate([times for _, times, _ in found]),
-        pixels=np.concatenate([pixels for _, _, pixels in found]),
-        page=np.repeat(np.arange(count), [len(cmyk) for cmyk, _, _ in found]),
+        cmyk=np.concatenate([cmyk for cmyk, _, _ in per_page]),
+        times=np.concatenate([times for _, times, _ in per_page]),
+        pixels=np.concatenate([pixels for _, _, pixels in per_page]),
+        page=np.repeat(np.arange(count), [len(cmyk) for cmyk, _, _ in per_page]),
     )
 
 
 def random_colours(seed: int) -> Colours:
-    """The recipes with which ``press build`` judges its tables."""
+    """Return the recipes on which ``press build`` evaluates its tables."""
     cmyk = trial_recipes(stream(seed, "trial-recipes"))
     ones = np.ones(len(cmyk))
     return Colours(
@@ -162,7 +167,10 @@ def random_colours(seed: int) -> Colours:
 
 
 def with_chart(press_file: PressFile, chart: Path, *, model: str = "hybrid") -> PressFile:
-    """The same press with inks that a chart teaches; its path is the chart's folder, so its text names no folder."""
+    """Return the same press with inks fitted to a chart.
+
+    Its path is in the chart's folder, so that its text names no folder.
+    """
     text = f'{press_file.text.rstrip()}\n\n[inks]\nchart = "{chart.name}"\nmodel = "{model}"\n'
     return PressFile(chart.parent / f"{press_file.name}-chart.toml", text)
 
@@ -170,7 +178,7 @@ def with_chart(press_file: PressFile, chart: Path, *, model: str = "hybrid") -> 
 def table_results(
     rows: Sequence[TableRow], built: Sequence[BuiltPress], sources: Mapping[str, str]
 ) -> dict[str, Any]:
-    """All figures of the page; sources: what each set of colours is of."""
+    """Return all figures of the page; sources: origin of each set of colours."""
     return {
         "goals": {
             "rms_sigma": GOAL_RMS_SIGMA,
@@ -193,7 +201,7 @@ def run_table_study(
     quick: bool = False,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> list[TableRow]:
-    """Build each press and judge its tables on random colours and on those of each job (name -> PDF or folder).
+    """Build each press and evaluate its tables on random colours and on those of each job (name -> PDF or folder).
 
     Writes ``tables.md`` into ``results`` and returns its rows. ``quick``: the first 5 pages of each job.
     """
@@ -236,7 +244,7 @@ def judged(
     models: Sequence[SensorModel],
     colours: Colours,
 ) -> list[TableRow]:
-    """Every sensor's tables on one set of colours, as prediction looks them up."""
+    """Return the errors of every sensor's tables on one set of colours, as prediction looks them up."""
     electrons = exact_electrons(camera, inks, np.concatenate([np.zeros((1, 4), np.uint8), colours.cmyk]))
     rows = []
     for sensor, model, of_sensor in zip(camera.sensors, models, electrons, strict=True):
@@ -266,7 +274,7 @@ def judged(
 
 
 def exact_electrons(camera: Camera, inks: ReflectanceModel, cmyk: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Photo-electrons of recipes (n, 4) in every sensor by the full spectral path, (sensors, n) [e-]."""
+    """Return the photo-electrons of recipes (n, 4) in every sensor by the full spectral path, (sensors, n) [e-]."""
     electrons = np.empty((len(camera.sensors), len(cmyk)))
     for start in range(0, len(cmyk), _CHUNK):
         part = slice(start, start + _CHUNK)
@@ -277,24 +285,24 @@ def exact_electrons(camera: Camera, inks: ReflectanceModel, cmyk: NDArray[np.uin
 
 
 def rms(error: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
-    """Root of the weighted mean square, both (n,)."""
+    """Return the root of the weighted mean square, both (n,)."""
     return float(np.sqrt(np.average(error**2, weights=weight)))
 
 
 def _worst_page(error: NDArray[np.float64], weight: NDArray[np.float64], page: NDArray[np.int64]) -> float:
-    """Greatest weighted rms of any page, all (n,)."""
+    """Return the greatest weighted rms of any page, all (n,)."""
     return float(np.sqrt((np.bincount(page, weight * error**2) / np.bincount(page, weight)).max()))
 
 
 def _worst(error: NDArray[np.float64], cmyk: NDArray[np.uint8]) -> tuple[Worst, ...]:
-    """The colours farthest off, each once."""
-    found: dict[tuple[float, ...], float] = {}
+    """Return the colours with the largest errors, each once."""
+    errors: dict[tuple[float, ...], float] = {}
     for place in np.argsort(-np.abs(error), kind="stable"):
         recipe = tuple(round(value / 2.55, 1) for value in cmyk[place].tolist())
-        found.setdefault(recipe, float(error[place]))
-        if len(found) == WORST:
+        errors.setdefault(recipe, float(error[place]))
+        if len(errors) == WORST:
             break
     return tuple(
         Worst(cmyk_percent=(c, m, y, k), error_sigma=error_sigma)
-        for (c, m, y, k), error_sigma in found.items()
+        for (c, m, y, k), error_sigma in errors.items()
     )

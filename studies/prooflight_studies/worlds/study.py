@@ -1,4 +1,4 @@
-"""How well the fast path of the press world agrees with the full spectral one, in mean and in variance."""
+"""Agreement of the press world's fast path with the full spectral one, in mean and in variance."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ QUICK_DESIGNS: Final = 3
 PIECE_MM: Final = (24.0, 32.0)
 """Width and height of the piece of each page that is compared, as a page of its own: the full path takes seconds."""
 MARGIN_PIXELS: Final = 28
-"""Backing at both sides of a piece, as beside A4 in the prototype's field."""
+"""Pixels of backing at both sides of a piece, as next to A4 in the prototype's field."""
 LEAST_INKED: Final = 0.05
-"""A piece is drawn again until so much of it has ink: paper alone tells nothing."""
+"""Least share of a piece that has ink; others are drawn again, since paper alone gives no evidence."""
 TRIES: Final = 200
 GOAL_SIGMA: Final = 0.1
 GOAL_VARIANCE: Final = 0.03
@@ -41,7 +41,7 @@ GOAL_VARIANCE: Final = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Fast against full path on one piece of a page, one session, one print."""
+    """Comparison of fast and full path on one piece of a page, one session, one print."""
 
     design: str
     pixels: int
@@ -52,7 +52,7 @@ class Agreement:
     variance_rms: float
     """Relative difference of variances, root mean square. [-]"""
     variance_bias: float
-    """Its average. [-]"""
+    """Mean relative difference of variances. [-]"""
     over_3_percent: float
     """Share of pixels whose variances differ by more than 3 %."""
     fast_cpu_s: float
@@ -96,7 +96,7 @@ def run_world_study(
 
 
 def piece_of(pdf: Path, rig: Rig, rng: np.random.Generator) -> Page | None:
-    """A piece of a PDF's first page that has ink on it; None if there is none or the page cannot be used."""
+    """Return a piece of a PDF's first page that has ink on it; None if there is none or the page cannot be used."""
     try:
         with PdfJob(pdf) as job:
             page = job.page(1, rig.press.dpi)
@@ -115,7 +115,7 @@ def piece_of(pdf: Path, rig: Rig, rng: np.random.Generator) -> Page | None:
 
 
 def agreement(page: Page, rig: Rig, rng: np.random.Generator) -> Agreement:
-    """Both paths of one session and one print of ``page``, drawn from ``rng``."""
+    """Compare both paths of one session and one print of ``page``, drawn from ``rng``."""
     specimen = Specimen(
         press=rig.press,
         camera=rig.camera,
@@ -145,8 +145,8 @@ def agreement(page: Page, rig: Rig, rng: np.random.Generator) -> Agreement:
     )
 
 
-def together_rms(rows: list[Agreement]) -> tuple[float, float]:
-    """Over the pixels of all pieces: difference of means [sigma], relative difference of variances [-]."""
+def pooled_rms(rows: list[Agreement]) -> tuple[float, float]:
+    """Return rms over the pixels of all pieces: difference of means [sigma], relative difference of variances [-]."""
     pixels = np.array([row.pixels for row in rows], np.float64)
     mean = np.array([row.mean_rms_sigma for row in rows])
     variance = np.array([row.variance_rms for row in rows])
@@ -155,8 +155,8 @@ def together_rms(rows: list[Agreement]) -> tuple[float, float]:
 
 
 def world_results(rows: list[Agreement], *, seed: int) -> dict[str, Any]:
-    """All figures of the page."""
-    mean, variance = together_rms(rows)
+    """Return all figures of the page."""
+    mean, variance = pooled_rms(rows)
     return {
         "seed": seed,
         "worlds": worlds_digest(),

@@ -1,1 +1,1 @@
-"""Zones: what they cost as foretold and as it came, and whether the promise holds with them."""
+"""The study of zones: their predicted and observed cost, and whether the target false-alarm rate holds with them."""

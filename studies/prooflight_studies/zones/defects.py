@@ -1,4 +1,4 @@
-"""Defects printed: in the page's raster, before press and camera, where the price puts them into scans."""
+"""Defects drawn into the page's raster, before press and camera, where the zones' price model adds them to scans."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def printed_with(
     sensors: Sequence[SensorModel],
     rng: np.random.Generator,
 ) -> Page | None:
-    """A page with a defect of ``SORTS`` somewhere in an area; None: the area has no pixel on the page.
+    """Return a page with a defect of ``SORTS`` somewhere in an area; None: the area has no pixel on the page.
 
-    sensors: of the camera that says where a print is dark.
+    sensors: of the camera, whose signal decides where a print is dark.
     """
     rows, columns = page.cmyk.shape[:2]
     x, y = ((np.arange(count) + 0.5) * page.pixel_mm for count in (columns, rows))
@@ -44,8 +44,8 @@ def printed_with(
     if sort == "density":
         share = of_area * (strength / 100)
     elif sort == "spot":
-        apart = np.hypot(x - x0, (y - y0)[:, None])
-        share = disc(apart, diameter_mm=strength, pixel_mm=page.pixel_mm)
+        distance = np.hypot(x - x0, (y - y0)[:, None])
+        share = disc(distance, diameter_mm=strength, pixel_mm=page.pixel_mm)
     else:
         share = of_area * (np.abs(x - x0) <= STREAK_MM / 2) * (strength / 100)
     ink = page.cmyk.astype(np.float64)
@@ -63,7 +63,10 @@ def printed_with(
 
 
 def _black(cmyk: NDArray[np.uint8], share: NDArray[np.floating], sensor: SensorModel) -> NDArray[np.float64]:
-    """How much black pixels (pixels, 4) need, (pixels,), for so much of each to be as light as solid black on it."""
+    """Return the black ink for a share of the darkening by solid black on each pixel.
+
+    cmyk (pixels, 4); share and the result (pixels,).
+    """
     black = np.repeat(cmyk[:, None], 256, axis=1)
     black[..., 3] = np.arange(256)
     light = looked_up(black.reshape(-1, 4), sensor)[0].reshape(-1, 256)
@@ -73,6 +76,6 @@ def _black(cmyk: NDArray[np.uint8], share: NDArray[np.floating], sensor: SensorM
 
 
 def _dark(cmyk: NDArray[np.uint8], sensors: Sequence[SensorModel]) -> bool:
-    """Whether pixels (pixels, 4) give the camera less than ``DARK`` of paper's light."""
+    """Return whether pixels (pixels, 4) give the camera less than ``DARK`` of the paper's signal."""
     seen = [looked_up(cmyk, sensor)[0].mean() / sensor.white_dn for sensor in sensors]
     return bool(np.mean(seen) < DARK)

@@ -1,4 +1,4 @@
-"""Zones on prints of the press world: their price as foretold and as it came, what ignored zones hide, the promise."""
+"""Zones on prints of the press world: predicted and observed cost, hidden defects, and false-alarm rate."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 PIXELS: Final = 400
-"""Of the camera: the paper's rig with a shorter line."""
+"""Pixels of the camera: the paper's rig with a shorter line."""
 PAGE_MM: Final = (38.0, 54.0)
 PAGES: Final = 5
 ZONES_A_PAGE: Final = 12
@@ -46,21 +46,21 @@ DESIGNS: Final = 24
 SPECIMEN_SEED: Final = 1
 QUICK_TRIALS: Final = 4
 CAME: Final = 2
-"""Prints at the foretold strength, of each sort in each zone."""
+"""Number of prints at the predicted strength, of each sort in each zone."""
 GOOD: Final = 40
-"""Fresh good prints of a page, with each set of zones."""
-BESIDE_MM: Final = (0.6, 3.0)
-"""How far beside an ignored zone a defect's middle may lie, beyond its own reach and the strip of 0.5 mm."""
+"""Number of fresh good prints of a page, with each set of zones."""
+NEAR_MM: Final = (0.6, 3.0)
+"""Distance of a defect's middle from an ignored zone, beyond its own reach and the strip of 0.5 mm."""
 LEAST_PRINTED: Final = 0.25
-"""Share of a piece that must be printed."""
+"""Least share of a piece that must be printed."""
 STRONG: Final = {"spot": 2.0, "streak": 60.0, "density": 60.0}
-"""Defects put into ignored zones, and beside them."""
+"""Defects put into ignored zones, and next to them."""
 QUICK: Final = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tally:
-    """Of prints, how many alarmed."""
+    """Numbers of prints and of those that alarmed."""
 
     prints: int
     alarms: int
@@ -68,27 +68,30 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageRows:
-    """What one page gave; by sort of defect."""
+    """Results of one page, by sort of defect."""
 
     careful_zones: int
     ignored_zones: int
     foretold: list[dict[str, Any]]
-    """A row a careful zone and sort: least before and after, prints and alarms at the foretold strength."""
+    """Rows for each careful zone and sort.
+
+    They hold the least strength before and after, and prints and alarms at the predicted strength.
+    """
     rest: list[dict[str, Any]]
     inside: dict[str, Tally]
-    """Defects within ignored zones, with the zones in force ..."""
+    """Defects within ignored zones, with the zones in force."""
     inside_bare: dict[str, Tally]
-    """... and without."""
+    """The same defects without the zones."""
     beside: list[dict[str, Any]]
-    """A row a print: sort, caught without zones, caught with them."""
+    """Rows for each print: sort, caught without zones, caught with them."""
     good: dict[str, Tally]
-    """Fresh good prints by kind of zones."""
+    """Fresh good prints by kind of zones; ``good_bare``: without the zones."""
     good_bare: dict[str, Tally]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What the page says."""
+class ZonesResults:
+    """Results of the study, as the page shows them."""
 
     seed: int
     quick: bool
@@ -102,7 +105,7 @@ class Found:
     careful_zones: int
     ignored_zones: int
     price: list[dict[str, Any]]
-    """By sort, of careful zones: medians before and after, foretold, and what came."""
+    """Cost of careful zones by sort: medians before and after, as predicted, and observed alarms."""
     rest: list[dict[str, Any]]
     inside: list[dict[str, Any]]
     beside: list[dict[str, Any]]
@@ -112,8 +115,8 @@ class Found:
 
 def run_zones_study(
     out: Path, *, seed: int, quick: bool = False, progress: Callable[[str], None] = lambda _: None
-) -> Found:
-    """Price careful and ignored zones on pages, then print; writes zones.md."""
+) -> ZonesResults:
+    """Compute the cost of careful and ignored zones on pages, then print; writes zones.md."""
     progress("making a press")
     press = build_press(PressFile.prototype(), seed=SPECIMEN_SEED, pixels=PIXELS)
     press = trained(press, Pieces(corpus=Corpus(seed=seed + 1, dpi=press.dpi)), designs=DESIGNS, seed=seed)
@@ -124,9 +127,9 @@ def run_zones_study(
         rows.append(one)
         progress(f"page {done} of {pages}")
     assert press.ours is not None
-    found = found_of(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
-    write_page(out / "zones.md", "zones", found)
-    return found
+    results = zones_results(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
+    write_page(out / "zones.md", "zones", results)
+    return results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +139,7 @@ class Pieces:
     corpus: Corpus
 
     def page(self, index: int) -> Page:
-        """The middle of design ``index``, or another piece of it where that is almost bare."""
+        """Return the middle of design ``index``, or another piece of it where that is almost bare."""
         whole = self.corpus.page(index)
         size = [round(extent / whole.pixel_mm) for extent in reversed(PAGE_MM)]
         most, best = -1.0, whole.cmyk
@@ -156,8 +159,8 @@ class Pieces:
 
 
 def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
-    """Zones spread over a page, each somewhere in a cell of its own."""
-    found = []
+    """Return zones spread over a page, each at a random position in a cell of its own."""
+    zones = []
     columns, rows = 3, ZONES_A_PAGE // 3
     cell = PAGE_MM[0] / columns, PAGE_MM[1] / rows
     for number in range(ZONES_A_PAGE):
@@ -166,12 +169,12 @@ def zones_of(kind: Kind, rng: np.random.Generator) -> list[ZoneEntry]:
             round(place * side + float(rng.uniform(2.0, side - extent - 2.0)), 2)
             for place, side, extent in zip((column, row), cell, ZONE_MM, strict=True)
         )
-        found.append(ZoneEntry(name=f"{kind} {number + 1}", kind=kind, rectangle_mm=(x, y, *ZONE_MM)))
-    return found
+        zones.append(ZoneEntry(name=f"{kind} {number + 1}", kind=kind, rectangle_mm=(x, y, *ZONE_MM)))
+    return zones
 
 
 def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> PageRows:
-    """One page with careful zones, and with ignored ones; one design of the corpus that taught nothing."""
+    """Measure one page with careful zones, and with ignored ones; its design took no part in training."""
     page = Pieces(corpus=Corpus(seed=seed + 2, dpi=press.dpi)).page(index)
     rng = stream(seed, "zones-study", index)
     with tempfile.TemporaryDirectory() as folder:
@@ -200,7 +203,7 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         bench = Bench(source, press, ignored.priced(without.entry), seed=seed * 1000 + index)
         good |= {"ignored": bench.good(10 if quick else GOOD, first=1000)}
         inside = {sort.name: bench.inside(sort.name) for sort in SORTS}
-        beside = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
+        near = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
     return PageRows(
         careful_zones=len(careful.document.zones),
         ignored_zones=len(ignored.document.zones),
@@ -208,7 +211,7 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         rest=rest,
         inside={name: zoned for name, (zoned, _) in inside.items()},
         inside_bare={name: bare for name, (_, bare) in inside.items()},
-        beside=beside,
+        beside=near,
         good={name: zoned for name, (zoned, _) in good.items()},
         good_bare={name: bare for name, (_, bare) in good.items()},
     )
@@ -226,7 +229,7 @@ class Bench:
         self.seed, self._next = seed, 0
 
     def alarms(self, page: Page, rng: np.random.Generator) -> tuple[bool, bool]:
-        """Whether one more print of it alarms with zones, and without."""
+        """Return whether one more print of a page alarms with zones, and without."""
         scan = self.prints.printed(page, rng)
         with_zones = self.zoned.inspect(scan)
         if self.bare is None:
@@ -234,12 +237,12 @@ class Bench:
         return _alarmed(with_zones), _alarmed(self.bare.inspect(scan))
 
     def good(self, count: int, *, first: int) -> tuple[Tally, Tally]:
-        """Fresh good prints, with zones and without."""
-        said = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
-        return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*said, strict=True))  # type: ignore[return-value]
+        """Count alarms on fresh good prints, with zones and without."""
+        outcomes = [self.alarms(self.page, self._rng(first + at)) for at in range(count)]
+        return tuple(Tally(prints=count, alarms=sum(column)) for column in zip(*outcomes, strict=True))  # type: ignore[return-value]
 
     def foretold(self, price: Any, *, came: int) -> Iterator[dict[str, Any]]:
-        """Of every careful zone and sort, what was foretold and what came of prints at that strength."""
+        """Yield the predicted cost of every careful zone and sort, and the alarms of prints at that strength."""
         by_name = {area.name: area for area in self.areas}
         for priced in price.areas:
             if priced.kind != "careful":
@@ -258,40 +261,40 @@ class Bench:
                 }
 
     def inside(self, sort: str) -> tuple[Tally, Tally]:
-        """Strong defects wholly in every ignored zone: with zones, and without."""
+        """Count alarms on strong defects wholly in every ignored zone: with zones, and without."""
         reach = STRONG["spot"] / 2 if sort == "spot" else 0.0
         wholly = [
             Area(name=area.name, kind=area.kind, holds=partial(_within, area=area, reach=reach))
             for area in self.areas
             if area.kind == "ignore"
         ]
-        said = [self._tally(sort, STRONG[sort], area, 1) for area in wholly]
+        outcomes = [self._tally(sort, STRONG[sort], area, 1) for area in wholly]
         return tuple(  # type: ignore[return-value]
             Tally(prints=sum(one.prints for one in column), alarms=sum(one.alarms for one in column))
-            for column in zip(*said, strict=True)
+            for column in zip(*outcomes, strict=True)
         )
 
     def beside(self, sort: str) -> Iterator[dict[str, Any]]:
-        """Strong defects close beside every ignored zone."""
+        """Yield the alarms on strong defects close to every ignored zone."""
         others = [area for area in self.areas if area.kind == "ignore"]
         for area in others:
             near = Area(
-                name=area.name, kind="beside", holds=partial(_beside, area=area, sort=sort, others=others)
+                name=area.name, kind="beside", holds=partial(_near, area=area, sort=sort, others=others)
             )
-            spoilt = self._printed_with(sort, STRONG[sort], near)
-            if spoilt is None:
+            misprinted = self._printed_with(sort, STRONG[sort], near)
+            if misprinted is None:
                 continue
-            with_zones, without = self.alarms(spoilt, self._rng(self._count()))
+            with_zones, without = self.alarms(misprinted, self._rng(self._count()))
             yield {"sort": sort, "with": with_zones, "without": without}
 
     def _tally(self, sort: str, strength: float, area: Area, count: int) -> tuple[Tally, Tally]:
-        said = []
+        outcomes = []
         for _ in range(count):
-            spoilt = self._printed_with(sort, strength, area)
-            if spoilt is not None:
-                said.append(self.alarms(spoilt, self._rng(self._count())))
-        zoned, bare = ([pair[at] for pair in said] for at in (0, 1))
-        return Tally(prints=len(said), alarms=sum(zoned)), Tally(prints=len(said), alarms=sum(bare))
+            misprinted = self._printed_with(sort, strength, area)
+            if misprinted is not None:
+                outcomes.append(self.alarms(misprinted, self._rng(self._count())))
+        zoned, bare = ([pair[at] for pair in outcomes] for at in (0, 1))
+        return Tally(prints=len(outcomes), alarms=sum(zoned)), Tally(prints=len(outcomes), alarms=sum(bare))
 
     def _printed_with(self, sort: str, strength: float, area: Area) -> Page | None:
         rng = self._rng(self._count())
@@ -308,20 +311,20 @@ class Bench:
 def _within(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, reach: float
 ) -> NDArray[np.bool_]:
-    """An area without the strip of this width inside its edges."""
-    found = area.holds(x, y)
+    """Return an area without the strip of this width inside its edges."""
+    inside = area.holds(x, y)
     for dx in (-reach, 0.0, reach):
         for dy in (-reach, 0.0, reach):
-            found &= area.holds(x + dx, y + dy)
-    return found
+            inside &= area.holds(x + dx, y + dy)
+    return inside
 
 
-def _beside(
+def _near(
     x: NDArray[np.floating], y: NDArray[np.floating], *, area: Area, sort: str, others: list[Area]
 ) -> NDArray[np.bool_]:
-    """A frame about a zone, where neither it nor another is; streaks run through it up and down."""
+    """Return a frame about a zone, outside of it and of other zones; streaks run through it up and down."""
     reach = STRONG["spot"] / 2 if sort == "spot" else 0.5
-    inner, outer = (BESIDE_MM[0] + reach, BESIDE_MM[1] + reach)
+    inner, outer = (NEAR_MM[0] + reach, NEAR_MM[1] + reach)
     near = np.zeros((y.size, x.size), bool)
     for dx in np.linspace(-outer, outer, 7):
         for dy in np.linspace(-outer, outer, 7):
@@ -338,7 +341,7 @@ def _alarmed(inspection: Inspection) -> bool:
 
 
 def without_zones(page: MatchedFilterPage, inspection: Inspection) -> bool:
-    """Whether the same scan alarms by the page as a whole at the press's own threshold."""
+    """Return whether the same scan alarms by the page as a whole at the press's own threshold."""
     return page.whole_score(inspection) > page.detector.calibrated.threshold
 
 
@@ -346,16 +349,16 @@ def _finite(value: float) -> float | None:
     return round(float(value), 3) if np.isfinite(value) else None
 
 
-def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> Found:
-    """Rows of all pages, added up."""
+def zones_results(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> ZonesResults:
+    """Combine the rows of all pages."""
     foretold = [row for one in rows for row in one.foretold]
-    beside = [row for one in rows for row in one.beside]
+    near = [row for one in rows for row in one.beside]
 
     def tally(part: str, name: str) -> dict[str, int]:
         tallies = [getattr(one, part)[name] for one in rows]
         return {"prints": sum(one.prints for one in tallies), "alarms": sum(one.alarms for one in tallies)}
 
-    return Found(
+    return ZonesResults(
         seed=seed,
         quick=quick,
         pages=len(rows),
@@ -402,7 +405,7 @@ def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = 
                 "lost": sum(row["without"] and not row["with"] for row in of),
             }
             for sort in ("spot", "streak")
-            if (of := [row for row in beside if row["sort"] == sort]) is not None
+            if (of := [row for row in near if row["sort"] == sort]) is not None
         ],
         good=[
             {"zones": name, "with": tally("good", name), "without": tally("good_bare", name)}
@@ -413,13 +416,16 @@ def found_of(rows: list[PageRows], *, seed: int, promised: float, quick: bool = 
 
 
 def _medians(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Medians of what is caught before and after; null: not in half of the zones. And in how many at all."""
-    told: dict[str, Any] = {"zones": len(rows)}
+    """Return medians of the least caught strength before and after, and the number of zones with one.
+
+    null: not caught in half of the zones.
+    """
+    figures: dict[str, Any] = {"zones": len(rows)}
     for name in ("before", "after"):
         values = [np.inf if row[name] is None else row[name] for row in rows]
-        told[name] = _finite(float(np.median(values))) if values else None
-        told[f"{name}_known"] = sum(np.isfinite(value) for value in values)
+        figures[name] = _finite(float(np.median(values))) if values else None
+        figures[f"{name}_known"] = sum(np.isfinite(value) for value in values)
     both = [row["before"] / row["after"] for row in rows if row["before"] and row["after"]]
-    told["better"] = round(float(np.median(both)), 2) if both else None
-    told["compared"] = len(both)
-    return told
+    figures["better"] = round(float(np.median(both)), 2) if both else None
+    figures["compared"] = len(both)
+    return figures

@@ -1,4 +1,4 @@
-"""The console as an ASGI application, put together from its parts."""
+"""The console as an ASGI application, composed of its services."""
 
 from __future__ import annotations
 
@@ -56,9 +56,23 @@ def console_app(
     passwords: Passwords | None = None,
     prices: Prices | None = None,
 ) -> FastAPI:
-    """The application; EndpointError: an endpoint does not say who may ask it. ConsoleFileError, RequestError.
+    """Return the application with all its services and endpoints.
 
-    clock: Unix time [s]; ticking: seconds that only grow. prices: how prices of zones are made; None: as they are.
+    Parameters
+    ----------
+    clock
+        Unix time. [s]
+    ticking
+        Monotonic time. [s]
+    prices
+        Service that computes prices of zones; None for the usual one.
+
+    Raises
+    ------
+    EndpointError
+        If an endpoint does not state who may call it.
+    ConsoleFileError, RequestError
+        If the console's file or its settings cannot be used.
     """
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)

@@ -39,7 +39,7 @@ from prooflight.server.api.schemas import (
 )
 from prooflight.server.problems import binary, responses
 from prooflight.server.reading import facts
-from prooflight.server.replaying import kept_of, replayable
+from prooflight.server.replaying import evidence_of, replayable
 
 router = APIRouter(prefix=PREFIX, tags=["sheets"])
 
@@ -125,7 +125,7 @@ def evidence_file(request: Request, _who: Engineer, run: RunId, sheet: SheetNumb
 def replay(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> ReplayAnswer:
     """Make the verdict again from the evidence that was kept, with the press of the run."""
     found, page, press = replayable(console(request), run, sheet)
-    figures = replayed(page.verdict, kept_of(page, run=found.id), press)
+    figures = replayed(page.verdict, evidence_of(page, run=found.id), press)
     return ReplayAnswer(
         run=found.id,
         sheet=sheet,
@@ -176,7 +176,7 @@ def tile(
 
 def _kept(request: Request, run: str, sheet: int) -> dict[str, Any]:
     held = console(request)
-    return dict(kept_of(held.reading.sheet(held.reading.run_id(run), sheet), run=run))
+    return dict(evidence_of(held.reading.sheet(held.reading.run_id(run), sheet), run=run))
 
 
 def _plain(value: float | str | None) -> float | str | None:

@@ -14,7 +14,7 @@ from prooflight.journal.following import Asked
 from prooflight.server.api.common import Damaged, RunId, SheetNumber, console
 from prooflight.server.pages.shell import ViewerPage, page
 from prooflight.server.problems import Problem
-from prooflight.server.replaying import kept_of, replayable
+from prooflight.server.replaying import evidence_of, replayable
 
 if TYPE_CHECKING:
     from fastapi.responses import Response
@@ -78,7 +78,7 @@ def again(request: Request, who: ViewerPage, run: RunId, sheet: SheetNumber) -> 
     found, record, press = replayable(console(request), run, sheet)
     why, figures = "", []
     try:
-        figures = replayed(record.verdict, kept_of(record, run=found.id), press)
+        figures = replayed(record.verdict, evidence_of(record, run=found.id), press)
     except ProoflightError as error:
         why = str(error)
     return page(request, who, "search/again", run=found, sheet=sheet, figures=figures, why=why)

@@ -14,7 +14,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight.server.access import known, needs
+from prooflight.server.access import authenticated, needs
 from prooflight.server.accounts.book import LANGUAGES
 from prooflight.server.accounts.roles import Role, Scope, Who
 from prooflight.server.pages.language import ENGLISH, Language, language
@@ -112,7 +112,7 @@ def problem_page(
         back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
         return RedirectResponse(f"/sign-in?next={quote(back[:MOST_LETTERS], safe='')}", 303)
     try:
-        who = known(request)
+        who = authenticated(request)
     except Problem:
         who = None
     if status == 401:

@@ -142,14 +142,14 @@ def endpoint_rows(app: FastAPI) -> list[tuple[str, str, str, str]]:
 def _stated(app: FastAPI) -> Iterator[tuple[str, set[str], Needs | None]]:
     for route in app.routes:
         if isinstance(route, APIRoute):
-            yield route.path, set(route.methods or ()), _needs_of(route.dependant)  # codespell:ignore dependant
+            yield route.path, set(route.methods or ()), _needs(route.dependant)  # codespell:ignore dependant
         else:
             yield getattr(route, "path", repr(route)), set(getattr(route, "methods", None) or {"GET"}), None
 
 
-def _needs_of(dependency: Any) -> Needs | None:
+def _needs(dependency: Any) -> Needs | None:
     for each in dependency.dependencies:
-        stated = getattr(each.call, "needs", None) or _needs_of(each)
+        stated = getattr(each.call, "needs", None) or _needs(each)
         if isinstance(stated, Needs):
             return stated
     return None

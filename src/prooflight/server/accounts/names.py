@@ -51,7 +51,7 @@ def appearance(name: str) -> str:
 
 
 def readable(text: str) -> str:
-    """Return a valid name as close to the text as possible, for people whose names come from elsewhere."""
+    """Return the name closest to a text from elsewhere; empty if no letter or digit of it is left."""
     shown = "".join(one if one.isprintable() and one not in FORBIDDEN else " " for one in text)
     name = unicodedata.normalize("NFC", " ".join(shown.split()))
     return name if any(map(str.isalnum, name)) else ""

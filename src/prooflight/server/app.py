@@ -32,7 +32,7 @@ from prooflight.server.reading.live import Live
 from prooflight.server.reading.reprints import Reprints
 from prooflight.server.reading.runs import Reading
 from prooflight.server.reading.stations import Stations
-from prooflight.server.zones.desk import ZonesDesk
+from prooflight.server.zones.desk import ZonesService
 from prooflight.server.zones.prices import Prices
 from prooflight.server.zones.rasters import Rasters
 from prooflight.server.zones.tolerances import Tolerances
@@ -82,7 +82,7 @@ def console_app(
     reprints = Reprints(reading, incidents, words, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
-    zones = ZonesDesk(
+    zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
     )
     console = Console(

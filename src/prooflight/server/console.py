@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
     from prooflight.server.reading.stations import Stations
     from prooflight.server.settings import ConsoleSettings
-    from prooflight.server.zones.desk import ZonesDesk
+    from prooflight.server.zones.desk import ZonesService
     from prooflight.server.zones.rasters import Rasters
     from prooflight.server.zones.tolerances import Tolerances
 
@@ -47,7 +47,7 @@ class Console:
     reprints: Reprints
     stations: Stations
     pictures: Pictures
-    zones: ZonesDesk
+    zones: ZonesService
     tolerances: Tolerances
     rasters: Rasters
     began_s: float

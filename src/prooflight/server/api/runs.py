@@ -90,7 +90,7 @@ def search(
         until_s=_unix_s(until),
         to_look_at=to_look_at,
     )
-    rows = console(request).reading.found(query, before=before, limit=limit, damaged=damaged.add)
+    rows = console(request).reading.search(query, before=before, limit=limit, damaged=damaged.add)
     cursor = rows[-1].row if rows else None
     items: list[dict[str, Any]] = [facts.sheet_of(row) for row in rows]
     return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))

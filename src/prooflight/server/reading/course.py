@@ -47,7 +47,7 @@ class Courses:
         self._cached: OrderedDict[tuple[str, int, str], dict[str, Any]] = OrderedDict()
 
     def of(self, run: RunRow) -> dict[str, Any]:
-        """Return channels by chart, troubles of lines and verdicts along the run, and the histogram of times."""
+        """Return channels by chart, troubles of lines and verdicts, and the histogram of times."""
         key = run_key(run), run.pages, run.state
         with self._guard:
             if (cached := self._cached.get(key)) is None:
@@ -83,18 +83,18 @@ def group_of(channel: str) -> str | None:
 
 
 def troubles(reading: Reading, run: RunRow, starts: list[int]) -> dict[str, list[int]]:
-    """Count the sheets that lost lines, were late or not inspected, in the parts of a run that begin at ``starts``."""
-    counts_of = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
+    """Count sheets with lost lines, late, or not inspected, in the parts of a run that begin at ``starts``."""
+    totals = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
     after, query = -1, Asked(run_id=run.id, to_look_at=True)
     while starts and (rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=lambda _: None)):
         for row in rows:
             page = row.page
             at = max(int(np.searchsorted(starts, page.sheet, side="right")) - 1, 0)
-            counts_of["lost-lines"][at] += "lost-lines" in page.faults
-            counts_of["late"][at] += page.late
-            counts_of["not-inspected"][at] += page.verdict.verdict == "not-inspected"
+            totals["lost-lines"][at] += "lost-lines" in page.faults
+            totals["late"][at] += page.late
+            totals["not-inspected"][at] += page.verdict.verdict == "not-inspected"
         after = rows[-1].page.sheet
-    return {name: counts.tolist() for name, counts in counts_of.items()}
+    return {name: counts.tolist() for name, counts in totals.items()}
 
 
 def run_figures(run: RunRow, course: dict[str, Any]) -> dict[str, Any]:

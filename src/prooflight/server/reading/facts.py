@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from prooflight.journal.following import Written
     from prooflight.journal.records import RunRow
     from prooflight.journal.words import Word
-    from prooflight.server.reading.incidents import Told
+    from prooflight.server.reading.incidents import LabelledIncident
     from prooflight.server.reading.now import Now
 
 
@@ -59,7 +59,7 @@ def word_of(word: Word) -> dict[str, Any]:
     return fields
 
 
-def incident_of(labelled: Told) -> dict[str, Any]:
+def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     """Return an incident with its labels."""
     fields = _finite(asdict(labelled.incident))
     return {
@@ -72,7 +72,7 @@ def incident_of(labelled: Told) -> dict[str, Any]:
     }
 
 
-def brief_incident(labelled: Told) -> dict[str, Any]:
+def brief_incident(labelled: LabelledIncident) -> dict[str, Any]:
     """Return the fields of an incident that a list needs."""
     incident = labelled.incident
     names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")

@@ -74,7 +74,7 @@ class Gates:
             return gated
 
     def lines(self, run: RunRow, *, after: int, limit: int) -> list[dict[str, Any]]:
-        """Return lines of the gate's log, each with its number from 1; after: beyond this line. Raises as ``of``."""
+        """Return lines of the gate's log after line ``after``, with numbers from 1; raises as ``of``."""
         rows = enumerate(rows_of(log_of(self._reading, run)), start=1)
         return [{"line": number, **row} for number, row in islice(rows, after, after + limit)]
 

@@ -42,7 +42,7 @@ class LabelledIncident:
 
     @property
     def label(self) -> Word | None:
-        """The last label that is more than `seen`; None if there is none, or the incident is of no misprints."""
+        """The last label other than `seen`; None if there is none, or the incident is of no misprints."""
         if not self.of_misprints:
             return None
         return next((word for word in reversed(self.standing) if word.word != SEEN), None)

@@ -25,7 +25,7 @@ from prooflight.server.headers import Headers
 from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
 from prooflight.server.pages.shell import problem_page
 from prooflight.server.pictures.pictures import Pictures
-from prooflight.server.reading.course import Courses
+from prooflight.server.reading.course import Trends
 from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
@@ -92,7 +92,7 @@ def console_app(
         tries=Tries(ticking),
         reading=reading,
         incidents=incidents,
-        courses=Courses(reading),
+        trends=Trends(reading),
         gates=gates,
         reprints=reprints,
         live=Live(reading, incidents, words, reprints, clock=ticking, ahead=pictures.ahead),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.provider import Provider
     from prooflight.server.accounts.roles import Who
     from prooflight.server.pictures.pictures import Pictures
-    from prooflight.server.reading.course import Courses
+    from prooflight.server.reading.course import Trends
     from prooflight.server.reading.gate import Gates
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.live import Live
@@ -42,7 +42,7 @@ class Console:
     reading: Reading
     incidents: RunIncidents
     live: Live
-    courses: Courses
+    trends: Trends
     gates: Gates
     reprints: Reprints
     stations: Stations
@@ -58,7 +58,7 @@ class Console:
     def say(
         self,
         who: Who,
-        word: str,
+        label: str,
         run: RunRow,
         *,
         sheet: int | None = None,
@@ -80,14 +80,14 @@ class Console:
         """
         if incident is not None:
             incident_record = self.incidents.one(run, incident)
-            if word != SEEN and not incident_record.of_misprints:
+            if label != SEEN and not incident_record.of_misprints:
                 what = f"{incident} is of sheets that were not judged to be misprints, so that no label fits"
                 remedy = "say `seen`; vouch for its sheets one by one, after a look at each"
                 raise RequestError("incident", what, remedy=remedy)
             last = incident_record.incident.last_sheet
             upto = last if upto is None else min(upto, last)
         record = self.words.say(
-            word,
+            label,
             run=run_key(run),
             by=who.name,
             at_s=self.accounts.clock(),
@@ -96,7 +96,7 @@ class Console:
             note=note,
             upto=None if incident is None else upto,
         )
-        return self._audited("words.say", record, word=word, note=record.note, upto=record.upto)
+        return self._audited("words.say", record, word=label, note=record.note, upto=record.upto)
 
     def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Word:
         """Record that a person has this one sheet in hand and that it is good.

@@ -57,8 +57,8 @@ def say(
     """
     state = console(request)
     run_row = state.reading.run_named(run)
-    word = state.say(who, given.word, run_row, incident=incident, note=given.note, upto=given.upto)
-    return WordAnswer(**facts.word_of(word))
+    label = state.say(who, given.word, run_row, incident=incident, note=given.note, upto=given.upto)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.post(
@@ -71,5 +71,5 @@ def undo(
 
     An entry that says so is added, and the label before it counts.
     """
-    held = console(request)
-    return WordAnswer(**facts.word_of(held.undo(who, held.reading.run_named(run), word)))
+    state = console(request)
+    return WordAnswer(**facts.label_of(state.undo(who, state.reading.run_named(run), word)))

@@ -80,7 +80,7 @@ def camera(request: Request, _who: Viewer) -> CameraAnswer:
 
 def _compared(state: Console, named: str) -> ComparedRun:
     run_row = state.reading.run_named(named)
-    course = state.courses.of(run_row)
-    figures = FiguresAnswer(**run_figures(run_row, course))
-    parts = {name: course[name] for name in ("sheets", "charts", "troubles", "latency")}
+    trend = state.trends.of(run_row)
+    figures = FiguresAnswer(**run_figures(run_row, trend))
+    parts = {name: trend[name] for name in ("sheets", "charts", "troubles", "latency")}
     return ComparedRun(run=RunAnswer(**facts.run_of(run_row)), figures=figures, **parts)

@@ -53,16 +53,16 @@ def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Who
     state = console(request)
     run_row = state.reading.run_named(run)
     page = state.reading.sheet(run_row.id, sheet)
-    words = [
-        WordAnswer(**facts.word_of(word))
-        for word in state.words.of_run(run_key(run_row))
-        if word.sheet == sheet
+    labels = [
+        WordAnswer(**facts.label_of(label))
+        for label in state.words.of_run(run_key(run_row))
+        if label.sheet == sheet
     ]
     return WholeSheetAnswer(
         **facts.sheet_of(Written(row=0, run_id=run_row.id, page=page)),
         incident=state.incidents.of_sheet(run_row, sheet),
         evidence=page.evidence is not None,
-        words=words,
+        words=labels,
     )
 
 
@@ -74,8 +74,8 @@ def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: 
     state = console(request)
     run_row = state.reading.run_named(run)
     state.reading.sheet(run_row.id, sheet)
-    word = state.say(who, given.word, run_row, sheet=sheet, note=given.note)
-    return WordAnswer(**facts.word_of(word))
+    label = state.say(who, given.word, run_row, sheet=sheet, note=given.note)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.post(
@@ -88,8 +88,8 @@ def vouch(
 ) -> WordAnswer:
     """Vouch for this one sheet: you have it in hand, it is good, and you put it in its place. No token may."""
     state = console(request)
-    word = state.vouch(who, state.reading.run_named(run), sheet, reason=given.reason)
-    return WordAnswer(**facts.word_of(word))
+    label = state.vouch(who, state.reading.run_named(run), sheet, reason=given.reason)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.get("/runs/{run}/sheets/{sheet}/evidence", responses=ONE)
@@ -147,7 +147,7 @@ def pictures(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> 
     """
     state = console(request)
     run_row = state.reading.run_named(run)
-    return PictureAnswer(**state.pictures.told(run_row, state.reading.sheet(run_row.id, sheet)))
+    return PictureAnswer(**state.pictures.describe(run_row, state.reading.sheet(run_row.id, sheet)))
 
 
 @router.get(

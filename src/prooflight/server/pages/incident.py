@@ -180,10 +180,10 @@ def _of_sheet(state: Console, who: Who, run: RunRow, sheet: int) -> dict[str, An
     }
 
 
-def history_of(words: Sequence[Word]) -> list[tuple[Word, Word | None]]:
+def history_of(labels: Sequence[Word]) -> list[tuple[Word, Word | None]]:
     """Return labels, the latest first, each with the entry that undid it; None if it stands."""
-    undone = {word.undoes: word for word in words if word.undoes is not None}
-    return [(word, undone.get(word.id)) for word in reversed(words) if word.word != UNDONE]
+    undone = {label.undoes: label for label in labels if label.undoes is not None}
+    return [(label, undone.get(label.id)) for label in reversed(labels) if label.word != UNDONE]
 
 
 def _shown(
@@ -193,7 +193,7 @@ def _shown(
     values = _of_sheet(state, who, run, sheet)
     record = values["record"]
     values |= {"run": run, "told": labelled, "sheet": sheet}
-    values["pictures"] = state.pictures.told(run, record, wait=False)
+    values["pictures"] = state.pictures.describe(run, record, wait=False)
     values["can_replay"] = record.evidence is not None and state.stations.press(run) is not None
     return page(request, who, "incident", **values)
 

@@ -34,16 +34,16 @@ def press_page(request: Request, who: ViewerPage, run: Chosen = "last", against:
 def press_figures(request: Request, who: ViewerPage, run: Chosen = "last", against: Chosen = "") -> Response:
     """Return the figures by which runs are compared, as a table."""
     state = console(request)
-    columns = [(one, run_figures(one, state.courses.of(one))) for one in _shown(state, run, against)]
+    columns = [(one, run_figures(one, state.trends.of(one))) for one in _shown(state, run, against)]
     return page(request, who, "press/figures", columns=columns, machine=machine())
 
 
 @router.get("/press/{run}/course")
-def press_course(request: Request, _who: ViewerPage, run: RunId) -> Response:
+def press_trend(request: Request, _who: ViewerPage, run: RunId) -> Response:
     """Return the data of a run's charts."""
     state = console(request)
-    course: dict[str, Any] = state.courses.of(state.reading.run_named(run))
-    return JSONResponse(course)
+    trend: dict[str, Any] = state.trends.of(state.reading.run_named(run))
+    return JSONResponse(trend)
 
 
 def _shown(state: Console, run: str, against: str) -> list[RunRow]:

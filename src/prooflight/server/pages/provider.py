@@ -63,8 +63,8 @@ async def come_back(request: Request, _who: Anybody) -> Response:
     secret = await anyio.to_thread.run_sync(accounts.begin_as, identity)
     if secret is None:
         wrong = "provider.locked" if identity.role is not None else "provider.unmapped"
-        parameters = {"name": identity.name[:60], "service": provider.settings.name}
-        return _forgotten(request, sign_in_page(request, wrong=wrong, told=parameters, status=403))
+        inserted = {"name": identity.name[:60], "service": provider.settings.name}
+        return _forgotten(request, sign_in_page(request, wrong=wrong, inserted=inserted, status=403))
     response = RedirectResponse(inside(next), 303)
     set_cookie(request, response, secret)
     return _forgotten(request, response)
@@ -78,9 +78,9 @@ def _provider(request: Request) -> Provider:
 
 
 def _refused(request: Request, provider: Provider, error: ProviderError) -> Response:
-    values = {"service": provider.settings.name, "why": error.detail}
+    inserted = {"service": provider.settings.name, "why": error.detail}
     status = STATUS[error.kind]
-    sign_in = sign_in_page(request, wrong=f"provider.{error.kind}", told=values, status=status)
+    sign_in = sign_in_page(request, wrong=f"provider.{error.kind}", inserted=inserted, status=status)
     return _forgotten(request, sign_in)
 
 

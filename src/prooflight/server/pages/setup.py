@@ -33,7 +33,7 @@ SignedPage = Annotated[Who, Depends(needs(Role.VIEWER))]
 AdminPage = Annotated[Who, Depends(needs(Role.ADMIN))]
 AuditorPage = Annotated[Who, Depends(needs(Role.ADMIN, Scope.AUDIT))]
 Name = Annotated[str, InPath(alias="name", max_length=120)]
-Word = Annotated[str, Form(max_length=120)]
+ShortText = Annotated[str, Form(max_length=120)]
 
 
 # --- the machine ---
@@ -79,7 +79,7 @@ def users_page(request: Request, who: AdminPage) -> Response:
 
 
 @router.post("/setup/users")
-def add_user(request: Request, who: AdminPage, name: Word, role: Annotated[Role, Form()]) -> Response:
+def add_user(request: Request, who: AdminPage, name: ShortText, role: Annotated[Role, Form()]) -> Response:
     """Add a person; the answer shows the link by which they choose a password."""
     accounts = console(request).accounts
     try:
@@ -148,7 +148,7 @@ def tokens_page(request: Request, who: SignedPage) -> Response:
 def add_token(
     request: Request,
     who: SignedPage,
-    name: Word,
+    name: ShortText,
     days: Annotated[float, Form(gt=0, le=3660)] = 365.0,
     scopes: Annotated[list[Scope] | None, Form()] = None,
 ) -> Response:

@@ -107,11 +107,11 @@ def sign_in_page(
     next: str = "/",
     name: str = "",
     wrong: str = "",
-    told: Mapping[str, str] | None = None,
+    inserted: Mapping[str, str] | None = None,
     status: int = 200,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Return the form. wrong: key of the text of the error; told: values inserted into this text."""
+    """Return the form. wrong: key of the text of the error; inserted: values for this text."""
     provider = console(request).provider
     return page(
         request,
@@ -122,7 +122,7 @@ def sign_in_page(
         next=inside(next),
         name=name,
         wrong=wrong,
-        told=told or {},
+        told=inserted or {},
         provider=None if provider is None else provider.settings,
     )
 

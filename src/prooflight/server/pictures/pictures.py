@@ -93,7 +93,7 @@ class Pictures:
             picture.tile("scan", level, 0, 0)
         difference(cut.signal, cut.signal)
 
-    def told(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
+    def describe(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
         """Describe the pictures of a sheet; see ``PictureAnswer``.
 
         wait: for pictures that are not made yet; otherwise they are begun, and "note" is "coming".

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
 
 POINTS: Final = 240
-"""Points of a chart: at half its width, a screen resolves no more."""
+"""Points of a chart: more cannot be resolved at half the width of a screen."""
 MOST_CACHED: Final = 12
-"""Number of cached courses."""
+"""Number of cached trends."""
 AT_ONCE: Final = 2000
 GROUPS: Final = (
     ("density", "gain-"),
@@ -35,8 +35,8 @@ GROUPS: Final = (
 """Charts, and the prefixes of their channels' names; registers across end in -x."""
 
 
-class Courses:
-    """Cache of courses of runs, computed again when a run has got further.
+class Trends:
+    """Cache of trends of runs, computed again when a run has got further.
 
     They are computed one at a time, since that of a long run takes seconds.
     """
@@ -51,15 +51,15 @@ class Courses:
         key = run_key(run), run.pages, run.state
         with self._guard:
             if (cached := self._cached.get(key)) is None:
-                cached = self._cached[key] = course(self._reading, run)
+                cached = self._cached[key] = trend(self._reading, run)
                 while len(self._cached) > MOST_CACHED:
                     self._cached.popitem(last=False)
             self._cached.move_to_end(key)
             return cached
 
 
-def course(reading: Reading, run: RunRow) -> dict[str, Any]:
-    """Compute a course as ``Courses.of`` returns it; raises JournalError."""
+def trend(reading: Reading, run: RunRow) -> dict[str, Any]:
+    """Compute the trend of a run as ``Trends.of`` returns it; raises JournalError."""
     drifts = drift(reading, run, points=POINTS, channel=None)
     charts: dict[str, list[dict[str, Any]]] = {name: [] for name, _ in GROUPS}
     for channel in drifts["channels"]:
@@ -97,9 +97,9 @@ def troubles(reading: Reading, run: RunRow, starts: list[int]) -> dict[str, list
     return {name: counts.tolist() for name, counts in totals.items()}
 
 
-def run_figures(run: RunRow, course: dict[str, Any]) -> dict[str, Any]:
+def run_figures(run: RunRow, trend: dict[str, Any]) -> dict[str, Any]:
     """Return the figures by which runs are compared; None if unknown."""
-    latency, troubled = course["latency"], course["troubles"]
+    latency, troubled = trend["latency"], trend["troubles"]
     stages = {} if run.end is None else run.end.counts.get("stages") or {}
     verdict = stages.get("verdict") or {}
     elapsed_s = None if run.end is None else run.end.counts.get("elapsed_s")

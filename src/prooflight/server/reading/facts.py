@@ -52,9 +52,9 @@ def live_sheet(row: Written) -> dict[str, Any]:
     }
 
 
-def word_of(word: Word) -> dict[str, Any]:
+def label_of(label: Word) -> dict[str, Any]:
     """Return a label."""
-    fields = asdict(word)
+    fields = asdict(label)
     del fields["run"]
     return fields
 
@@ -68,7 +68,7 @@ def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
         "word": labelled.word,
         "answered": labelled.answered,
         "seen": labelled.seen,
-        "words": [word_of(word) for word in labelled.words],
+        "words": [label_of(label) for label in labelled.words],
     }
 
 

@@ -45,7 +45,7 @@ class LabelledIncident:
         """The last label other than `seen`; None if there is none, or the incident is of no misprints."""
         if not self.of_misprints:
             return None
-        return next((word for word in reversed(self.standing) if word.word != SEEN), None)
+        return next((label for label in reversed(self.standing) if label.word != SEEN), None)
 
     @property
     def word(self) -> str | None:
@@ -60,7 +60,7 @@ class LabelledIncident:
     @property
     def seen(self) -> bool:
         """Whether a person has seen the incident since it last opened or came back."""
-        return any(word.covers(self.incident.reopened_sheet) for word in self.standing)
+        return any(label.covers(self.incident.reopened_sheet) for label in self.standing)
 
     @property
     def of_misprints(self) -> bool:
@@ -94,14 +94,14 @@ class RunIncidents:
     def of(self, run: RunRow) -> list[LabelledIncident]:
         """Return the incidents of a run, by number."""
         tracked = self._read(run)
-        words: dict[str, list[Word]] = {}
-        for word in self._words.of_run(run_key(run)):
-            if word.incident is not None:
-                words.setdefault(word.incident, []).append(word)
+        labels: dict[str, list[Word]] = {}
+        for label in self._words.of_run(run_key(run)):
+            if label.incident is not None:
+                labels.setdefault(label.incident, []).append(label)
         with tracked.guard:
             incidents = [tracked.incidents[number] for number in sorted(tracked.incidents)]
         return [
-            LabelledIncident(incident=one, words=tuple(words.get(str(one.number), ()))) for one in incidents
+            LabelledIncident(incident=one, words=tuple(labels.get(str(one.number), ()))) for one in incidents
         ]
 
     def one(self, run: RunRow, number: int) -> LabelledIncident:
@@ -149,7 +149,7 @@ class RunIncidents:
 
     def labels_of(self, run: RunRow, sheet: int) -> list[Word]:
         """Return the labels of one sheet itself, in order."""
-        return [word for word in self._words.of_run(run_key(run)) if word.sheet == sheet]
+        return [label for label in self._words.of_run(run_key(run)) if label.sheet == sheet]
 
     def _read(self, run: RunRow) -> _Tracked:
         key = run_key(run)

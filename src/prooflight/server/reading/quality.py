@@ -109,11 +109,11 @@ def quality(
     labelled = incidents.of(run)
     label_of = incidents.labels(run)
     reasons: Counter[str] = Counter()
-    course = [{"misprint": 0, "not-inspected": 0, "late": 0} for _ in range(BINS)]
+    parts = [{"misprint": 0, "not-inspected": 0, "late": 0} for _ in range(BINS)]
     last, unanswered = _last_sheet(reading, run), 0
     for page in pages_to_review(reading, run):
         verdict = page.verdict
-        part = course[min(page.sheet * BINS // max(last + 1, 1), BINS - 1)]
+        part = parts[min(page.sheet * BINS // max(last + 1, 1), BINS - 1)]
         part["late"] += page.late
         if verdict.verdict == "good":
             continue
@@ -140,7 +140,7 @@ def quality(
         promise=promise,
         overrides=sorted_overrides,
         reasons=dict(reasons.most_common(MOST_REASONS)),
-        course=tuple(course),
+        course=tuple(parts),
     )
 
 

@@ -168,7 +168,7 @@ class ZonesService:
         Raises ``Problem`` 409 if there is no price, 412 if the file has changed, and 503 if it cannot be
         written.
         """
-        task = self.prices.made(
+        task = self.prices.completed(
             job_digest=job.digest, zones_digest=zones.zones_digest, press_digest=press.digest
         )
         if task is None or task.priced is None:

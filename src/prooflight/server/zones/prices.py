@@ -123,7 +123,7 @@ class Prices:
         with self._guard:
             return [task for task in reversed(self._tasks.values()) if task.job == number]
 
-    def made(self, *, job_digest: str, zones_digest: str, press_digest: str | None) -> PriceTask | None:
+    def completed(self, *, job_digest: str, zones_digest: str, press_digest: str | None) -> PriceTask | None:
         """Return a price of exactly these zones; None if there is none. press_digest: None for any press."""
         with self._guard:
             for task in reversed(self._tasks.values()):

@@ -123,7 +123,7 @@ def console_app(
         title="Prooflight console",
         version=__version__,
         description=DESCRIPTION,
-        openapi_url=None,  # an endpoint of its own, which asks who wants to know
+        openapi_url=None,  # served by an endpoint that requires a role
         docs_url=None,
         redoc_url=None,
         lifespan=alive,

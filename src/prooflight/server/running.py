@@ -158,7 +158,7 @@ def serve(
         server = ConsoleServer(config, console.live)
         server.run(sockets=[bound])
         if server.interrupted:
-            # uvicorn raises the signal again, but that is lost now and then on a busy machine.
+            # uvicorn raises the signal again, but on a busy machine that signal is sometimes lost.
             raise KeyboardInterrupt
 
 
@@ -171,7 +171,7 @@ def warm(console: Console) -> None:
     console.pictures.warm()
     console.stations.warm()
     gc.collect()
-    gc.freeze()  # what is there now stays, and is not looked through again
+    gc.freeze()  # loaded objects stay, and need not be collected again
 
 
 def spawned(settings: ConsoleSettings, listening: Listening, ready: Callable[[str, str | None], None]) -> Any:
@@ -193,7 +193,7 @@ def _serve_aside(
 ) -> None:
     if hasattr(os, "nice"):
         os.nice(NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     _end_with_parent()
     serve(settings, listening, ready=ready)
 

@@ -108,7 +108,7 @@ class Tries:
         return times
 
     def _keys(self, name: str, address: str) -> list[tuple[tuple[str, ...], int]]:
-        if len(self._failed) > 10_000:  # names that nobody has cost memory
+        if len(self._failed) > 10_000:  # bounds the memory for attempts with unknown names
             self._failed = defaultdict(deque, {key: tries for key, tries in self._failed.items() if tries})
         name = name.casefold()[:200]
         return [

@@ -131,7 +131,7 @@ class ProviderSettings:
             block = checked(_Oidc, raw["oidc"], under="oidc.")
         except Misfit as error:
             raise RequestError(path, str(error), remedy=REMEDY) from error
-        except TypeError as error:  # a date
+        except TypeError as error:  # a TOML date, which has no JSON form
             raise RequestError(path, "oidc holds a date", remedy=REMEDY) from error
         return cls(
             issuer=block.issuer,

@@ -320,7 +320,7 @@ async def price(
         same = seen == f"{task.progress.stage}:{task.progress.done}"
         if not same or task.state != "running" or waited_s >= LONGEST_WAIT_S or state.live.closing:
             return price_answer(task)
-        await anyio.sleep(POLL_S)  # no thread waits: there are few, and pages need them
+        await anyio.sleep(POLL_S)  # occupies no thread: pages need the few there are
         waited_s += POLL_S
 
 

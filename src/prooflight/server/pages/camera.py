@@ -96,7 +96,7 @@ def _current_view(exchange: CameraExchange, t: Language, *, waited: bool) -> str
         return ""
     try:
         return camera_html(view, t)
-    except (KeyError, TypeError, ValueError, AttributeError):  # of another version
+    except (KeyError, TypeError, ValueError, AttributeError):  # written by another version
         return camera_html(None, t)
 
 

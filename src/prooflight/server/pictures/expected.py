@@ -165,7 +165,7 @@ def _band(page: Page, press: Press, first: int, last: int, width: int) -> NDArra
     begin = max(int((first * pitch_y - MARGIN_MM) / row_mm), 0)
     end = min(math.ceil((last * pitch_y + MARGIN_MM) / row_mm), page.cmyk.shape[0])
     part = replace(page, cmyk=np.ascontiguousarray(page.cmyk[begin:end]))
-    # Shifted by less than a pixel, so that the lines of every band lie on the page's grid.
+    # Shift by less than a pixel, so that the lines of every band are on the page's grid.
     lines_off = (begin * row_mm - geometry.lead_in_mm) / pitch_y
     columns_off = -geometry.left_mm(page.width_mm) / pitch_x
     shift_x, shift_y = (columns_off % 1) * pitch_x, (lines_off % 1) * pitch_y

@@ -299,7 +299,7 @@ class Pictures:
             return None
         try:
             making.result()
-        except MAKING:  # said where it was begun
+        except MAKING:  # logged by ``_finish``
             return None
         return Pyramid.read(folder)
 
@@ -325,7 +325,7 @@ class Pictures:
                 _log.warning("page %d of %s cannot be pictured (%s)", number, job.name, error)
                 return None
             self._making[key] = making
-        # Outside the guard, which it takes: where all is done already, it is called at once.
+        # The callback takes the lock, and a finished task calls it at once; so add it outside the lock.
         making.add_done_callback(partial(self._finish, key, f"page {number} of {job.name}"))
         return making
 
@@ -339,7 +339,7 @@ class Pictures:
             tidy(self._folder, self._bound_bytes, keep=folder)
         with self._guard:
             self._making.pop(key, None)
-            if isinstance(error, BrokenProcessPool):  # the system ended it, as where memory ran out
+            if isinstance(error, BrokenProcessPool):  # ended by the system, as when memory runs out
                 self._pool = None
             if error is not None:
                 self._refused[key] = str(error)
@@ -354,7 +354,7 @@ class Pictures:
         try:
             try:
                 return self._workers().submit(work, *given)
-            except BrokenProcessPool:  # it was ended while nobody asked for anything
+            except BrokenProcessPool:  # the process was ended while it was idle
                 self._pool = None
                 return self._workers().submit(work, *given)
         except (BrokenProcessPool, OSError) as error:

@@ -107,7 +107,7 @@ def _aligned(
     across, down = expected.width / expected.width_mm, expected.height / expected.height_mm
     scale = box[2] * across / signal.shape[1], box[3] * down / signal.shape[0]
     where = np.array([[scale[0], 0, box[0] * across], [0, scale[1], box[1] * down]], np.float64)
-    where[:, 2] += (np.array(scale) - 1) / 2  # middles of pixels, not their corners
+    where[:, 2] += (np.array(scale) - 1) / 2  # coordinates are those of pixel centres
     size = page.shape[1], page.shape[0]
     first = cv2.warpAffine(signal, where, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     there = np.ones(signal.shape, np.uint8)

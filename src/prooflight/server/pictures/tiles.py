@@ -92,7 +92,7 @@ def signal_of(
     sensor, geometry = press.sensors[0], press.geometry
     off_mm = geometry.left_mm(page_width_mm) + (shift_mm or (0.0, 0.0))[0]
     first = round((across_mm[0] + off_mm) / geometry.pixel_pitch_mm)
-    step = max(round(across_mm[1] / geometry.pixel_pitch_mm / light.shape[1]), 1)  # more where it was halved
+    step = max(round(across_mm[1] / geometry.pixel_pitch_mm / light.shape[1]), 1)  # halved: 2
     columns = np.clip(first + step * np.arange(light.shape[1]), 0, geometry.pixels - 1)
     scale = sensor.column_gain[columns] * sensor.white_dn
     return np.asarray((light - sensor.column_offset_dn[columns]) / scale, np.float32)
@@ -173,7 +173,7 @@ class SheetPicture:
             return
         source = cut.signal
         step = width * across / pixels
-        if step < 0.75:  # smaller than it is: averaged first, then moved
+        if step < 0.75:  # average before resampling, against aliasing
             source = cv2.resize(
                 source,
                 (max(round(pixels * step), 1), max(round(lines * step), 1)),

@@ -174,7 +174,7 @@ class Live:
         begun = self._heads is None or heads.run != self._heads.run or heads.row < self._row
         if begun:
             self._recent.clear()
-        if self._row < 0 or heads.row < self._row:  # the first look, or another journal in its place
+        if self._row < 0 or heads.row < self._row:  # the first poll, or another journal at this path
             self._events.clear()
             self._row = max(heads.row - RECENT, 0)
         moved = urgent = False
@@ -182,7 +182,7 @@ class Live:
         while heads.row > self._row:
             rows = self._reading.written_after(self._row, limit=AT_ONCE, damaged=lambda _: None)
             if not rows:
-                self._row = heads.row  # what is left cannot be read
+                self._row = heads.row  # the remaining rows cannot be read
                 break
             for row in rows:
                 self._row, moved = row.row, True
@@ -257,7 +257,7 @@ class Live:
             yield "retry: 1000\n\n"
             row, version = self.last_id if after is None else after, 0
             checked_s = self._clock()
-            if row > self.last_id:  # of a journal that is gone
+            if row > self.last_id:  # an id of an earlier journal
                 yield Event(kind="gap", text="{}", id=self.last_id).as_text()
                 row = self.last_id
             while not self.closing:

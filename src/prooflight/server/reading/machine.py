@@ -108,5 +108,5 @@ def settings_rows(run: RunRow) -> list[tuple[str, Any]]:
     """Return the settings that a run was started with, as rows."""
     plan = facts_plan(run.facts.settings)
     settings = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.words})
-    settings.pop("warnings", None)  # of the job, and shown with it
+    settings.pop("warnings", None)  # those of the job are shown with the job
     return sorted((name, value) for name, value in settings.items() if value is not None)

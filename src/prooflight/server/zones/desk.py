@@ -204,7 +204,7 @@ class ZonesService:
                 raise Problem(
                     412, "changed", "somebody has saved zones of this job meanwhile: read them first"
                 )
-            # In the audit first: nothing is ever in force of which it does not know.
+            # Record in the audit first, so that nothing is ever in force without a record.
             after = {**about, **_summary(zones)}
             self._accounts.note(who.name, what, job.zones.name, before=_summary(before.zones), after=after)
             try:

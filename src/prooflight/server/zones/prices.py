@@ -103,7 +103,7 @@ class Prices:
                 sender.close()
                 why = f"no process can be started for the price ({error.strerror}); {AGAIN}"
                 raise Problem(503, "no-process", why) from error
-            sender.close()  # of this side: where the process ends, reading ends
+            sender.close()  # so that reading ends when the process does
             self._tasks[new.id] = new
             while len(self._tasks) > MOST_STORED:
                 self._tasks.popitem(last=False)

@@ -85,7 +85,7 @@ def price_aside(request: PriceRequest, sender: Connection) -> None:
 
     Ends when nobody receives any more.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     yield_to_all()
     settle_process()
     try:

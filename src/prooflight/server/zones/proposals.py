@@ -45,7 +45,7 @@ def proposals_of(job: Path, number: int, press: Path | None, dpi: float) -> list
         proposals = [] if marks is None else _of_marks(marks, number, size)
         if loaded is None:
             return proposals
-        with contextlib.suppress(ProoflightError):  # a page that this press cannot take has no codes for it
+        with contextlib.suppress(ProoflightError):  # this press cannot print the page: no codes
             proposals += [Proposal(source="code", zone=zone) for zone in code_zones(opened, number, loaded)]
     return proposals
 

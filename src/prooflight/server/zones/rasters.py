@@ -107,7 +107,7 @@ class Rasters:
     def raster(self, job: Path, number: int, size_mm: tuple[float, float], job_digest: str) -> Raster:
         """Return the raster of a page, made now if needed; raises ``Problem`` 409 if it cannot be drawn."""
         folder = self._of(job_digest, number)
-        with self._making:  # one page at a time: many browsers may ask for the same
+        with self._making:  # one at a time, since browsers may request the same page
             raster = _read(folder)
             if raster is None:
                 dpi = min(DPI, MOST_PIXELS / (max(size_mm) / MM_PER_INCH))

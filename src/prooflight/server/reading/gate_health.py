@@ -52,7 +52,7 @@ class GateHealth:
 
     @property
     def lamp(self) -> Literal["good", "look", "bad", "off"]:
-        """Colour of the lamp; bad if a sheet is in a wrong tray, or the controller is not there."""
+        """State of the lamp; bad if a sheet is in a wrong tray, or the controller is not there."""
         if self.wrong or self.state in ("away", "damaged"):
             return "bad"
         if self.state in ("ended", "unknown"):

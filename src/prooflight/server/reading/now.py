@@ -53,7 +53,7 @@ class Health:
 
     @property
     def camera(self) -> Literal["good", "look", "bad", "off"]:
-        """Colour of the camera's lamp, by lost lines and silence."""
+        """State of the camera's lamp, by lost lines and silence."""
         if self.quiet_s is None or not self.sheets:
             return "off"
         if self.quiet_s > SILENT_S:
@@ -62,7 +62,7 @@ class Health:
 
     @property
     def inspection(self) -> Literal["good", "look", "bad", "off"]:
-        """Colour of the inspection's lamp, by late sheets and sheets that were not inspected."""
+        """State of the inspection's lamp, by late sheets and sheets that were not inspected."""
         if self.quiet_s is None or not self.sheets:
             return "off"
         if self.not_inspected * 10 > self.sheets:

@@ -14,7 +14,7 @@ from prooflight.cli.watch.camera_view import WINDOW_LINES, ShownLines
 from prooflight.journal.camera_view import ASKED, FRESH_S, MOST_BYTES, SHOWN, CameraExchange
 from prooflight.scans.lines import LineBlock, LineFault
 from prooflight.server.accounts.roles import Role
-from prooflight.server.pages.camera import HEIGHT, WIDTH, _look, camera_html
+from prooflight.server.pages.camera import HEIGHT, WIDTH, _current_view, camera_html
 from prooflight.server.pages.language import language
 
 if TYPE_CHECKING:
@@ -80,16 +80,16 @@ def test_a_view_is_drawn_with_its_numbers(code: str) -> None:
 
 def test_where_nobody_watches_it_says_how_to_look(tmp_path: Path) -> None:
     exchange = CameraExchange(journal=tmp_path / "runs.sqlite")
-    assert _look(exchange, language("en"), waited=False) == ""
+    assert _current_view(exchange, language("en"), waited=False) == ""
     assert (tmp_path / f"runs.sqlite{ASKED}").exists()
-    assert "prooflight camera view" in _look(exchange, language("en"), waited=True)
+    assert "prooflight camera view" in _current_view(exchange, language("en"), waited=True)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"top_code_dn": "x"}', '{"sensors": 7}', "\x00"])
 def test_a_file_that_is_none_of_ours_is_no_view(tmp_path: Path, text: str) -> None:
     exchange = CameraExchange(journal=tmp_path / "runs.sqlite")
     (tmp_path / f"runs.sqlite{SHOWN}").write_text(text)
-    assert "prooflight camera view" in _look(exchange, language("en"), waited=True)
+    assert "prooflight camera view" in _current_view(exchange, language("en"), waited=True)
 
 
 def test_what_is_old_is_not_now(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def goes_on(console: Served) -> Iterator[Journal]:
 
 
 def gate_now(console: Served, viewer: TestClient) -> dict[str, Any]:
-    console.console.live._look()
+    console.console.live._poll()
     told: dict[str, Any] = viewer.get("/api/v1/now").json()["health"]["gate"]
     return told
 

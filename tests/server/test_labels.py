@@ -71,7 +71,7 @@ def again(client: TestClient) -> list[int]:
     listed = client.get(f"{API}/reprint").json()
     found = [one["run_sheet"] for one in listed["sheets"]]
     rows = list(csv.DictReader(io.StringIO(client.get("/runs/1/reprint.csv").text)))
-    client.app.state.console.live._look()  # type: ignore[attr-defined]
+    client.app.state.console.live._poll()  # type: ignore[attr-defined]
     now = client.get("/api/v1/now").json()["to_print_again"]
     report = client.get(f"{API}/report").json()["to_print_again"]
     assert {listed["count"], len(rows), now, report} == {len(found)}
@@ -79,7 +79,7 @@ def again(client: TestClient) -> list[int]:
 
 
 def open_incidents(client: TestClient) -> list[int]:
-    client.app.state.console.live._look()  # type: ignore[attr-defined]
+    client.app.state.console.live._poll()  # type: ignore[attr-defined]
     return [one["number"] for one in client.get("/api/v1/now").json()["incidents"]]
 
 

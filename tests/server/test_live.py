@@ -224,7 +224,7 @@ def test_a_hundred_listeners_ask_the_journal_no_more_than_one(console: Served) -
     live = console.console.live
 
     async def listen() -> list[int]:
-        live._look()
+        live._poll()
         waiting = [live.events(None) for _ in range(100)]
         for each in waiting:
             await anext(each)
@@ -232,7 +232,7 @@ def test_a_hundred_listeners_ask_the_journal_no_more_than_one(console: Served) -
         asked.clear()
         with Journal.open(str(console.journal)) as journal:
             journal.record(1, good(30))
-        live._look()
+        live._poll()
         live._wake()
         told = [await anext(each) for each in waiting]
         for each in waiting:

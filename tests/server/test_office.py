@@ -13,7 +13,7 @@ from tests.server.consoles import Served, facts, good, misprint, served, write_r
 from prooflight.journal.journal import Journal
 from prooflight.server.accounts.roles import Role
 from prooflight.server.pages.drawings import STEPS, heat_drawing, step_of
-from prooflight.server.reading.course import course, group_of, run_figures
+from prooflight.server.reading.course import group_of, run_figures, trend
 from prooflight.server.reading.quality import Promise, quality
 from prooflight.server.reading.report import heat_map
 
@@ -105,7 +105,7 @@ def test_a_course_counts_every_troubled_sheet_once(tmp_path: Path) -> None:
             journal.record(run, good(sheet, late=sheet % 100 == 99, faults=lost))
     held = console.console
     found = held.reading.run(1)
-    told = course(held.reading, found)
+    told = trend(held.reading, found)
     assert len(told["sheets"]) == 240
     assert {name: sum(counts) for name, counts in told["troubles"].items()} == {
         "lost-lines": 10,
@@ -114,7 +114,7 @@ def test_a_course_counts_every_troubled_sheet_once(tmp_path: Path) -> None:
     }
     assert sum(told["latency"]["counts"]) == 500
     assert run_figures(found, told)["lost_lines"] == 10
-    assert held.courses.of(found) is held.courses.of(found), "read once"
+    assert held.trends.of(found) is held.trends.of(found), "read once"
     console.close()
 
 

@@ -202,7 +202,7 @@ def test_seen_ends_the_alarm_and_not_the_incident(console: Served) -> None:
         journal.commit()
         assert operator.get("/api/v1/now").json()["state"] == "stop"
         assert operator.post("/runs/1/incidents/1/seen").status_code == 204
-        console.console.live._look()
+        console.console.live._poll()
         told = operator.get("/api/v1/now").json()
         assert (told["state"], told["alarm"], len(told["incidents"])) == ("look", False, 1)
 

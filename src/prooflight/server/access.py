@@ -1,4 +1,4 @@
-"""Deny by default: every endpoint says which role it asks for, or that it is open to all; else no console starts."""
+"""Access control that denies by default: every endpoint must state its role, or that it is open."""
 
 import secrets
 from collections.abc import Callable, Iterator
@@ -22,16 +22,16 @@ OPEN: Final = "open"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Needs:
-    """What an endpoint asks for."""
+    """Access that an endpoint requires."""
 
     role: Role | None
-    """None: it is open to all."""
+    """Lowest role that may call the endpoint; None if it is open to all."""
     scope: Scope | None = None
-    """Of a token; None: no token will do, only a person who signed in."""
+    """Scope that a token must have; None if no token is accepted, only a person who signed in."""
 
 
 def include(app: FastAPI, *routers: APIRouter) -> None:
-    """Take over all endpoints of routers, whose paths are whole."""
+    """Add all endpoints of the routers, whose paths are complete."""
     for router in routers:
         app.router.routes.extend(router.routes)
 
@@ -41,18 +41,21 @@ class EndpointError(RuntimeError):
 
 
 def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
-    """A dependency: whoever asks has this role at least; gives ``Who``. Changes must prove that they are meant."""
+    """Return a dependency that requires at least this role and gives the ``Who`` of the requester.
+
+    A request that changes something, other than by a token, must carry the CSRF token of its session.
+    """
 
     def who_may(request: Request) -> Who:
         settings: ConsoleSettings = request.app.state.console.settings
-        who = known(request)
+        who = authenticated(request)
         if who is None:
             raise Problem(401, "sign-in", "sign in, or send a token", headers={"WWW-Authenticate": "Bearer"})
         if not who.role.may(role):
             raise Problem(403, "role", f"this needs the role {role}, yours is {who.role}")
         if who.scopes is not None and scope not in who.scopes:
-            asked = "a person who signed in" if scope is None else f"the scope {scope}"
-            raise Problem(403, "scope", f"this needs {asked}")
+            requirement = "a person who signed in" if scope is None else f"the scope {scope}"
+            raise Problem(403, "scope", f"this needs {requirement}")
         if who.scopes is None and request.method not in SAFE:
             meant(request, settings)
             if not secrets.compare_digest(request.headers.get(CSRF_HEADER, "").encode(), who.csrf.encode()):
@@ -64,19 +67,25 @@ def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
 
 
 def open_to_all() -> Callable[..., Any]:
-    """A dependency: nobody need be known; gives ``Who`` or None. Changes must come from the console's own pages."""
+    """Return a dependency that requires no sign-in and gives ``Who`` or None.
+
+    A request that changes something must come from the console's own pages.
+    """
 
     def anybody(request: Request) -> Who | None:
         if request.method not in SAFE:
             meant(request, request.app.state.console.settings)
-        return known(request)
+        return authenticated(request)
 
     anybody.needs = Needs(role=None)  # type: ignore[attr-defined]
     return anybody
 
 
-def known(request: Request) -> Who | None:
-    """Who sends this, by token or by session; None: nobody that is known. A token that is none is refused."""
+def authenticated(request: Request) -> Who | None:
+    """Return who sends the request, by token or by session; None if nobody is signed in.
+
+    Raises ``Problem`` 401 for a token that is unknown, revoked or too old.
+    """
     accounts: Accounts = request.app.state.console.accounts
     given = request.headers.get("Authorization")
     if given is not None:
@@ -91,12 +100,15 @@ def known(request: Request) -> Who | None:
 
 
 def cookie_name(settings: ConsoleSettings) -> str:
-    """With TLS the browser itself sees to it that no other host sets it (RFC 6265bis, prefix __Host-)."""
+    """Return the name of the session cookie.
+
+    With TLS it has the prefix __Host-, by which the browser ensures that no other host sets it (RFC 6265bis).
+    """
     return f"__Host-{COOKIE}" if settings.secure else COOKIE
 
 
 def meant(request: Request, settings: ConsoleSettings) -> None:
-    """Refuse a change that a page of another site sent: browsers say from where."""
+    """Refuse a change that a page of another site sent, by the headers in which browsers name the origin."""
     site = request.headers.get("Sec-Fetch-Site")
     if site is not None and site not in ("same-origin", "none"):
         raise Problem(403, "origin", "another site sent this")
@@ -108,7 +120,7 @@ def meant(request: Request, settings: ConsoleSettings) -> None:
 
 
 def refuse_unguarded(app: FastAPI) -> None:
-    """EndpointError: an endpoint does not say who may ask it."""
+    """Raise EndpointError if an endpoint does not state who may call it."""
     for path, methods, stated in _stated(app):
         if stated is None:
             what = f"{','.join(sorted(methods))} {path} does not say who may ask it: needs(role) or open_to_all()"
@@ -116,7 +128,7 @@ def refuse_unguarded(app: FastAPI) -> None:
 
 
 def endpoint_rows(app: FastAPI) -> list[tuple[str, str, str, str]]:
-    """Method, path, role and scope of every endpoint, in the order of paths."""
+    """Return method, path, role and scope of every endpoint, in the order of paths."""
     rows = []
     for path, methods, stated in _stated(app):
         if stated is None:
@@ -130,14 +142,14 @@ def endpoint_rows(app: FastAPI) -> list[tuple[str, str, str, str]]:
 def _stated(app: FastAPI) -> Iterator[tuple[str, set[str], Needs | None]]:
     for route in app.routes:
         if isinstance(route, APIRoute):
-            yield route.path, set(route.methods or ()), _found(route.dependant)  # codespell:ignore dependant
+            yield route.path, set(route.methods or ()), _needs(route.dependant)  # codespell:ignore dependant
         else:
             yield getattr(route, "path", repr(route)), set(getattr(route, "methods", None) or {"GET"}), None
 
 
-def _found(asked: Any) -> Needs | None:
-    for each in asked.dependencies:
-        stated = getattr(each.call, "needs", None) or _found(each)
+def _needs(dependency: Any) -> Needs | None:
+    for each in dependency.dependencies:
+        stated = getattr(each.call, "needs", None) or _needs(each)
         if isinstance(stated, Needs):
             return stated
     return None

@@ -1,4 +1,4 @@
-"""The console as an ASGI application, put together from its parts."""
+"""The console as an ASGI application, composed of its services."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from prooflight.server.headers import Headers
 from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
 from prooflight.server.pages.shell import problem_page
 from prooflight.server.pictures.pictures import Pictures
-from prooflight.server.reading.course import Courses
+from prooflight.server.reading.course import Trends
 from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
 from prooflight.server.reading.reprints import Reprints
 from prooflight.server.reading.runs import Reading
 from prooflight.server.reading.stations import Stations
-from prooflight.server.zones.desk import ZonesDesk
+from prooflight.server.zones.desk import ZonesService
 from prooflight.server.zones.prices import Prices
 from prooflight.server.zones.rasters import Rasters
 from prooflight.server.zones.tolerances import Tolerances
@@ -56,9 +56,23 @@ def console_app(
     passwords: Passwords | None = None,
     prices: Prices | None = None,
 ) -> FastAPI:
-    """The application; EndpointError: an endpoint does not say who may ask it. ConsoleFileError, RequestError.
+    """Return the application with all its services and endpoints.
 
-    clock: Unix time [s]; ticking: seconds that only grow. prices: how prices of zones are made; None: as they are.
+    Parameters
+    ----------
+    clock
+        Unix time. [s]
+    ticking
+        Monotonic time. [s]
+    prices
+        Service that computes prices of zones; None for the usual one.
+
+    Raises
+    ------
+    EndpointError
+        If an endpoint does not state who may call it.
+    ConsoleFileError, RequestError
+        If the console's file or its settings cannot be used.
     """
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)
@@ -68,7 +82,7 @@ def console_app(
     reprints = Reprints(reading, incidents, words, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
-    zones = ZonesDesk(
+    zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
     )
     console = Console(
@@ -78,7 +92,7 @@ def console_app(
         tries=Tries(ticking),
         reading=reading,
         incidents=incidents,
-        courses=Courses(reading),
+        trends=Trends(reading),
         gates=gates,
         reprints=reprints,
         live=Live(reading, incidents, words, reprints, clock=ticking, ahead=pictures.ahead),
@@ -109,7 +123,7 @@ def console_app(
         title="Prooflight console",
         version=__version__,
         description=DESCRIPTION,
-        openapi_url=None,  # an endpoint of its own, which asks who wants to know
+        openapi_url=None,  # served by an endpoint that requires a role
         docs_url=None,
         redoc_url=None,
         lifespan=alive,

@@ -1,4 +1,4 @@
-"""Bodies of requests are bounded before they are read: whoever sends one need not have signed in yet."""
+"""Middleware that bounds the bodies of requests, since a sender need not have signed in yet."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_BYTES: Final = 4_000_000
-"""The zones of a job, 2,000 at most, take a megabyte."""
+"""Largest body; the zones of a job, at most 2,000, take a megabyte. [bytes]"""
 
 
 class BoundedBodies:
-    """Refuses a body that says it is larger, and stops to read one that turns out to be."""
+    """Middleware that refuses a body declared too large, and stops reading one that turns out to be."""
 
     def __init__(self, app: ASGIApp, *, most_bytes: int = MOST_BYTES) -> None:
         self._app, self._most_bytes = app, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI."""
+        """Handle a request by the ASGI protocol."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

@@ -1,4 +1,4 @@
-"""The table of endpoints and of who may ask them, as a document."""
+"""The table of endpoints and of who may call them, as a document."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ asks for nobody. A token needs the scope as well, and none will do where there i
 
 
 def endpoints_page(app: FastAPI) -> str:
-    """``docs/reference/console-endpoints.md``."""
+    """Return the text of ``docs/reference/console-endpoints.md``."""
     rows = [
         f"| {method} | `{path}` | {role} | {scope} |\n" for method, path, role, scope in endpoint_rows(app)
     ]

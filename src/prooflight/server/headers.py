@@ -1,4 +1,4 @@
-"""Headers of every answer: what a browser may load, and what it may not tell others."""
+"""Headers of every response: what a browser may load, and what it may not tell others."""
 
 from __future__ import annotations
 
@@ -35,12 +35,15 @@ A_YEAR: Final = b"max-age=31536000"
 
 
 def etag(*parts: object) -> str:
-    """Of what these parts say all about."""
+    """Return a strong entity tag, the digest of all parts together."""
     return f'"{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}"'
 
 
 class Headers:
-    """Adds them; what nobody says otherwise of is not stored, since the next to sign in may be another."""
+    """Middleware that adds the headers to every response.
+
+    A response without Cache-Control is not stored, since the next person to sign in may be another.
+    """
 
     def __init__(self, app: ASGIApp, *, secure: bool) -> None:
         self._app = app
@@ -48,19 +51,19 @@ class Headers:
         self._fixed = list(fixed.items())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI."""
+        """Handle a request by the ASGI protocol."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                held: list[Any] = list(message.get("headers", []))
-                names = {name.lower() for name, _ in held}
-                held += [(name, value) for name, value in self._fixed if name not in names]
+                headers: list[Any] = list(message.get("headers", []))
+                names = {name.lower() for name, _ in headers}
+                headers += [(name, value) for name, value in self._fixed if name not in names]
                 if b"cache-control" not in names:
-                    held.append((b"cache-control", b"no-store"))
-                message = {**message, "headers": held}
+                    headers.append((b"cache-control", b"no-store"))
+                message = {**message, "headers": headers}
             await send(message)
 
         await self._app(scope, receive, with_headers)

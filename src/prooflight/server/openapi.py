@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def openapi(app: FastAPI) -> dict[str, Any]:
-    """OpenAPI 3.1 of the interface for programs; pages are left out."""
+    """Return the interface for programs as OpenAPI 3.1, without the pages."""
     if app.openapi_schema is None:
         schema = app.openapi()
         schema.setdefault("components", {}).setdefault("schemas", {})["ProblemBody"] = (

@@ -1,4 +1,4 @@
-"""What goes wrong, as programs read it (RFC 9457, ``application/problem+json``) and as people do."""
+"""Errors as programs read them (RFC 9457, ``application/problem+json``) and as people do."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ProblemBody(BaseModel):
 
 
 class Problem(ProoflightError):
-    """An answer other than what was asked for; kind: its name, as in urn:prooflight:KIND."""
+    """Response other than the one requested; kind is its name, as in urn:prooflight:KIND."""
 
     def __init__(
         self, status: int, kind: str, detail: str, *, headers: Mapping[str, str] | None = None
@@ -63,13 +63,13 @@ class Problem(ProoflightError):
 
 
 def not_found(what: str) -> Problem:
-    """There is no such run, sheet, incident, picture."""
+    """Return the problem that there is no such run, sheet, incident or picture."""
     return Problem(404, "not-found", what)
 
 
 def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
-    """The answer to whatever was raised. page: makes that of a page for people."""
-    status, kind, detail, headers, errors = _told(error)
+    """Return the response to an exception; ``page`` makes the one that people read."""
+    status, kind, detail, headers, errors = _described(error)
     if not request.url.path.startswith("/api/"):
         return page(request, status, TITLES.get(status, ""), detail, headers)
     body = ProblemBody(
@@ -83,33 +83,33 @@ def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
 
 
 def responses(*codes: int) -> dict[int | str, dict[str, Any]]:
-    """What an endpoint may answer instead, for OpenAPI."""
+    """Return the error responses of an endpoint for these status codes, for OpenAPI."""
     schema = {"schema": {"$ref": "#/components/schemas/ProblemBody"}}
     return {code: {"description": TITLES[code], "content": {MEDIA_TYPE: schema}} for code in codes}
 
 
 def binary(media_type: str) -> dict[int | str, dict[str, Any]]:
-    """An answer of bytes, for OpenAPI."""
+    """Return the description of a response of bytes, for OpenAPI."""
     schema = {"schema": {"type": "string", "format": "binary"}}
     return {200: {"description": "Bytes.", "content": {media_type: schema}}}
 
 
 def handle(app: FastAPI, *, page: ProblemPage) -> None:
-    """Every error leaves the app as a problem; page: as ``problem``."""
+    """Register handlers by which every error leaves the application as a problem; page as in ``problem``."""
     for kind in (Problem, ProoflightError, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, partial(problem, page))
 
 
-def _told(error: Exception) -> tuple[int, str, str, dict[str, str], list[dict[str, Any]]]:
+def _described(error: Exception) -> tuple[int, str, str, dict[str, str], list[dict[str, Any]]]:
     if isinstance(error, Problem):
         return error.status, error.kind, error.detail, error.headers, []
     if isinstance(error, RequestValidationError):
-        found = [
+        errors = [
             {"where": [str(part) for part in each["loc"]], "what": str(each["msg"])}
             for each in error.errors()[:20]
         ]
-        first = f"{'.'.join(found[0]['where'][1:])}: {found[0]['what']}" if found else ""
-        return 422, "invalid", first, {}, found
+        first = f"{'.'.join(errors[0]['where'][1:])}: {errors[0]['what']}" if errors else ""
+        return 422, "invalid", first, {}, errors
     if isinstance(error, RequestError):
         return 409, "refused", str(error), {}, []
     if isinstance(error, JournalError):

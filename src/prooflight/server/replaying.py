@@ -1,4 +1,4 @@
-"""What a sheet's verdict is made again from: its evidence, and the press of its run."""
+"""The inputs from which a sheet's verdict is repeated: its evidence, and the press of its run."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from prooflight.server.console import Console
 
 
-def replayable(held: Console, run: str, sheet: int) -> tuple[RunRow, PageRecord, Press]:
-    """Its run, the sheet with its evidence, and the press; Problem: one of them is not there."""
-    found = held.reading.run_named(run)
-    page = held.reading.sheet(found.id, sheet)
-    kept_of(page, run=found.id)
-    press = held.stations.press(found)
+def replayable(console: Console, run: str, sheet: int) -> tuple[RunRow, PageRecord, Press]:
+    """Return the run, the sheet with its evidence, and the press; raises ``Problem`` if one is missing."""
+    run_row = console.reading.run_named(run)
+    page = console.reading.sheet(run_row.id, sheet)
+    evidence_of(page, run=run_row.id)
+    press = console.stations.press(run_row)
     if press is None:
-        named = f"press {found.facts.press}, digest {found.facts.press_digest[:16]}"
+        named = f"press {run_row.facts.press}, digest {run_row.facts.press_digest[:16]}"
         raise Problem(409, "no-press", f"start the console with --press and the artefact of {named}")
-    return found, page, press
+    return run_row, page, press
 
 
-def kept_of(page: PageRecord, *, run: int | str) -> Mapping[str, NDArray[Any]]:
-    """What was kept of a sheet; Problem: nothing was."""
+def evidence_of(page: PageRecord, *, run: int | str) -> Mapping[str, NDArray[Any]]:
+    """Return the stored evidence of a sheet; raises ``Problem`` if there is none."""
     if page.evidence is None:
         raise not_found(f"no evidence of sheet {page.sheet} of run {run} is kept")
     return page.evidence

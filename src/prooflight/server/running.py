@@ -1,4 +1,4 @@
-"""A console that serves: where it listens, what it refuses, and how it ends."""
+"""A running console: the address at which it listens, the settings it refuses, and how it ends."""
 
 from __future__ import annotations
 
@@ -29,38 +29,46 @@ if TYPE_CHECKING:
 PORT: Final = 8080
 LOOPBACK: Final = "127.0.0.1"
 GRACE_S: Final = 3
-"""For answers that go on when the console ends."""
+"""Time that open responses have to finish when the console ends. [s]"""
 NICE: Final = 5
-"""A console yields to whoever inspects."""
+"""Niceness of the console's process, which gives way to inspection."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listening:
-    """Where a console listens."""
+    """Address and certificate with which a console listens."""
 
     host: str = LOOPBACK
     port: int = PORT
     certificate: Path | None = None
-    """Chain of certificates, PEM; with ``key`` it is reached by TLS."""
+    """Chain of certificates as PEM; with ``key``, the console is reached by TLS."""
     key: Path | None = None
 
     @property
     def address(self) -> str:
-        """For a browser on this machine."""
+        """Address for a browser on this machine."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.certificate else 'http'}://{host}:{self.port}"
 
     def reached_at(self, port: int, origins: Sequence[str] = ()) -> str:
-        """Return where a browser reaches it: an address to listen at all addresses is none to open.
+        """Return the address at which a browser reaches the console.
 
-        port: at which it listens. origins: other addresses at which it is known to be reached.
+        An unspecified address ("listen on all") cannot be opened; the first origin or the host's name
+        replaces it.
+
+        Parameters
+        ----------
+        port
+            Port on which the console listens.
+        origins
+            Further addresses at which the console is known to be reached.
         """
         if not _is_any(self.host):
             return self.address.rpartition(":")[0] + f":{port}"
         return next(iter(origins), replace(self, host=socket.gethostname(), port=port).address)
 
     def check(self) -> None:
-        """RequestError: others could read along, or the certificate cannot be used."""
+        """Raise RequestError if others could read along, or if the certificate cannot be used."""
         if (self.certificate is None) != (self.key is None):
             raise RequestError("serve", "--tls-cert and --tls-key go together", remedy="give both or neither")
         if self.certificate is None:
@@ -82,24 +90,24 @@ class Listening:
             ) from error
 
     def bound(self) -> socket.socket:
-        """A socket that listens there; RequestError: it is taken."""
+        """Return a listening socket; raises RequestError if the address is taken."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
-        made = socket.socket(family, socket.SOCK_STREAM)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            made.bind((self.host, self.port))
+            listener.bind((self.host, self.port))
         except (OSError, OverflowError) as error:
-            made.close()
+            listener.close()
             what = (
                 f"cannot listen at {self.host} port {self.port} ({getattr(error, 'strerror', None) or error})"
             )
             raise RequestError("serve", what, remedy="give another --port or --host") from error
-        made.listen(512)
-        return made
+        listener.listen(512)
+        return listener
 
 
 class ConsoleServer(uvicorn.Server):
-    """Tells browsers that it ends, so that they come again; else their live events would keep it."""
+    """Server that ends live events when it stops, so that browsers reconnect and do not keep it running."""
 
     def __init__(self, config: uvicorn.Config, live: Any) -> None:
         super().__init__(config)
@@ -107,7 +115,7 @@ class ConsoleServer(uvicorn.Server):
         self.interrupted = False
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """A signal came."""
+        """Record an interrupt, close the live events and stop the server."""
         self.interrupted |= sig == signal.SIGINT
         self._live.close()
         super().handle_exit(sig, frame)
@@ -116,15 +124,23 @@ class ConsoleServer(uvicorn.Server):
 def serve(
     settings: ConsoleSettings, listening: Listening, *, ready: Callable[[str, str | None], None]
 ) -> None:
-    """Serve until a signal ends it.
+    """Serve until a signal ends the console.
 
-    ready: told the address, and the link for a first admin where nobody can sign in yet. RequestError.
+    Parameters
+    ----------
+    ready
+        Called with the address, and with the link for a first admin if nobody can sign in yet.
+
+    Raises
+    ------
+    RequestError
+        If the console cannot listen as requested.
     """
     listening.check()
     with listening.bound() as bound:
         app = console_app(settings)
-        held = app.state.console
-        secret = held.accounts.first_link()
+        console = app.state.console
+        secret = console.accounts.first_link()
         port = bound.getsockname()[1]
         address = listening.reached_at(port, settings.origins)
         config = uvicorn.Config(
@@ -138,26 +154,31 @@ def serve(
             proxy_headers=False,
         )
         ready(address, None if secret is None else f"{address}/welcome#{secret}")
-        threading.Thread(target=warm, args=(held,), name="warm", daemon=True).start()
-        server = ConsoleServer(config, held.live)
+        threading.Thread(target=warm, args=(console,), name="warm", daemon=True).start()
+        server = ConsoleServer(config, console.live)
         server.run(sockets=[bound])
         if server.interrupted:
-            # uvicorn raises the signal again, but that is lost now and then on a busy machine.
+            # uvicorn raises the signal again, but on a busy machine that signal is sometimes lost.
             raise KeyboardInterrupt
 
 
-def warm(held: Console) -> None:
-    """Do once what the first who looks would wait for: a press is read in a quarter of a second, and looking through
-    all that was loaded for what nobody needs any more, which Python does now and then, takes a sixth.
+def warm(console: Console) -> None:
+    """Load in advance, so that the first request need not wait.
+
+    Loading a press takes a quarter of a second. A full garbage collection, which Python runs now and then,
+    takes a sixth of a second over all loaded objects, so these are frozen.
     """
-    held.pictures.warm()
-    held.stations.warm()
+    console.pictures.warm()
+    console.stations.warm()
     gc.collect()
-    gc.freeze()  # what is there now stays, and is not looked through again
+    gc.freeze()  # loaded objects stay, and need not be collected again
 
 
 def spawned(settings: ConsoleSettings, listening: Listening, ready: Callable[[str, str | None], None]) -> Any:
-    """A console in a process of its own, which ends with this one; its process. RequestError, before it starts."""
+    """Start a console in a process of its own, which ends with this one, and return the process.
+
+    Raises RequestError before the process starts.
+    """
     listening.check()
     listening.bound().close()
     process = multiprocessing.get_context("spawn").Process(
@@ -172,13 +193,13 @@ def _serve_aside(
 ) -> None:
     if hasattr(os, "nice"):
         os.nice(NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     _end_with_parent()
     serve(settings, listening, ready=ready)
 
 
 def _end_with_parent() -> None:
-    """Also where whoever started it is killed."""
+    """End this process when its parent ends, even if the parent is killed."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -1,4 +1,4 @@
-"""What a console is started with."""
+"""Settings with which a console is started."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ CACHE_SUFFIX: Final = ".console.tiles"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsoleSettings:
-    """Of one console; its journal need not be there yet."""
+    """Settings of one console, whose journal need not exist yet."""
 
     journal: Path
     data: Path
-    """The console's own file."""
+    """The console's own database file."""
     tiles: Path
-    """Folder of pictures that were made."""
+    """Folder in which pictures are cached."""
     tiles_bytes: int = 2_000_000_000
-    """The folder's bound; what was looked at longest ago goes first."""
+    """Largest size of the cache; the pictures used longest ago are removed first. [bytes]"""
     presses: tuple[Path, ...] = ()
-    """Press artefacts, by which verdicts are made again and expected pages pictured; found by their digests."""
+    """Press artefacts for repeating verdicts and picturing expected pages, selected by their digests."""
     jobs: tuple[Path, ...] = ()
-    """Jobs, found by their digests."""
+    """Jobs, selected by their digests."""
     secure: bool = False
-    """Whether it is reached by TLS: cookies then go no other way."""
+    """Whether the console is reached by TLS; cookies are then sent by TLS alone."""
     origins: tuple[str, ...] = field(default=())
-    """Addresses beside its own by which browsers may reach it, as behind a proxy: https://console.example."""
+    """Further addresses at which browsers reach the console, as behind a proxy: https://console.example."""
     trays: Path | None = None
-    """The controller's log of its trays; it may grow."""
+    """The controller's log of its trays, which may grow."""
     trusted_proxies: tuple[str, ...] = ()
-    """Addresses or networks of proxies that say for whom they ask (``X-Forwarded-For``)."""
+    """Addresses or networks of proxies whose ``X-Forwarded-For`` is trusted."""
     provider: ProviderSettings | None = None
-    """At which people may sign in as well."""
+    """OpenID provider at which people may sign in as well."""
 
     @classmethod
-    def of(cls, journal: Path, *, data: Path | None = None, **told: object) -> ConsoleSettings:
-        """Its own file and its pictures lie beside the journal unless somebody says otherwise."""
+    def of(cls, journal: Path, *, data: Path | None = None, **values: object) -> ConsoleSettings:
+        """Return settings with database and pictures next to the journal unless ``values`` name others."""
         own = data or journal.with_name(journal.name + SUFFIX)
-        return cls(journal=journal, data=own, tiles=own.with_name(own.name + ".tiles"), **told)  # type: ignore[arg-type]
+        return cls(journal=journal, data=own, tiles=own.with_name(own.name + ".tiles"), **values)  # type: ignore[arg-type]

@@ -1,1 +1,1 @@
-"""Who may: people, their sessions and tokens, what they said, and the audit of it all."""
+"""Accounts and access: people, their sessions and tokens, and the audit of all changes."""

@@ -1,8 +1,8 @@
-"""The audit: who did what, before and after. Rows are only added, and each holds the digest of the one before it.
+"""The audit: who did what, before and after.
 
-A chain shows that a row was changed, taken out or put in between. Whoever can write the file can also make the whole
-chain anew, or cut off its end; so the head (number and digest of the last row) can be written down elsewhere and
-given to ``verified``.
+Rows are only added, and each holds the digest of the one before it. A chain shows that a row was changed,
+removed or inserted. Whoever can write the file can also compute the whole chain again, or cut off its end; so
+the head (number and digest of the last row) can be written down elsewhere and given to ``verified``.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection
 
 FIRST: Final = "0" * 64
-"""Stands before the first row."""
+"""Previous digest of the first row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One row."""
+    """One row of the audit."""
 
     id: int
     at_s: float
@@ -36,33 +36,33 @@ class Entry:
     what: str
     target: str
     before: str | None
-    """JSON."""
+    """State before the change, as JSON."""
     after: str | None
-    """JSON."""
+    """State after the change, as JSON."""
     previous: str
     digest: str
 
     def expected(self) -> str:
-        """SHA-256 of all else in it, as JSON with sorted names."""
-        held = asdict(self)
-        del held["digest"]
-        return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
+        """Return the SHA-256 of all other fields, as JSON with sorted names."""
+        content = asdict(self)
+        del content["digest"]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chain:
-    """What an audit comes to."""
+    """Result of verifying an audit."""
 
     entries: int
     head: str
-    """Digest of the last row; ``FIRST`` where there is none."""
+    """Digest of the last row; ``FIRST`` if there is none."""
     broken_at: int | None
-    """The first row that is not as it was written; None: all are."""
+    """Number of the first row that is not as it was written; None if all are."""
     why: str = ""
 
     @property
     def whole(self) -> bool:
-        """Whether nothing was changed."""
+        """Whether no row was changed."""
         return self.broken_at is None
 
 
@@ -76,11 +76,11 @@ def append(
     before: Any = None,
     after: Any = None,
 ) -> Entry:
-    """Add a row, within the transaction of what it tells of. before, after: what JSON can hold."""
+    """Add a row, within the transaction of the change that it records; before, after: JSON values."""
     last = connection.execute(
         select(audit_table.c.id, audit_table.c.digest).order_by(audit_table.c.id.desc()).limit(1)
     ).first()
-    held: dict[str, Any] = {
+    content: dict[str, Any] = {
         "id": 1 if last is None else last.id + 1,
         "at_s": float(at_s),
         "who": who,
@@ -90,14 +90,14 @@ def append(
         "after": None if after is None else json.dumps(after, sort_keys=True),
         "previous": FIRST if last is None else last.digest,
     }
-    entry = Entry(**held, digest="")
-    entry = Entry(**held, digest=entry.expected())
+    entry = Entry(**content, digest="")
+    entry = Entry(**content, digest=entry.expected())
     connection.execute(insert(audit_table).values(**asdict(entry)))
     return entry
 
 
 def entries(connection: Connection, *, before: int | None = None, limit: int = 100) -> list[Entry]:
-    """The latest first; before: only those of a lower number."""
+    """Return entries, the latest first; with ``before``, only those of a lower number."""
     query = select(audit_table).order_by(audit_table.c.id.desc()).limit(limit)
     if before is not None:
         query = query.where(audit_table.c.id < before)
@@ -105,9 +105,12 @@ def entries(connection: Connection, *, before: int | None = None, limit: int = 1
 
 
 def verified(connection: Connection, *, held: str | None = None) -> Chain:
-    """Whether every row is as it was written and follows the one before it.
+    """Verify that every row is as it was written and follows the one before it.
 
-    held: a digest that some row had once; its absence says that the chain was cut off or made anew.
+    Parameters
+    ----------
+    held
+        Digest of an earlier row; its absence shows that the chain was cut off or computed again.
     """
     previous, count, seen = FIRST, 0, held is None or held == FIRST
     for row in _by_number(connection):

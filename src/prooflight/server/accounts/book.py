@@ -1,4 +1,4 @@
-"""Everything that the console keeps of people: one object that the server and the command line share."""
+"""All data that the console stores about people: one object that the server and the command line share."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.provider import Identity
 
 SESSION_S: Final = 12 * 3600.0
-"""A shift: whoever signs in at its beginning is not asked again."""
+"""Lifetime of a session: a shift, so that a person who signs in at its beginning is not asked again. [s]"""
 LINK_S: Final = 24 * 3600.0
 TOKEN_DAYS: Final = 365.0
 TOKEN_MARK: Final = "plt_"
-"""Begins every token, so that one that leaks is known for what it is."""
+"""Prefix of every token, so that a leaked one is recognised as such."""
 LANGUAGES: Final = ("en", "de")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Person:
-    """Somebody who may sign in."""
+    """A person who may sign in."""
 
     id: int
     name: str
@@ -54,12 +54,12 @@ class Person:
     """Whether a password was set, or none is needed."""
     created_s: float
     issuer: str | None = None
-    """Provider at which they sign in; it says their role. None: here, by a password."""
+    """Provider at which they sign in, which determines their role; None if they have a password here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Token:
-    """Of a program."""
+    """Access token of a program."""
 
     id: int
     name: str
@@ -71,57 +71,67 @@ class Token:
 
 
 class Accounts:
-    """The console's file, open. Its methods may be called from several threads; each change stands in the audit."""
+    """The console's open database file. Its methods are thread-safe, and the audit records each change."""
 
     def __init__(
         self, path: Path, *, clock: Callable[[], float] = time.time, passwords: Passwords | None = None
     ) -> None:
-        """ConsoleFileError: the file cannot be used. clock: Unix time. [s]"""
+        """Open the file; raises ConsoleFileError if it cannot be used. clock: Unix time. [s]"""
         self.path, self.clock = path, clock
         self._engine = open_file(path)
         self._passwords = passwords or Passwords()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._engine.dispose()
 
     # --- people ---
 
     def people(self) -> list[Person]:
-        """Everybody, by name."""
+        """Return everybody, by name."""
         with self._engine.begin() as connection:
             rows = connection.execute(_people().order_by(func.lower(people_table.c.name)))
             return [_person(row) for row in rows]
 
     def person(self, name: str) -> Person:
-        """By name; RequestError."""
+        """Return the person of this name; raises RequestError if there is none."""
         with self._engine.begin() as connection:
             return _person(self._row(connection, name))
 
     def add(self, name: str, role: Role, *, by: str) -> str:
-        """A new person; returns the secret of the link by which they choose a password. RequestError."""
+        """Add a person and return the secret of the link by which they choose a password.
+
+        Raises RequestError if the name cannot be used.
+        """
         name = checked_name(name)
         with writing(self._engine).begin() as connection:
             if (taken := self._like(connection, name)) is not None:
                 alike = "already" if taken.lower() == name.lower() else f"already, and {name!r} looks like it"
                 raise RequestError("user", f"there is a {taken!r} {alike}", remedy="choose another name")
-            held = {"name": name, "role": role.value, "locked": False, "created_s": self.clock()}
-            added = connection.execute(insert(people_table).values(**held))
-            self._said(connection, by, "user.add", name, after={"role": role.value})
+            values = {"name": name, "role": role.value, "locked": False, "created_s": self.clock()}
+            added = connection.execute(insert(people_table).values(**values))
+            self._record(connection, by, "user.add", name, after={"role": role.value})
             return self._link(connection, int(added.inserted_primary_key[0]))  # type: ignore[index]
 
     def link(self, name: str, *, by: str) -> str:
-        """A new link for somebody who has lost theirs or their password; earlier links end. RequestError."""
+        """Return the secret of a new link for a person who lost theirs or their password; earlier links end.
+
+        Raises RequestError if there is no such person, or if they sign in at a provider.
+        """
         with writing(self._engine).begin() as connection:
             row = self._row(connection, name)
             if row.issuer is not None:
                 what = f"{row.name} signs in at {row.issuer}, and has no password here"
                 raise RequestError("user", what, remedy="lock them out, or let them in")
-            self._said(connection, by, "user.link", row.name)
+            self._record(connection, by, "user.link", row.name)
             return self._link(connection, row.id)
 
     def change(self, name: str, *, by: str, role: Role | None = None, locked: bool | None = None) -> Person:
-        """Another role, or locked out: sessions end at once. RequestError: there would be no admin left."""
+        """Change a person's role, or lock them out; their sessions end at once.
+
+        Raises RequestError if there is no such person, if their provider determines the role, or if no admin
+        would be left.
+        """
         with writing(self._engine).begin() as connection:
             row = self._row(connection, name)
             if row.issuer is not None and role not in (None, Role(row.role)):
@@ -131,7 +141,7 @@ class Accounts:
             return _person(self._row(connection, row.name))
 
     def speak(self, who: Who, language: str) -> None:
-        """The language in which somebody wants to read."""
+        """Set the language in which a person reads; raises RequestError if there is no such language."""
         if language not in LANGUAGES:
             raise RequestError("language", f"there is no {language[:20]!r}", remedy="choose en or de")
         with writing(self._engine).begin() as connection:
@@ -139,7 +149,7 @@ class Accounts:
             connection.execute(changed.values(language=language))
 
     def first_link(self) -> str | None:
-        """The secret of a link for a first admin, where nobody can sign in yet; None: somebody can."""
+        """Return the secret of a link for a first admin; None if somebody can sign in already."""
         with writing(self._engine).begin() as connection:
             ready = people_table.c.password.is_not(None)
             if connection.execute(select(people_table.c.id).where(ready)).first() is not None:
@@ -148,19 +158,19 @@ class Accounts:
             row = connection.execute(_people().where(people_table.c.role == Role.ADMIN, own)).first()
             if row is None:
                 name = self._free_name(connection, "admin")
-                held = {
+                values = {
                     "name": name,
                     "role": Role.ADMIN.value,
                     "locked": False,
                     "created_s": self.clock(),
                 }
-                added = connection.execute(insert(people_table).values(**held))
-                self._said(connection, "console", "user.add", name, after={"role": "admin"})
+                added = connection.execute(insert(people_table).values(**values))
+                self._record(connection, "console", "user.add", name, after={"role": "admin"})
                 return self._link(connection, int(added.inserted_primary_key[0]))  # type: ignore[index]
             return self._link(connection, row.id)
 
     def linked(self, secret: str) -> Person | None:
-        """Whose link it is; None: nobody's, used, or too old."""
+        """Return the person whom a link is for; None if it is unknown, used, or too old."""
         with self._engine.begin() as connection:
             row = connection.execute(
                 _people()
@@ -170,32 +180,36 @@ class Accounts:
             return None if row is None or row.locked else _person(row)
 
     def choose(self, secret: str, password: str) -> Person | None:
-        """Set a password by a link, which is then used up; None: the link is not good. RequestError: nor is it."""
+        """Set a password by a link, which is then used up; None if the link is not valid.
+
+        Raises RequestError if the password is too short or too long.
+        """
         if self.linked(secret) is None:
             return None
         hashed = self._passwords.hashed(password)
         with writing(self._engine).begin() as connection:
-            gone = connection.execute(
+            link = connection.execute(
                 delete(links_table)
                 .where(links_table.c.digest == _digest(secret), links_table.c.ends_s > self.clock())
                 .returning(links_table.c.person_id)
             ).first()
-            if gone is None:
+            if link is None:
                 return None
-            who = people_table.c.id == gone.person_id
+            who = people_table.c.id == link.person_id
             connection.execute(update(people_table).where(who).values(password=hashed))
-            connection.execute(delete(sessions_table).where(sessions_table.c.person_id == gone.person_id))
+            connection.execute(delete(sessions_table).where(sessions_table.c.person_id == link.person_id))
             row = connection.execute(_people().where(who)).one()
-            self._said(connection, row.name, "user.password", row.name)
+            self._record(connection, row.name, "user.password", row.name)
             return _person(row)
 
     # --- people of a provider ---
 
     def begin_as(self, identity: Identity) -> str | None:
-        """The secret of a session for somebody whom a provider vouches for; None: no role is theirs, or locked out.
+        """Begin a session for a person whom a provider vouches for and return its secret.
 
-        They are added when they first come, with a name that nobody else has, and have the role that the provider's
-        groups give today. Whoever has none any more loses sessions and tokens. All of it stands in the audit.
+        Returns None if the person has no role or is locked out. A person is added at the first sign-in, with
+        a name that nobody else has, and has the role that the provider's groups give today. A person who no
+        longer has a role loses sessions and tokens. The audit records all of it.
         """
         with writing(self._engine).begin() as connection:
             row = connection.execute(
@@ -215,24 +229,24 @@ class Accounts:
         return self.begin(name, how=identity.issuer)
 
     def issuer_of(self, who: Who) -> str | None:
-        """The provider at which somebody signs in; None: here."""
+        """Return the issuer of the provider at which a person signs in; None if they have a password here."""
         with self._engine.begin() as connection:
             mine = identities_table.c.person_id == who.id
-            found: str | None = connection.execute(select(identities_table.c.issuer).where(mine)).scalar()
-            return found
+            issuer: str | None = connection.execute(select(identities_table.c.issuer).where(mine)).scalar()
+            return issuer
 
     def _add_identity(self, connection: Connection, identity: Identity, role: Role) -> Any:
         name = self._free_name(connection, identity.name)
-        held = {"name": name, "role": role.value, "locked": False, "created_s": self.clock()}
-        added = connection.execute(insert(people_table).values(**held))
-        told = {"issuer": identity.issuer, "subject": identity.subject}
+        values = {"name": name, "role": role.value, "locked": False, "created_s": self.clock()}
+        added = connection.execute(insert(people_table).values(**values))
+        identified = {"issuer": identity.issuer, "subject": identity.subject}
         person = int(added.inserted_primary_key[0])  # type: ignore[index]
-        connection.execute(insert(identities_table).values(**told, person_id=person))
-        self._said(connection, identity.issuer, "user.add", name, after={"role": role.value, **told})
+        connection.execute(insert(identities_table).values(**identified, person_id=person))
+        self._record(connection, identity.issuer, "user.add", name, after={"role": role.value, **identified})
         return self._row(connection, name)
 
     def _free_name(self, connection: Connection, wanted: str) -> str:
-        """The name that somebody has elsewhere, with a number where somebody here has it: nobody takes another's."""
+        """Return a name like the wanted one that nobody here has, with a number appended where needed."""
         base = readable(wanted)[: MOST_NAME - 8].strip() or "somebody"
         count = 1
         while True:
@@ -242,15 +256,15 @@ class Accounts:
             count += 1
 
     def _like(self, connection: Connection, name: str) -> str | None:
-        """The name of somebody here that looks like this one; None: there is none."""
+        """Return the name of a person here that looks like this one; None if there is none."""
         names = connection.execute(select(people_table.c.name)).scalars()
         return next((one for one in names if appearance(one) == appearance(name)), None)
 
     def _refuse(self, connection: Connection, identity: Identity, row: Any) -> None:
         name = identity.name[:MOST_NAME] if row is None else row.name
         why = "locked out" if row is not None and row.locked else "no group of theirs is mapped to a role"
-        told = {"by": identity.issuer, "subject": identity.subject, "why": why}
-        self._said(connection, name, "session.refused", name, after=told)
+        refusal = {"by": identity.issuer, "subject": identity.subject, "why": why}
+        self._record(connection, name, "session.refused", name, after=refusal)
         if row is None:
             return
         now = self.clock()
@@ -261,7 +275,10 @@ class Accounts:
     # --- sessions ---
 
     def sign_in(self, name: str, password: str) -> str | None:
-        """The secret of a new session; None: name or password is wrong, which costs as long. Call it in a thread."""
+        """Return the secret of a new session; None if name or password is wrong, which takes as long.
+
+        The call blocks while the password is hashed, so call it in a thread.
+        """
         with self._engine.begin() as connection:
             wanted = func.lower(people_table.c.name) == name.lower()[: 2 * MOST_NAME]
             row = connection.execute(select(people_table).where(wanted)).first()
@@ -269,24 +286,24 @@ class Accounts:
         if row is None or not right or row.locked:
             with writing(self._engine).begin() as connection:
                 who = name[:MOST_NAME] if row is None else row.name
-                self._said(connection, who, "session.refused", who)
+                self._record(connection, who, "session.refused", who)
             return None
         return self.begin(row.name)
 
     def begin(self, name: str, *, how: str = "password") -> str:
-        """A session for somebody who is known; returns its secret. RequestError."""
+        """Begin a session for a known person and return its secret; raises RequestError if there is none."""
         secret, now = secrets.token_urlsafe(32), self.clock()
         with writing(self._engine).begin() as connection:
             row = self._row(connection, name)
             connection.execute(delete(sessions_table).where(sessions_table.c.ends_s <= now))
-            held = {"person_id": row.id, "csrf": secrets.token_urlsafe(24)}
-            held |= {"digest": _digest(secret), "began_s": now, "ends_s": now + SESSION_S}
-            connection.execute(insert(sessions_table).values(**held))
-            self._said(connection, row.name, "session.begin", row.name, after={"by": how})
+            values = {"person_id": row.id, "csrf": secrets.token_urlsafe(24)}
+            values |= {"digest": _digest(secret), "began_s": now, "ends_s": now + SESSION_S}
+            connection.execute(insert(sessions_table).values(**values))
+            self._record(connection, row.name, "session.begin", row.name, after={"by": how})
         return secret
 
     def of_session(self, secret: str) -> Who | None:
-        """Whose session it is; None: nobody's, or it has ended."""
+        """Return the requester whose session this is; None if it is unknown or has ended."""
         with self._engine.begin() as connection:
             row = connection.execute(
                 select(people_table, sessions_table.c.csrf, sessions_table.c.ends_s, sessions_table.c.digest)
@@ -306,14 +323,16 @@ class Accounts:
         )
 
     def over(self, who: Who) -> bool:
-        """Whether who was known is so no more: signed out, locked, of another role, revoked, or too old."""
+        """Return whether an access has ended: signed out, locked, of another role, revoked, or expired."""
         with self._engine.begin() as connection:
             if who.scopes is None:
-                held = sessions_table.c
-                found = select(held.digest).where(held.digest == who.session, held.ends_s > self.clock())
+                session = sessions_table.c
+                query = select(session.digest).where(
+                    session.digest == who.session, session.ends_s > self.clock()
+                )
             else:
                 token, person = tokens_table.c, people_table.c
-                found = (
+                query = (
                     select(token.digest)
                     .join(people_table, person.id == token.person_id)
                     .where(
@@ -323,41 +342,41 @@ class Accounts:
                         ~person.locked,
                     )
                 )
-            return connection.execute(found).first() is None
+            return connection.execute(query).first() is None
 
     def end(self, who: Who) -> None:
-        """Sign out."""
+        """End the session of a person."""
         with writing(self._engine).begin() as connection:
             connection.execute(delete(sessions_table).where(sessions_table.c.digest == who.session))
-            self._said(connection, who.name, "session.end", who.name)
+            self._record(connection, who.name, "session.end", who.name)
 
     # --- tokens ---
 
     def new_token(
         self, owner: str, name: str, scopes: Collection[Scope], *, by: str, days: float = TOKEN_DAYS
     ) -> tuple[Token, str]:
-        """A token and its secret, which is shown this once. RequestError."""
+        """Add a token and return it with its secret, which is shown this once; raises RequestError."""
         secret, now = TOKEN_MARK + secrets.token_urlsafe(32), self.clock()
         wanted = sorted({Scope(scope).value for scope in scopes})
         if not wanted:
             raise RequestError("token", "has no scope", remedy=f"give some of {', '.join(Scope)}")
         with writing(self._engine).begin() as connection:
             row = self._row(connection, owner)
-            held = {
+            values = {
                 "person_id": row.id,
                 "name": checked_name(name),
                 "digest": _digest(secret),
                 "scopes": wanted,
             }
-            held |= {"created_s": now, "ends_s": now + days * 86_400}
-            added = connection.execute(insert(tokens_table).values(**held))
+            values |= {"created_s": now, "ends_s": now + days * 86_400}
+            added = connection.execute(insert(tokens_table).values(**values))
             number = int(added.inserted_primary_key[0])  # type: ignore[index]
-            told = {"name": held["name"], "scopes": wanted, "days": days}
-            self._said(connection, by, "token.add", f"{row.name}/{number}", after=told)
+            recorded = {"name": values["name"], "scopes": wanted, "days": days}
+            self._record(connection, by, "token.add", f"{row.name}/{number}", after=recorded)
         return next(token for token in self.tokens() if token.id == number), secret
 
     def tokens(self, owner: str | None = None) -> list[Token]:
-        """Of everybody or of one, oldest first."""
+        """Return the tokens of everybody or of one owner, oldest first."""
         query = (
             select(tokens_table, people_table.c.name.label("owner"))
             .join(people_table, people_table.c.id == tokens_table.c.person_id)
@@ -380,17 +399,17 @@ class Accounts:
             ]
 
     def revoke(self, number: int, *, by: str, owner: str | None = None) -> None:
-        """End a token; owner: only if it is theirs. RequestError: there is none."""
-        found = [token for token in self.tokens(owner) if token.id == number and token.revoked_s is None]
-        if not found:
+        """Revoke a token, with ``owner`` only if it is theirs; raises RequestError if none is in force."""
+        tokens = [token for token in self.tokens(owner) if token.id == number and token.revoked_s is None]
+        if not tokens:
             raise RequestError("token", f"there is no {number} in force", remedy="see the list of tokens")
         with writing(self._engine).begin() as connection:
             ended = update(tokens_table).where(tokens_table.c.id == number)
             connection.execute(ended.values(revoked_s=self.clock()))
-            self._said(connection, by, "token.revoke", f"{found[0].owner}/{number}")
+            self._record(connection, by, "token.revoke", f"{tokens[0].owner}/{number}")
 
     def of_token(self, secret: str) -> Who | None:
-        """Whose token it is; None: nobody's, revoked, or too old."""
+        """Return the requester whose token this is; None if it is unknown, revoked or expired."""
         with self._engine.begin() as connection:
             row = connection.execute(
                 select(people_table, tokens_table.c.scopes, tokens_table.c.ends_s)
@@ -416,17 +435,17 @@ class Accounts:
     # --- audit ---
 
     def note(self, who: str, what: str, target: str, **told: Any) -> None:
-        """Something that somebody did and that lies elsewhere; told: before and after, what JSON can hold."""
+        """Record a change that is stored elsewhere. told: ``before`` and ``after``, as JSON values."""
         with writing(self._engine).begin() as connection:
-            self._said(connection, who, what, target, **told)
+            self._record(connection, who, what, target, **told)
 
     def audited(self, *, before: int | None = None, limit: int = 100) -> list[audit.Entry]:
-        """The latest first."""
+        """Return entries of the audit, the latest first."""
         with self._engine.begin() as connection:
             return audit.entries(connection, before=before, limit=limit)
 
     def verified(self, *, held: str | None = None) -> audit.Chain:
-        """Whether the audit is whole; see ``audit.verified``."""
+        """Verify the audit; see ``audit.verified``."""
         with self._engine.begin() as connection:
             return audit.verified(connection, held=held)
 
@@ -452,7 +471,7 @@ class Accounts:
         if row.issuer is None and before == {"role": Role.ADMIN.value, "locked": False}:
             self._need_admin(connection)
         connection.execute(delete(sessions_table).where(sessions_table.c.person_id == row.id))
-        self._said(connection, by, "user.change", row.name, before=before, after=after)
+        self._record(connection, by, "user.change", row.name, before=before, after=after)
 
     def _row(self, connection: Connection, name: str) -> Any:
         wanted = func.lower(people_table.c.name) == name.lower()
@@ -464,12 +483,15 @@ class Accounts:
     def _link(self, connection: Connection, person: int) -> str:
         secret = secrets.token_urlsafe(32)
         connection.execute(delete(links_table).where(links_table.c.person_id == person))
-        held = {"digest": _digest(secret), "person_id": person, "ends_s": self.clock() + LINK_S}
-        connection.execute(insert(links_table).values(**held))
+        values = {"digest": _digest(secret), "person_id": person, "ends_s": self.clock() + LINK_S}
+        connection.execute(insert(links_table).values(**values))
         return secret
 
     def _need_admin(self, connection: Connection) -> None:
-        """One who can sign in, and whose password lies here: a provider may be down, or take all admins away."""
+        """Raise RequestError unless an unlocked admin with a password here is left.
+
+        A provider may be down, or take the role from all its admins.
+        """
         chosen = people_table.c.password.is_not(None)
         free = (people_table.c.role == Role.ADMIN) & ~people_table.c.locked & chosen
         own = people_table.c.id.not_in(select(identities_table.c.person_id))
@@ -477,12 +499,12 @@ class Accounts:
             what = "the last admin who can sign in must stay one"
             raise RequestError("user", what, remedy="have another admin choose a password first")
 
-    def _said(self, connection: Connection, who: str, what: str, target: str, **told: Any) -> None:
+    def _record(self, connection: Connection, who: str, what: str, target: str, **told: Any) -> None:
         audit.append(connection, at_s=self.clock(), who=who, what=what, target=target, **told)
 
 
 def _people() -> Select[Any]:
-    """People with the provider that vouches for them, where there is one."""
+    """Select people with the provider that vouches for them, if there is one."""
     joined = people_table.outerjoin(identities_table, identities_table.c.person_id == people_table.c.id)
     return select(people_table, identities_table.c.issuer).select_from(joined)
 
@@ -500,5 +522,5 @@ def _person(row: Any) -> Person:
 
 
 def _digest(secret: str) -> str:
-    """Secrets have 256 random bits: SHA-256 of them needs no salt and no cost."""
+    """Return the digest of a secret: with 256 random bits, SHA-256 needs no salt and no cost."""
     return hashlib.sha256(secret.encode()).hexdigest()

@@ -40,7 +40,7 @@ BUSY_S: Final = 10.0
 
 
 class ConsoleFileError(InputError):
-    """The console's own file cannot be used: damaged, of another schema, or something else."""
+    """The console's own file cannot be used: it is damaged, of another schema, or no such file at all."""
 
 
 def _filled(kind: Any, *names: str) -> list[Column[Any]]:
@@ -111,9 +111,12 @@ _APPEND_ONLY: Final = tuple(
 
 
 def open_file(path: Path) -> Engine:
-    """An engine on the console's file, made where there is none, readable by its owner alone. ConsoleFileError."""
+    """Return an engine on the console's file, created if missing and readable by its owner alone.
+
+    Raises ConsoleFileError if the file cannot be used.
+    """
     try:
-        _look(path)
+        _check_file(path)
         engine = create_engine("sqlite://", creator=lambda: _connect(path), poolclass=QueuePool, pool_size=16)
         event.listen(engine, "begin", _begin)
         with writing(engine).begin() as connection:
@@ -128,11 +131,11 @@ def open_file(path: Path) -> Engine:
 
 
 def writing(engine: Engine) -> Engine:
-    """The same engine for transactions that write."""
+    """Return the same engine for transactions that write."""
     return engine.execution_options(writes=True)
 
 
-def _look(path: Path) -> None:
+def _check_file(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         mode = path.lstat().st_mode
@@ -153,13 +156,13 @@ def _make(connection: Connection, path: Path) -> None:
         return
     if console_table.name not in names:
         raise _refusal(path, "is a database, but no console's")
-    found = connection.exec_driver_sql("SELECT schema FROM console").scalar()
-    if found == 1:
+    schema = connection.exec_driver_sql("SELECT schema FROM console").scalar()
+    if schema == 1:
         identities_table.create(connection)
         connection.exec_driver_sql("UPDATE console SET schema = ?", (SCHEMA,))
         return
-    if found != SCHEMA:
-        raise _refusal(path, f"has schema {found}, this version reads schema {SCHEMA}")
+    if schema != SCHEMA:
+        raise _refusal(path, f"has schema {schema}, this version reads schema {SCHEMA}")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

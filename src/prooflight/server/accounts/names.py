@@ -9,20 +9,28 @@ from prooflight.errors import RequestError
 
 MOST_NAME: Final = 60
 FORBIDDEN: Final = frozenset("/\\?#%")
-"""They mean something in an address."""
+"""Characters that have a meaning in an address."""
 SCRIPTS: Final = frozenset({"LATIN", "CYRILLIC", "GREEK", "ARMENIAN"})
-"""Scripts some of whose letters look like those of another. The first word of a letter's Unicode name is its script."""
+"""Scripts with letters that look like those of another.
+
+The first word of a letter's Unicode name is its script.
+"""
 _PAIRS: Final = (
     "аa вb еe ёë кk мm нh оo рp сc тt уy хx іi їï јj ѕs ԁd ԛq ԝw һh ӏl ьb "
     "αa βb εe ζz ηh ιi κk μm νn οo ρp τt υy χx օo սu հh ոn ɑa ɡg ıi"
 )
-"""Letters beside the Latin one that they look like in upper or lower case (Unicode Technical Standard 39, confusables,
-for the scripts above)."""
+"""Pairs of a letter and the Latin one that it looks like in upper or lower case.
+
+Source: Unicode Technical Standard 39, confusables, for the scripts above.
+"""
 _CONFUSABLE: Final = str.maketrans({pair[0]: pair[1] for pair in _PAIRS.split()})
 
 
 def checked_name(text: str) -> str:
-    """The name with single spaces, in normal form. RequestError: people could not read it, or tell it from others."""
+    """Return the name in normal form with single spaces.
+
+    Raises RequestError if people could not read it, or could not tell it from other names.
+    """
     name = unicodedata.normalize("NFC", " ".join(part for part in text.split(" ") if part))
     if not 0 < len(name) <= MOST_NAME or not name.isprintable() or not any(map(str.isalnum, name)):
         remedy = f"give 1 to {MOST_NAME} letters that can be printed, on one line"
@@ -43,12 +51,12 @@ def appearance(name: str) -> str:
 
 
 def readable(text: str) -> str:
-    """A name as near to a text as names allow, for people whose names come from elsewhere."""
+    """Return the name closest to a text from elsewhere; empty if no letter or digit of it is left."""
     shown = "".join(one if one.isprintable() and one not in FORBIDDEN else " " for one in text)
     name = unicodedata.normalize("NFC", " ".join(shown.split()))
     return name if any(map(str.isalnum, name)) else ""
 
 
 def scripts(name: str) -> set[str]:
-    """Those of ``SCRIPTS`` in which it is written."""
+    """Return the scripts of ``SCRIPTS`` in which the name is written."""
     return {unicodedata.name(one, "").partition(" ")[0] for one in name if one.isalpha()} & SCRIPTS

@@ -1,4 +1,4 @@
-"""Passwords: argon2, a few at a time beside the event loop, with a limit on failed tries."""
+"""Passwords: argon2 in threads, a few at a time, with a limit on failed attempts."""
 
 from __future__ import annotations
 
@@ -20,18 +20,21 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
 LEAST_LETTERS: Final = 10
-"""NIST SP 800-63B asks for 8 at least, and for no rules about kinds of letters."""
+"""Shortest password. NIST SP 800-63B requires at least 8 letters, and no rules about kinds of letters."""
 MOST_LETTERS: Final = 200
 AT_ONCE: Final = 2
 """Passwords that are verified at one time: each takes 64 MiB and, on a small machine, 0.6 s."""
 WINDOW_S: Final = 900.0
 TRIES: Final = {"pair": 5, "address": 20, "name": 30}
-"""In a quarter of an hour: of one name from one address, from one address, and of one name from anywhere. A name has
-more, lest a stranger lock an operator out."""
+"""Failed attempts that are allowed in a quarter of an hour.
+
+They count for one name from one address, for one address, and for one name from anywhere. A name has more,
+lest a third party lock an operator out.
+"""
 
 
 class Passwords:
-    """Makes and verifies hashes; called in threads, never on the event loop."""
+    """Hashes and verifies passwords; called in threads, never on the event loop."""
 
     def __init__(self, hasher: PasswordHasher | None = None) -> None:
         self._hasher = hasher or PasswordHasher()
@@ -39,7 +42,7 @@ class Passwords:
         self._nobodys = self._hasher.hash(secrets.token_urlsafe(16))
 
     def hashed(self, password: str) -> str:
-        """RequestError: it is too short or too long."""
+        """Return the hash of a password; raises RequestError if it is too short or too long."""
         if not LEAST_LETTERS <= len(password) <= MOST_LETTERS:
             what = f"has {len(password)} letters"
             remedy = f"choose {LEAST_LETTERS} to {MOST_LETTERS}; several words are good"
@@ -47,36 +50,36 @@ class Passwords:
         with self._room:
             return self._hasher.hash(password)
 
-    def right(self, kept: str | None, password: str) -> bool:
-        """Whether it is the password of this hash; a person without one takes as long."""
+    def right(self, stored: str | None, password: str) -> bool:
+        """Return whether the password matches the hash; without a hash the check takes as long."""
         with self._room:
             try:
-                self._hasher.verify(kept or self._nobodys, password[: 2 * MOST_LETTERS])
+                self._hasher.verify(stored or self._nobodys, password[: 2 * MOST_LETTERS])
             except (VerificationError, InvalidHashError):
                 return False
-        return kept is not None
+        return stored is not None
 
 
 @dataclass(slots=True)
 class Tries:
-    """Failed tries of the last quarter of an hour."""
+    """Failed attempts of the last quarter of an hour."""
 
     clock: Callable[[], float]
-    """Seconds that only grow."""
+    """Monotonic time. [s]"""
     _failed: dict[tuple[str, ...], deque[float]] = field(default_factory=lambda: defaultdict(deque))
     _guard: threading.Lock = field(default_factory=threading.Lock)
     _turns: WeakValueDictionary[tuple[str, str], asyncio.Lock] = field(default_factory=WeakValueDictionary)
 
     @asynccontextmanager
     async def in_turn(self, name: str, address: str) -> AsyncIterator[None]:
-        """One try of an address, and one of a name, at a time: whoever is next knows whether the last one failed."""
+        """Allow one attempt of an address and of a name at a time: each knows whether the last failed."""
         keys = ("address", address), ("name", name.casefold()[:200])
         locks = [self._turns.setdefault(key, asyncio.Lock()) for key in keys]
         async with locks[0], locks[1]:
             yield
 
     def wait_s(self, name: str, address: str) -> float:
-        """How long nothing more is tried; 0: go on."""
+        """Return the time until the next attempt is allowed; 0 if it is allowed now. [s]"""
         now = self.clock()
         with self._guard:
             waits = [
@@ -87,25 +90,25 @@ class Tries:
             return max(waits, default=0.0)
 
     def failed(self, name: str, address: str) -> None:
-        """One more; successes are not counted."""
+        """Count a failed attempt; successful ones are not counted."""
         now = self.clock()
         with self._guard:
             for key, _ in self._keys(name, address):
                 self._recent(key, now).append(now)
 
     def passed(self, name: str, address: str) -> None:
-        """It was right: what failed of this name from this address before is forgotten."""
+        """Forget the failed attempts of this name from this address after a successful one."""
         with self._guard:
             self._failed.pop(("pair", name.casefold(), address), None)
 
     def _recent(self, key: tuple[str, ...], now: float) -> deque[float]:
-        found = self._failed[key]
-        while found and found[0] <= now - WINDOW_S:
-            found.popleft()
-        return found
+        times = self._failed[key]
+        while times and times[0] <= now - WINDOW_S:
+            times.popleft()
+        return times
 
     def _keys(self, name: str, address: str) -> list[tuple[tuple[str, ...], int]]:
-        if len(self._failed) > 10_000:  # names that nobody has cost memory
+        if len(self._failed) > 10_000:  # bounds the memory for attempts with unknown names
             self._failed = defaultdict(deque, {key: tries for key, tries in self._failed.items() if tries})
         name = name.casefold()[:200]
         return [

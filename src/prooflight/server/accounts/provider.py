@@ -1,9 +1,9 @@
-"""Signing in at an OpenID provider: the code flow with PKCE, state and nonce (OpenID Connect Core 1.0, RFC 7636).
+"""Signing in at an OpenID provider by the code flow with PKCE, state and nonce.
 
-A sign-in that was begun is kept here for ten minutes and used once: its state is in a cookie of the browser that began
-it, its nonce in the ID token, its code verifier nowhere else. The ID token is checked by the keys that the provider
-publishes: signature, issuer, audience, time, nonce. The library knows how to ask and to verify; what is accepted is
-said here.
+See OpenID Connect Core 1.0 and RFC 7636. A pending sign-in is stored here for ten minutes and used once: its
+state is in a cookie of the browser that began it, its nonce in the ID token, its code verifier nowhere else.
+The ID token is checked by the keys that the provider publishes: signature, issuer, audience, time, nonce. The
+libraries implement requests and verification; this module decides what is accepted.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.roles import Role
 
 BEGUN_S: Final = 600.0
-"""From the button to the return: to find a password and a second factor."""
+"""Time to finish a sign-in, in which people look up a password and a second factor. [s]"""
 MOST_BEGUN: Final = 10_000
-"""Sign-ins under way; the oldest goes first."""
-KNOWN_S: Final = 3600.0
-"""The provider's own description and keys are asked for anew after so long."""
+"""Largest number of pending sign-ins; the oldest is dropped first."""
+METADATA_S: Final = 3600.0
+"""Lifetime of the cached metadata and keys of the provider. [s]"""
 KEYS_AGAIN_S: Final = 30.0
-"""A token of an unknown key makes the keys be asked for anew, but not more often."""
+"""Least time between two requests for the keys, which a token with an unknown key causes. [s]"""
 DOWN_S: Final = 5.0
-"""A provider that did not answer is not asked again for so long: its failure must not hold all threads."""
+"""Time without requests after a failure: a provider that is down must not block all threads. [s]"""
 ANSWERS_S: Final = 10.0
 LEEWAY_S: Final = 60.0
-"""Between two clocks."""
+"""Tolerated difference between two clocks. [s]"""
 OLDEST_S: Final = 600.0
-"""Of an ID token's issue, beside the leeway: it came from the provider a moment ago."""
+"""Greatest age of an ID token, in addition to the leeway: the provider issued it a moment ago. [s]"""
 AT_ONCE: Final = 4
 ALGORITHMS: Final = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512", "EdDSA")
-"""Of signatures by a key that only the provider has; never `none` or HMAC."""
+"""Accepted signature algorithms, by a key that only the provider has; never `none` or HMAC."""
 MOST_GROUPS: Final = 1000
 JSON: Final = {"Accept": "application/json"}
 
 
 class ProviderError(ProoflightError):
-    """Nobody is signed in; kind: `down` (it does not answer), `begun` (begin again), `refused`."""
+    """A failed sign-in; kind: `down` (no response), `begun` (begin again) or `refused`."""
 
     def __init__(self, kind: str, detail: str) -> None:
         self.kind, self.detail = kind, visible(detail)[:400]
@@ -61,15 +61,15 @@ class ProviderError(ProoflightError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """Somebody that the provider vouches for."""
+    """A person whom the provider vouches for."""
 
     issuer: str
     subject: str
-    """Stays, whatever their name is."""
+    """Identifier that stays the same when the name changes."""
     name: str
     groups: tuple[str, ...]
     role: Role | None
-    """None: no group of theirs is mapped."""
+    """Role that the groups give; None if none of them is mapped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,24 +81,27 @@ class _Begun:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Known:
-    """What the provider says of itself (OpenID Connect Discovery 1.0)."""
+class _Metadata:
+    """Metadata of the provider (OpenID Connect Discovery 1.0) and its keys."""
 
     authorization: str
     token: str
     end_session: str | None
     auth_method: str
     names_itself: bool
-    """Whether it says who it is when it sends a browser back (RFC 9207)."""
+    """Whether it names its issuer when it sends a browser back (RFC 9207)."""
     keys: KeySet
     at_s: float
 
 
 class Provider:
-    """One provider; its methods wait for the network and are called in threads."""
+    """Client of one provider, whose methods block on the network and are called in threads."""
 
     def __init__(self, settings: ProviderSettings, *, clock: Callable[[], float]) -> None:
-        """RequestError: the extra is not installed, or the certificates cannot be used. clock: Unix time. [s]"""
+        """Create a client. clock: Unix time. [s]
+
+        Raises RequestError if the extra is not installed or the certificates cannot be used.
+        """
         try:
             import authlib  # type: ignore[import-untyped]
             import httpx
@@ -110,20 +113,23 @@ class Provider:
         self.settings, self._clock = settings, clock
         self._trust = _trust(settings)
         self._begun: OrderedDict[str, _Begun] = OrderedDict()
-        self._known: _Known | None = None
+        self._cached: _Metadata | None = None
         self._down: tuple[float, str] | None = None
         self._guard, self._asking = threading.Lock(), threading.Lock()
         self.limiter = anyio.CapacityLimiter(AT_ONCE)
-        """Of threads that wait for the provider: pages need theirs, whatever it does."""
+        """Limit on threads that wait for the provider: pages need threads, whatever the provider does."""
 
     # --- the flow ---
 
     def begin(self, *, next: str) -> tuple[str, str]:
-        """Where the browser is sent to, and the state for its cookie. next: the page wanted. ProviderError."""
+        """Begin a sign-in and return the address to redirect to and the state for the browser's cookie.
+
+        next: the page that was requested. Raises ProviderError.
+        """
         from authlib.oauth2.rfc6749.parameters import prepare_grant_uri  # type: ignore[import-untyped]
         from authlib.oauth2.rfc7636 import create_s256_code_challenge  # type: ignore[import-untyped]
 
-        known = self._described()
+        metadata = self._metadata()
         state = secrets.token_urlsafe(32)
         begun = _Begun(
             nonce=secrets.token_urlsafe(32), verifier=secrets.token_urlsafe(48), next=next, at_s=self._clock()
@@ -134,7 +140,7 @@ class Provider:
                 self._begun.popitem(last=False)
         more = {"nonce": begun.nonce} | ({"prompt": "login"} if self.settings.ask_again else {})
         address = prepare_grant_uri(
-            known.authorization,
+            metadata.authorization,
             self.settings.client_id,
             "code",
             redirect_uri=self.settings.return_address,
@@ -146,90 +152,100 @@ class Provider:
         )
         return address, state
 
-    def finish(self, told: Mapping[str, str], *, state: str) -> tuple[Identity, str]:
-        """Who came back, and which page they wanted. told: what the provider sent. state: of the browser's cookie.
+    def finish(self, parameters: Mapping[str, str], *, state: str) -> tuple[Identity, str]:
+        """Finish a sign-in and return the person and the page that was requested.
 
-        ProviderError.
+        Parameters
+        ----------
+        parameters
+            Query parameters that the provider sent.
+        state
+            State in the browser's cookie.
+
+        Raises
+        ------
+        ProviderError
+            If the sign-in is not pending, or the provider's answer is not accepted.
         """
-        begun = self._take(told.get("state", ""), state)
-        if "error" in told:
-            what = f"{told['error']} {told.get('error_description', '')}".strip()
+        begun = self._take(parameters.get("state", ""), state)
+        if "error" in parameters:
+            what = f"{parameters['error']} {parameters.get('error_description', '')}".strip()
             raise ProviderError("refused", f"it said: {what}")
-        known = self._described()
-        issuer = told.get("iss")
-        if issuer != self.settings.issuer and (issuer is not None or known.names_itself):
+        metadata = self._metadata()
+        issuer = parameters.get("iss")
+        if issuer != self.settings.issuer and (issuer is not None or metadata.names_itself):
             raise ProviderError("refused", "another provider sent the browser back")
-        if not told.get("code"):
+        if not parameters.get("code"):
             raise ProviderError("refused", "it sent no code")
-        token = self._exchanged(known, told["code"], begun.verifier)
+        token = self._exchanged(metadata, parameters["code"], begun.verifier)
         return self._checked(token, begun.nonce), begun.next
 
     def end_address(self) -> str | None:
-        """Where a browser is signed out there (RP-Initiated Logout 1.0); None: nowhere."""
+        """Return the address of the provider's logout (RP-Initiated Logout 1.0); None if there is none."""
         if not self.settings.sign_out_there:
             return None
         try:
-            known = self._described()
+            metadata = self._metadata()
         except ProviderError:
             return None
-        if known.end_session is None:
+        if metadata.end_session is None:
             return None
         back = {
             "client_id": self.settings.client_id,
             "post_logout_redirect_uri": self.settings.address + "/sign-in",
         }
-        return f"{known.end_session}{'&' if '?' in known.end_session else '?'}{urlencode(back)}"
+        return f"{metadata.end_session}{'&' if '?' in metadata.end_session else '?'}{urlencode(back)}"
 
     # --- parts ---
 
-    def _take(self, told: str, held: str) -> _Begun:
-        """The sign-in that was begun; it works once, and in the browser that began it."""
+    def _take(self, returned: str, stored: str) -> _Begun:
+        """Remove and return the pending sign-in; it works once, and in the browser that began it."""
         now = self._clock()
-        if not (told and held and secrets.compare_digest(told.encode(), held.encode())):
+        if not (returned and stored and secrets.compare_digest(returned.encode(), stored.encode())):
             raise ProviderError("begun", "this browser began no such sign-in")
         with self._guard:
-            begun = self._begun.pop(told, None)
+            begun = self._begun.pop(returned, None)
         if begun is None or now > begun.at_s + BEGUN_S:
             raise ProviderError("begun", "the sign-in was used already, or took too long")
         return begun
 
-    def _exchanged(self, known: _Known, code: str, verifier: str) -> str:
-        """The ID token for a code (RFC 6749, 4.1.3; how the client says who it is: 2.3.1)."""
+    def _exchanged(self, metadata: _Metadata, code: str, verifier: str) -> str:
+        """Exchange a code for an ID token (RFC 6749, 4.1.3; client authentication: 2.3.1)."""
         import httpx
 
         mine = self.settings
-        asked = {"grant_type": "authorization_code", "code": code, "code_verifier": verifier}
-        asked["redirect_uri"] = mine.return_address
+        request = {"grant_type": "authorization_code", "code": code, "code_verifier": verifier}
+        request["redirect_uri"] = mine.return_address
         named: httpx.BasicAuth | None = None
         if mine.client_secret is None:
-            asked["client_id"] = mine.client_id
-        elif known.auth_method == "client_secret_post":
-            asked |= {"client_id": mine.client_id, "client_secret": mine.client_secret}
+            request["client_id"] = mine.client_id
+        elif metadata.auth_method == "client_secret_post":
+            request |= {"client_id": mine.client_id, "client_secret": mine.client_secret}
         else:
             named = httpx.BasicAuth(quote_plus(mine.client_id), quote_plus(mine.client_secret))
         try:
             with httpx.Client(timeout=ANSWERS_S, verify=self._trust) as client:
                 answer = client.post(
-                    known.token, data=asked, auth=named or httpx.USE_CLIENT_DEFAULT, headers=JSON
+                    metadata.token, data=request, auth=named or httpx.USE_CLIENT_DEFAULT, headers=JSON
                 )
         except httpx.HTTPError as error:
             raise ProviderError("down", f"{type(error).__name__} at its token endpoint") from error
         if answer.status_code >= 500:
             raise ProviderError("down", f"it answers {answer.status_code} at its token endpoint")
         try:
-            told = answer.json()
+            content = answer.json()
         except ValueError as error:
             raise ProviderError("refused", "its answer to the code cannot be read") from error
-        if isinstance(told, dict) and "error" in told:
-            what = f"{told['error']} {told.get('error_description') or ''}".strip()
+        if isinstance(content, dict) and "error" in content:
+            what = f"{content['error']} {content.get('error_description') or ''}".strip()
             raise ProviderError("refused", f"it did not take the code: {what}")
-        token = told.get("id_token") if isinstance(told, dict) else None
+        token = content.get("id_token") if isinstance(content, dict) else None
         if not isinstance(token, str):
             raise ProviderError("refused", "its answer holds no ID token")
         return token
 
     def _checked(self, token: str, nonce: str) -> Identity:
-        """Whom an ID token vouches for (OpenID Connect Core 1.0, 3.1.3.7)."""
+        """Validate the claims of an ID token and return the person (OpenID Connect Core 1.0, 3.1.3.7)."""
         claims, now, mine = self._verified(token), self._clock(), self.settings
         if claims.get("iss") != mine.issuer:
             raise ProviderError("refused", "the ID token is of another issuer")
@@ -239,15 +255,17 @@ class Provider:
             raise ProviderError("refused", "the ID token is for another program")
         if (len(audiences) > 1 or "azp" in claims) and claims.get("azp") != mine.client_id:
             raise ProviderError("refused", "the ID token was made for another program")
-        ends, made, begins = (_time(claims, name) for name in ("exp", "iat", "nbf"))
-        if ends is None or made is None:
+        ends, issued, begins = (_time(claims, name) for name in ("exp", "iat", "nbf"))
+        if ends is None or issued is None:
             raise ProviderError("refused", "the ID token does not say when it was made and ends")
         if now >= ends + LEEWAY_S:
             raise ProviderError("refused", "the ID token has expired")
-        if max(made, begins or 0.0) > now + LEEWAY_S or made < now - OLDEST_S - LEEWAY_S:
+        if max(issued, begins or 0.0) > now + LEEWAY_S or issued < now - OLDEST_S - LEEWAY_S:
             raise ProviderError("refused", "the ID token is of another time: compare the clocks")
-        said = claims.get("nonce")
-        if not isinstance(said, str) or not secrets.compare_digest(said.encode(), nonce.encode()):
+        returned_nonce = claims.get("nonce")
+        if not isinstance(returned_nonce, str) or not secrets.compare_digest(
+            returned_nonce.encode(), nonce.encode()
+        ):
             raise ProviderError("refused", "the ID token is of another sign-in")
         subject = claims.get("sub")
         if not isinstance(subject, str) or not 0 < len(subject) <= 255:
@@ -263,64 +281,64 @@ class Provider:
         )
 
     def _verified(self, token: str) -> dict[str, Any]:
-        """Claims of a token that the provider's key has signed; its keys are asked for again where it has a new one."""
+        """Return the claims of a token with a valid signature; requests new keys once if none fits."""
         from joserfc import jwt
         from joserfc.errors import JoseError
 
         for again in (False, True):
-            known = self._described(new_keys=again)
+            metadata = self._metadata(new_keys=again)
             try:
-                return dict(jwt.decode(token, known.keys, algorithms=list(ALGORITHMS)).claims)
+                return dict(jwt.decode(token, metadata.keys, algorithms=list(ALGORITHMS)).claims)
             except (JoseError, ValueError, TypeError, KeyError) as error:
                 failed = error
         raise ProviderError("refused", f"the ID token is not signed by the provider's keys ({failed})")
 
-    def _described(self, *, new_keys: bool = False) -> _Known:
-        """What the provider says of itself, and its keys."""
+    def _metadata(self, *, new_keys: bool = False) -> _Metadata:
+        """Return the metadata and keys of the provider, from the cache if they are recent."""
         with self._asking:
-            now, known = self._clock(), self._known
-            if known is not None and now < known.at_s + (KEYS_AGAIN_S if new_keys else KNOWN_S):
-                return known
+            now, cached = self._clock(), self._cached
+            if cached is not None and now < cached.at_s + (KEYS_AGAIN_S if new_keys else METADATA_S):
+                return cached
             if self._down is not None and now < self._down[0] + DOWN_S:
                 raise ProviderError("down", self._down[1])
             try:
-                found = self._ask(now)
+                metadata = self._ask(now)
             except ProviderError as error:
                 self._down = now, error.detail
                 raise
-            self._known, self._down = found, None
-            return found
+            self._cached, self._down = metadata, None
+            return metadata
 
-    def _ask(self, now: float) -> _Known:
+    def _ask(self, now: float) -> _Metadata:
         from joserfc.errors import JoseError
         from joserfc.jwk import KeySet
 
         issuer = self.settings.issuer
-        said = self._json(issuer.rstrip("/") + "/.well-known/openid-configuration")
-        if said.get("issuer") != issuer:
+        document = self._json(issuer.rstrip("/") + "/.well-known/openid-configuration")
+        if document.get("issuer") != issuer:
             raise ProviderError(
-                "down", f"it calls itself {said.get('issuer')!r}, the settings say {issuer!r}"
+                "down", f"it calls itself {document.get('issuer')!r}, the settings say {issuer!r}"
             )
-        ends = said.get("end_session_endpoint")
-        keys_at = _endpoint(said, "jwks_uri")
+        ends = document.get("end_session_endpoint")
+        keys_at = _endpoint(document, "jwks_uri")
         try:
             keys = KeySet.import_key_set(self._json(keys_at))  # type: ignore[arg-type]
         except (JoseError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise ProviderError("down", f"its keys cannot be read ({error})") from error
-        return _Known(
-            authorization=_endpoint(said, "authorization_endpoint"),
-            token=_endpoint(said, "token_endpoint"),
-            end_session=None if ends is None else _endpoint(said, "end_session_endpoint"),
-            auth_method=self._auth_method(said),
-            names_itself=said.get("authorization_response_iss_parameter_supported") is True,
+        return _Metadata(
+            authorization=_endpoint(document, "authorization_endpoint"),
+            token=_endpoint(document, "token_endpoint"),
+            end_session=None if ends is None else _endpoint(document, "end_session_endpoint"),
+            auth_method=self._auth_method(document),
+            names_itself=document.get("authorization_response_iss_parameter_supported") is True,
             keys=keys,
             at_s=now,
         )
 
-    def _auth_method(self, said: Mapping[str, Any]) -> str:
+    def _auth_method(self, document: Mapping[str, Any]) -> str:
         if self.settings.client_secret is None:
             return "none"
-        methods = said.get("token_endpoint_auth_methods_supported") or ["client_secret_basic"]
+        methods = document.get("token_endpoint_auth_methods_supported") or ["client_secret_basic"]
         wanted = ("client_secret_basic", "client_secret_post")
         return next((one for one in wanted if one in methods), wanted[0])
 
@@ -329,7 +347,7 @@ class Provider:
 
         try:
             with httpx.Client(timeout=ANSWERS_S, verify=self._trust) as client:
-                told = client.get(address, headers=JSON).raise_for_status().json()
+                content = client.get(address, headers=JSON).raise_for_status().json()
         except httpx.HTTPStatusError as error:
             what = f"it answers {error.response.status_code} at {urlsplit(address).path}"
             raise ProviderError("down", what) from error
@@ -339,9 +357,9 @@ class Provider:
             ) from error
         except ValueError as error:
             raise ProviderError("down", f"what it says at {urlsplit(address).path} is not JSON") from error
-        if not isinstance(told, dict):
+        if not isinstance(content, dict):
             raise ProviderError("down", f"what it says at {urlsplit(address).path} is no object")
-        return told
+        return content
 
 
 def _trust(settings: ProviderSettings) -> ssl.SSLContext:
@@ -352,8 +370,8 @@ def _trust(settings: ProviderSettings) -> ssl.SSLContext:
         raise RequestError(str(settings.ca_file), what, remedy="name certificates as PEM") from error
 
 
-def _endpoint(said: Mapping[str, Any], name: str) -> str:
-    address = said.get(name)
+def _endpoint(document: Mapping[str, Any], name: str) -> str:
+    address = document.get(name)
     parts = urlsplit(address) if isinstance(address, str) else None
     if parts is None or not parts.hostname:
         raise ProviderError("down", f"it says no {name}")
@@ -363,20 +381,20 @@ def _endpoint(said: Mapping[str, Any], name: str) -> str:
 
 
 def _time(claims: Mapping[str, Any], name: str) -> float | None:
-    found = claims.get(name)
-    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else None
+    value = claims.get(name)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _claim(claims: Mapping[str, Any], name: str) -> Any:
-    """By its name, else by the names of objects within each other, with full stops between them."""
+    """Return a claim by its name, else by a path of names of nested objects, separated by full stops."""
     if name in claims:
         return claims[name]
-    found: Any = claims
+    value: Any = claims
     for part in name.split("."):
-        found = found.get(part) if isinstance(found, dict) else None
-    return found
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
 
 
-def _texts(found: Any) -> tuple[str, ...]:
-    each = [found] if isinstance(found, str) else found if isinstance(found, list) else []
+def _texts(value: Any) -> tuple[str, ...]:
+    each = [value] if isinstance(value, str) else value if isinstance(value, list) else []
     return tuple(one for one in each[:MOST_GROUPS] if isinstance(one, str))

@@ -1,6 +1,6 @@
-"""The file by which people sign in at an OpenID provider: ``[oidc]`` and ``[oidc.roles]``, TOML.
+"""The file with the settings of an OpenID provider: ``[oidc]`` and ``[oidc.roles]``, TOML.
 
-Its secret never stands in it: it names a file or a variable of the environment that holds one.
+The secret is never part of it: the file names a file or an environment variable that holds the secret.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ FILES: Final = GivenFiles(
 )
 REMEDY: Final = "see docs/how-to/console.md, sign in at the plant's own service"
 RETURN_PATH: Final = "/sign-in/provider/return"
-"""Under the console's address; the provider must know the two together as a redirect URI."""
+"""Path under the console's address; the provider must know the two together as a redirect URI."""
 
 
 def _address(text: str) -> str:
-    """An address that nobody on the way can read along or change."""
+    """Return the address if its traffic cannot be read or changed on the way; raises ValueError."""
     parts = urlsplit(text)
     if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.fragment:
         message = "must be an address such as https://login.example/plant"
@@ -46,7 +46,7 @@ Groups = Annotated[tuple[Name, ...], Field(max_length=100)]
 
 
 class _Roles(Block):
-    """``[oidc.roles]``: what the claim must hold for a role."""
+    """``[oidc.roles]``: values of the claim that give each role."""
 
     viewer: Groups = ()
     operator: Groups = ()
@@ -55,7 +55,7 @@ class _Roles(Block):
 
 
 class _Oidc(Block):
-    """``[oidc]``."""
+    """``[oidc]``: the provider and the console's registration there."""
 
     issuer: Address
     address: Address
@@ -87,32 +87,35 @@ class _Oidc(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProviderSettings:
-    """One OpenID provider, and which of its people may what."""
+    """Settings of one OpenID provider, and the roles that it gives to people."""
 
     issuer: str
     address: str
-    """Of the console, as browsers reach it; no slash at its end."""
+    """Address of the console as browsers reach it, without a slash at its end."""
     client_id: str
     client_secret: str | None = field(repr=False)
-    """None: a public client, which PKCE alone guards."""
+    """Secret of the client; None for a public client, which PKCE alone protects."""
     ca_file: Path | None
-    """Certificates that the provider's are checked by, PEM; None: those of the system."""
+    """PEM file of the authorities that sign the provider's certificate; None for those of the system."""
     name: str
-    """Of the service, on the button."""
+    """Name of the service on the button."""
     scopes: tuple[str, ...]
     claim: str
-    """Of the ID token: what it holds is mapped to roles."""
+    """Claim of the ID token whose values are mapped to roles."""
     name_claim: str
     ask_again: bool
-    """Whether the provider is to ask for the password each time: on screens that people share."""
+    """Whether the provider must ask for the password each time, as on screens that people share."""
     sign_out_there: bool
     """Whether signing out of the console also signs out there."""
     roles: tuple[tuple[str, Role], ...]
-    """Group, and the role that it gives."""
+    """Pairs of a group and the role that it gives."""
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """RequestError, PressFileError: the first thing that is wrong, with its field; OSError."""
+        """Read the settings from a file.
+
+        Raises RequestError or PressFileError for the first field that is wrong, and OSError.
+        """
         try:
             raw: Any = tomllib.loads(FILES.read_text(path))
         except tomllib.TOMLDecodeError as error:
@@ -128,14 +131,14 @@ class ProviderSettings:
             block = checked(_Oidc, raw["oidc"], under="oidc.")
         except Misfit as error:
             raise RequestError(path, str(error), remedy=REMEDY) from error
-        except TypeError as error:  # a date
+        except TypeError as error:  # a TOML date, which has no JSON form
             raise RequestError(path, "oidc holds a date", remedy=REMEDY) from error
         return cls(
             issuer=block.issuer,
             address=block.address.rstrip("/"),
             client_id=block.client_id,
             client_secret=secret(path, "oidc", block, "client_secret"),
-            ca_file=_beside(path, block.ca_file),
+            ca_file=_certificates(path, block.ca_file),
             name=block.name,
             scopes=block.scopes,
             claim=block.claim,
@@ -147,19 +150,19 @@ class ProviderSettings:
 
     @property
     def return_address(self) -> str:
-        """Where the provider sends browsers back to."""
+        """Address to which the provider sends browsers back."""
         return self.address + RETURN_PATH
 
     def role(self, groups: tuple[str, ...]) -> Role | None:
-        """The highest that one of these groups gives; None: none gives any."""
-        found = [role for group, role in self.roles if group in groups]
-        return max(found, key=lambda role: role.rank, default=None)
+        """Return the highest role that one of these groups gives; None if none gives any."""
+        roles = [role for group, role in self.roles if group in groups]
+        return max(roles, key=lambda role: role.rank, default=None)
 
 
-def _beside(path: Path, name: str | None) -> Path | None:
+def _certificates(path: Path, name: str | None) -> Path | None:
     if name is None:
         return None
-    found = path.parent / name
-    if not found.is_file():
+    certificates = path.parent / name
+    if not certificates.is_file():
         raise RequestError(path, f"oidc.ca_file: {name} is no file", remedy="name certificates as PEM")
-    return found
+    return certificates

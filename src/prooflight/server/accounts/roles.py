@@ -1,4 +1,4 @@
-"""Who may what: four roles, each of which may all that the one before it may; and scopes of tokens."""
+"""Access rights: four roles, each with all rights of the one before it, and scopes of tokens."""
 
 from __future__ import annotations
 
@@ -7,55 +7,55 @@ from enum import StrEnum
 
 
 class Role(StrEnum):
-    """Of a person."""
+    """Role of a person."""
 
     VIEWER = "viewer"
-    """Looks at everything."""
+    """Role that reads everything but evidence as numbers, people and the audit."""
     OPERATOR = "operator"
-    """Says what an alarm was."""
+    """Role that labels alarms."""
     ENGINEER = "engineer"
-    """Looks inside: evidence as numbers. Draws zones, and puts them in force."""
+    """Role that reads evidence as numbers, draws zones, and puts them in force."""
     ADMIN = "admin"
-    """Says who may; reads the audit."""
+    """Role that manages people and reads the audit."""
 
     @property
     def rank(self) -> int:
-        """The higher, the more."""
+        """Position in the order of rights; a higher rank has more."""
         return list(Role).index(self)
 
-    def may(self, asked: Role) -> bool:
-        """Whether this role is enough."""
-        return self.rank >= asked.rank
+    def may(self, required: Role) -> bool:
+        """Return whether this role includes the rights of another."""
+        return self.rank >= required.rank
 
 
 class Scope(StrEnum):
-    """Of a token: it may no more than its owner, and of that only this."""
+    """Scope of a token, which limits it to a part of its owner's rights."""
 
     READ = "read"
-    """Runs, sheets, incidents, pictures, live events."""
+    """Scope for reading runs, sheets, incidents, pictures and live events."""
     WORDS = "words"
-    """Say what an alarm was."""
+    """Scope for labelling alarms."""
     ZONES = "zones"
-    """Price zones, and put them in force."""
+    """Scope for pricing zones and putting them in force."""
     AUDIT = "audit"
-    """Read the audit."""
+    """Scope for reading the audit."""
     PEOPLE = "people"
-    """Add people, change their roles."""
+    """Scope for adding people and changing their roles."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Who:
-    """Who asks."""
+    """Person or token that sends a request."""
 
     id: int
     name: str
     role: Role
     csrf: str = ""
-    """Of the session; empty: it is a token."""
+    """CSRF token of the session; empty for a token."""
     session: str = ""
-    """Digest of the session, or of the token."""
+    """Digest of the session's or the token's secret."""
     scopes: frozenset[Scope] | None = None
-    """Of the token; None: it is a person."""
+    """Scopes of the token; None for a person."""
     ends_s: float = 0.0
-    """When session or token ends; Unix time. [s]"""
+    """Unix time at which the session or token ends. [s]"""
     language: str | None = None

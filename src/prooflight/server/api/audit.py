@@ -27,7 +27,7 @@ def audit(
     before: Annotated[int | None, Query(ge=1, lt=2**63, description="`next` of the answer before.")] = None,
     limit: Limit = 100,
 ) -> AuditAnswer:
-    """Who did what, before and after; the latest first."""
+    """List who did what, before and after, the latest first."""
     items = [asdict(entry) for entry in console(request).accounts.audited(before=before, limit=limit)]
     return AuditAnswer(items=items, next=items[-1]["id"] if len(items) == limit else None)
 
@@ -38,13 +38,13 @@ def chain(
     _who: Auditor,
     held: Annotated[str | None, Query(max_length=64, description="A head that was written down.")] = None,
 ) -> ChainAnswer:
-    """Whether every row is as it was written."""
-    found = console(request).accounts.verified(held=held)
-    return ChainAnswer(**asdict(found), whole=found.whole)
+    """Verify that every row of the audit is as it was written."""
+    result = console(request).accounts.verified(held=held)
+    return ChainAnswer(**asdict(result), whole=result.whole)
 
 
 @router.get("/openapi.json", responses=responses(401, 403))
 def schema(request: Request, _who: Viewer) -> JSONResponse:
-    """The interface itself, as OpenAPI 3.1."""
-    held: dict[str, Any] = openapi(request.app)
-    return JSONResponse(held)
+    """Return this interface as OpenAPI 3.1."""
+    document: dict[str, Any] = openapi(request.app)
+    return JSONResponse(document)

@@ -1,4 +1,4 @@
-"""What endpoints share: who asks and what of, pages of lists, answers that have not changed."""
+"""Parts that endpoints share: requester and services, pages of lists, and conditional requests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_AT_ONCE: Final = 500
 Viewer = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
 Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
 OperatorThemselves = Annotated[Who, Depends(needs(Role.OPERATOR))]
-"""A person who signed in: no token will do."""
+"""A person who signed in; no token is accepted."""
 Engineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.READ))]
 ZonesEngineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
 RunId = Annotated[str, Path(alias="run", description="Number of a run, or `last`.", max_length=20)]
@@ -34,33 +34,33 @@ Limit = Annotated[int, Query(ge=1, le=MOST_AT_ONCE, description="Of one answer."
 
 
 def console(request: Request) -> Console:
-    """What the application works with."""
-    held: Console = request.app.state.console
-    return held
+    """Return the services of the application."""
+    services: Console = request.app.state.console
+    return services
 
 
 def unchanged(request: Request, tag: str) -> bool:
-    """Whether whoever asks has it already (RFC 9110, If-None-Match)."""
-    asked = request.headers.get("If-None-Match", "")
-    return asked.strip() == "*" or tag in {one.strip().removeprefix("W/") for one in asked.split(",")}
+    """Return whether the requester has this state already (RFC 9110, If-None-Match)."""
+    condition = request.headers.get("If-None-Match", "")
+    return condition.strip() == "*" or tag in {one.strip().removeprefix("W/") for one in condition.split(",")}
 
 
 def not_modified(tag: str, cache: str) -> Response:
-    """304."""
+    """Return a response 304, by which a client uses its cached copy."""
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": cache})
 
 
 def listed(items: list[dict[str, Any]], *, limit: int, cursor: Any, damaged: int) -> dict[str, Any]:
-    """One page of a list; cursor: of the page behind it."""
+    """Return one page of a list; cursor is that of the next page."""
     return {"items": items, "next": cursor if len(items) + damaged >= limit else None, "damaged": damaged}
 
 
 class Damaged:
-    """Counts rows that cannot be read; they are told, and the others are given."""
+    """Counter of rows that cannot be read; a list reports their number and gives the others."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def add(self, _error: object) -> None:
-        """One more."""
+        """Count one row."""
         self.count += 1

@@ -31,29 +31,29 @@ After = Annotated[int | None, Query(ge=0, lt=2**63, description="As Last-Event-I
 async def events(
     request: Request, who: Viewer, last_id: LastId = None, after: After = None
 ) -> StreamingResponse:
-    """What happens, as it happens.
+    """Stream sheets and states of the press as they come.
 
-    `sheet`: a sheet got its verdict; its id is that of the journal's row, and whoever comes again with Last-Event-ID
-    gets all sheets since. `now`: the state of the press. `gap`: more was missed than is told again, read anew. `end`:
-    the session is over.
+    `sheet`: a sheet got its verdict; its id is that of the journal's row, and a client that reconnects with
+    Last-Event-ID gets all sheets since. `now`: the state of the press. `gap`: more was missed than is sent
+    again, read anew. `end`: the session is over.
     """
     return live_answer(console(request), who, position(last_id, after))
 
 
 def position(last_id: str | None, after: int | None) -> int | None:
-    """From which row on; what is no number counts as none."""
+    """Return the row after which to stream; an id that is no number counts as none."""
     if last_id is not None and last_id.isascii() and last_id.isdecimal():
         return int(last_id)
     return after
 
 
 def live_answer(
-    held: Console, who: Who, after: int | None, *, parts: Parts | None = None
+    state: Console, who: Who, after: int | None, *, parts: Parts | None = None
 ) -> StreamingResponse:
-    """The answer that goes on; ``Problem`` 503: too many listen."""
-    if held.live.listeners >= MOST_LISTENERS:
+    """Return a streaming response; raises ``Problem`` 503 if there are too many listeners."""
+    if state.live.listeners >= MOST_LISTENERS:
         raise Problem(503, "listeners", f"{MOST_LISTENERS} listen already")
 
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    told = held.live.events(after, until=partial(held.accounts.over, who), parts=parts)
-    return StreamingResponse(told, media_type="text/event-stream", headers=headers)
+    stream = state.live.events(after, until=partial(state.accounts.over, who), parts=parts)
+    return StreamingResponse(stream, media_type="text/event-stream", headers=headers)

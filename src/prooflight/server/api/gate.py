@@ -1,4 +1,4 @@
-"""What a run's gate was told and did: every sheet accounted for, and the lines of the gate's log."""
+"""The gate of a run: the account of every sheet, and the lines of the gate's log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ONE = responses(401, 403, 404, 409, 422, 503)
 
 
 class GatedSheet(Answer):
-    """A sheet, and what became of it."""
+    """A sheet and its account: verdict, decision and tray."""
 
     sheet: int
     account: Account
@@ -38,7 +38,7 @@ class GatedSheet(Answer):
 
 
 class GateAnswer(Answer):
-    """What became of the sheets of a run, by the controller's log of its trays and by what it said over the wire."""
+    """Accounts of the sheets of a run, by the controller's log of its trays and its messages over the wire."""
 
     run: int
     sessions: list[int]
@@ -57,7 +57,7 @@ class GateAnswer(Answer):
 
 
 class GateLine(Answer):
-    """A line of the gate's log, with what its kind has beside."""
+    """A line of the gate's log, with the further fields of its kind."""
 
     line: int
     kind: str
@@ -79,16 +79,17 @@ def gate(
     limit: Limit = 100,
     account: Account | None = None,
 ) -> GateAnswer:
-    """Every sheet of a run accounted for, as `prooflight run reconcile`; `wrong` lies in the good tray against its
-    decision. Of a run without a gate there is none.
+    """List the account of every sheet of a run, as `prooflight run reconcile` does.
+
+    A `wrong` sheet is in the good tray against its decision. There is no account for a run without a gate.
     """
-    held = console(request)
-    found = held.reading.run_named(run)
-    gated = held.gates.of(found)
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    gated = state.gates.of(run_row)
     sheets = gated.sheets(after=after, limit=limit + 1, account=account)
     items = [GatedSheet(**sheet_facts(gated, one)) for one in sheets[:limit]]
     cursor = items[-1].sheet if len(sheets) > limit else None
-    return GateAnswer(**gate_facts(found, gated), items=items, next=cursor)
+    return GateAnswer(**gate_facts(run_row, gated), items=items, next=cursor)
 
 
 @router.get("/runs/{run}/gate/log", responses=ONE)
@@ -99,8 +100,8 @@ def gate_log(
     after: Annotated[int, Query(ge=0, lt=2**53, description="`next` of the answer before.")] = 0,
     limit: Limit = 100,
 ) -> GateLogAnswer:
-    """The gate's log line by line: `decision`, `written`, `unsent`, `tray` and what else happened at the gate."""
-    held = console(request)
-    rows = held.gates.lines(held.reading.run_named(run), after=after, limit=limit + 1)
+    """List the lines of the gate's log: `decision`, `written`, `unsent`, `tray` and other events."""
+    state = console(request)
+    rows = state.gates.lines(state.reading.run_named(run), after=after, limit=limit + 1)
     items = [GateLine(**row) for row in rows[:limit]]
     return GateLogAnswer(items=items, next=items[-1].line if len(rows) > limit else None)

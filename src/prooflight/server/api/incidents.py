@@ -1,4 +1,4 @@
-"""Incidents of a run, and what people say of them."""
+"""Incidents of a run, and the labels that people give them."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ def incidents(
     after: Annotated[int, Query(ge=0, lt=2**63, description="`next` of the answer before.")] = 0,
     limit: Limit = 100,
 ) -> IncidentsAnswer:
-    """Alarms of one cause are one incident, be they one sheet or four hundred."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    told = [
+    """List the incidents of a run; alarms of one cause are one incident, be they one sheet or four hundred."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    selected = [
         one
-        for one in held.incidents.of(found)
+        for one in state.incidents.of(run_row)
         if one.incident.number > after and (open is None or one.incident.open == open)
     ]
-    items = [IncidentAnswer(**facts.incident_of(one)) for one in told[:limit]]
-    return IncidentsAnswer(items=items, next=items[-1].number if len(told) > limit else None)
+    items = [IncidentAnswer(**facts.incident_of(one)) for one in selected[:limit]]
+    return IncidentsAnswer(items=items, next=items[-1].number if len(selected) > limit else None)
 
 
 @router.get("/runs/{run}/incidents/{incident}", responses=responses(401, 403, 404, 422, 503))
 def incident(request: Request, _who: Viewer, run: RunId, incident: IncidentNumber) -> IncidentAnswer:
-    """One incident."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    return IncidentAnswer(**facts.incident_of(held.incidents.one(found, incident)))
+    """Return one incident."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    return IncidentAnswer(**facts.incident_of(state.incidents.one(run_row, incident)))
 
 
 @router.post(
@@ -51,14 +51,14 @@ def incident(request: Request, _who: Viewer, run: RunId, incident: IncidentNumbe
 def say(
     request: Request, who: Operator, run: RunId, incident: IncidentNumber, given: WordRequest
 ) -> WordAnswer:
-    """Say what an incident was, or that it was seen. Words are added, nothing is replaced; the last one counts.
+    """Label an incident, or mark it as seen. Labels are added, nothing is replaced; the last one counts.
 
-    A label covers the sheets up to `upto`. Of sheets that were not inspected none says what they are.
+    A label covers the sheets up to `upto`. No label applies to sheets that were not inspected.
     """
-    held = console(request)
-    found = held.reading.run_named(run)
-    word = held.say(who, given.word, found, incident=incident, note=given.note, upto=given.upto)
-    return WordAnswer(**facts.word_of(word))
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    label = state.say(who, given.word, run_row, incident=incident, note=given.note, upto=given.upto)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.post(
@@ -67,6 +67,9 @@ def say(
 def undo(
     request: Request, who: Operator, run: RunId, word: Annotated[int, Path(ge=1, lt=2**63)]
 ) -> WordAnswer:
-    """Undo a word on a sheet or an incident, by its `id`: a word that says so is added, and the one before counts."""
-    held = console(request)
-    return WordAnswer(**facts.word_of(held.undo(who, held.reading.run_named(run), word)))
+    """Undo a label of a sheet or an incident, by its `id`.
+
+    An entry that says so is added, and the label before it counts.
+    """
+    state = console(request)
+    return WordAnswer(**facts.label_of(state.undo(who, state.reading.run_named(run), word)))

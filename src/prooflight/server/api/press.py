@@ -1,4 +1,4 @@
-"""The press: drift over a run, how long verdicts took, two runs side by side, what its camera sees now."""
+"""The press: drift over a run, inspection times, two runs side by side, and the view of its camera."""
 
 from __future__ import annotations
 
@@ -37,18 +37,24 @@ def run_drift(
     points: Annotated[int, Query(ge=2, le=1000, description="Bins of sheets, at most.")] = 200,
     channel: Annotated[str | None, Query(max_length=60, description="One; default all but columns.")] = None,
 ) -> DriftAnswer:
-    """Densities, registers, places and lights over a run: mean, least and greatest a bin, with their tolerances."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    return DriftAnswer(**drift(held.reading, found, points=points, channel=channel))
+    """Return densities, registers, positions and light levels over a run.
+
+    Each bin has mean, least and greatest value; each channel has its tolerance.
+    """
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    return DriftAnswer(**drift(state.reading, run_row, points=points, channel=channel))
 
 
 @router.get("/runs/{run}/latency", responses=responses(401, 403, 404, 422, 503))
 def run_latency(request: Request, _who: Viewer, run: RunId) -> HistogramAnswer:
-    """How long each sheet's inspection took, as a histogram; from last line to verdict, see `counts` of the run."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    return HistogramAnswer(**latencies(held.reading, found))
+    """Return a histogram of each sheet's inspection time.
+
+    For the time from last line to verdict see `counts` of the run.
+    """
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    return HistogramAnswer(**latencies(state.reading, run_row))
 
 
 @router.get("/runs/{run}/compared", responses=responses(401, 403, 404, 422, 503))
@@ -58,23 +64,23 @@ def compared(
     run: RunId,
     against: Annotated[str, Query(max_length=20, description="Number of the other run, or `last`.")],
 ) -> CompareAnswer:
-    """Two runs side by side, as the page *Press* shows them: figures, drift, troubles of lines, and times."""
-    held = console(request)
-    return CompareAnswer(run=_compared(held, run), against=_compared(held, against))
+    """Compare two runs as the page *Press* shows them: figures, drift, troubles of lines, and times."""
+    state = console(request)
+    return CompareAnswer(run=_compared(state, run), against=_compared(state, against))
 
 
 @router.get("/camera", responses=responses(401, 403))
 def camera(request: Request, _who: Viewer) -> CameraAnswer:
-    """What the camera of the run sees now; asking makes whoever watches tell it for five seconds."""
+    """Return the camera's current view; a request makes the watching process report it for five seconds."""
     exchange = CameraExchange(journal=console(request).settings.journal)
     with contextlib.suppress(OSError):
         exchange.ask()
     return CameraAnswer(seen=exchange.read())
 
 
-def _compared(held: Console, named: str) -> ComparedRun:
-    found = held.reading.run_named(named)
-    course = held.courses.of(found)
-    figures = FiguresAnswer(**run_figures(found, course))
-    told = {name: course[name] for name in ("sheets", "charts", "troubles", "latency")}
-    return ComparedRun(run=RunAnswer(**facts.run_of(found)), figures=figures, **told)
+def _compared(state: Console, named: str) -> ComparedRun:
+    run_row = state.reading.run_named(named)
+    trend = state.trends.of(run_row)
+    figures = FiguresAnswer(**run_figures(run_row, trend))
+    parts = {name: trend[name] for name in ("sheets", "charts", "troubles", "latency")}
+    return ComparedRun(run=RunAnswer(**facts.run_of(run_row)), figures=figures, **parts)

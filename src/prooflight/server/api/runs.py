@@ -1,4 +1,4 @@
-"""Runs, and their sheets as lists."""
+"""Runs, and lists of their sheets."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from prooflight.server.problems import responses
 from prooflight.server.reading import facts
 from prooflight.server.reading.report import report
 from prooflight.server.reading.reprints import reprint_facts
-from prooflight.server.reading.together import together, together_facts
+from prooflight.server.reading.together import imposed_facts, imposed_sheets
 
 router = APIRouter(prefix=PREFIX, tags=["runs"])
 
-VerdictWord = Literal["good", "misprint", "not-inspected"]
+Verdict = Literal["good", "misprint", "not-inspected"]
 Before = Annotated[int | None, Query(ge=1, lt=2**63, description="`next` of the answer before.")]
 Text = Annotated[str | None, Query(max_length=200)]
 
 
 @router.get("/runs", responses=responses(401, 403, 422, 503))
 def runs(request: Request, _who: Viewer, before: Before = None, limit: Limit = 50) -> RunsAnswer:
-    """All runs, the latest first."""
+    """List all runs, the latest first."""
     damaged = Damaged()
-    found = console(request).reading.runs(before=before, limit=limit, damaged=damaged.add)
-    items = [facts.run_of(run) for run in found]
+    rows = console(request).reading.runs(before=before, limit=limit, damaged=damaged.add)
+    items = [facts.run_of(run) for run in rows]
     cursor = items[-1]["id"] if items else None
     return RunsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
 
 
 @router.get("/runs/{run}", responses=responses(401, 403, 404, 422, 503))
 def run(request: Request, _who: Viewer, run: RunId) -> RunAnswer:
-    """One run, with what it was started with and the last status that it told."""
+    """Return one run, with its settings and the last status that it reported."""
     reading = console(request).reading
     return RunAnswer(**facts.whole_run(reading.run_named(run)))
 
@@ -47,17 +47,17 @@ def sheets(
     run: RunId,
     after: Annotated[int, Query(ge=-1, lt=2**63, description="`next` of the answer before.")] = -1,
     limit: Limit = 100,
-    verdict: VerdictWord | None = None,
+    verdict: Verdict | None = None,
     kind: Text = None,
     page: Text = None,
     late: bool | None = None,
     to_look_at: bool = False,
 ) -> SheetsAnswer:
-    """Sheets of a run by number; `to_look_at` leaves out those that are good, in time, and without a note."""
+    """List sheets of a run by number; `to_look_at` omits those that are good, in time, and without a note."""
     reading, damaged = console(request).reading, Damaged()
-    found = reading.run_named(run)
-    asked = Asked(run_id=found.id, verdict=verdict, kind=kind, page=page, late=late, to_look_at=to_look_at)
-    rows = reading.sheets(asked, after=after, limit=limit, damaged=damaged.add)
+    run_row = reading.run_named(run)
+    query = Asked(run_id=run_row.id, verdict=verdict, kind=kind, page=page, late=late, to_look_at=to_look_at)
+    rows = reading.sheets(query, after=after, limit=limit, damaged=damaged.add)
     cursor = rows[-1].page.sheet if rows else None
     items = [facts.sheet_of(row) for row in rows]
     return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
@@ -69,7 +69,7 @@ def search(
     _who: Viewer,
     before: Before = None,
     limit: Limit = 100,
-    verdict: VerdictWord | None = None,
+    verdict: Verdict | None = None,
     kind: Text = None,
     page: Text = None,
     job: Text = None,
@@ -78,9 +78,9 @@ def search(
     until: Annotated[datetime | None, Query(description="Runs that began before.")] = None,
     to_look_at: bool = False,
 ) -> SheetsAnswer:
-    """Sheets of all runs, the latest first."""
+    """List sheets of all runs, the latest first."""
     damaged = Damaged()
-    asked = Asked(
+    query = Asked(
         verdict=verdict,
         kind=kind,
         page=page,
@@ -90,7 +90,7 @@ def search(
         until_s=_unix_s(until),
         to_look_at=to_look_at,
     )
-    rows = console(request).reading.found(asked, before=before, limit=limit, damaged=damaged.add)
+    rows = console(request).reading.search(query, before=before, limit=limit, damaged=damaged.add)
     cursor = rows[-1].row if rows else None
     items: list[dict[str, Any]] = [facts.sheet_of(row) for row in rows]
     return SheetsAnswer(**listed(items, limit=limit, cursor=cursor, damaged=damaged.count))
@@ -98,21 +98,24 @@ def search(
 
 @router.get("/runs/{run}/reprint", responses=responses(401, 403, 404, 409, 422, 503))
 def reprint_list(request: Request, _who: Viewer, run: RunId) -> ReprintAnswer:
-    """What is to be printed again: by the trays where there is a gate, else by verdicts that no person overruled."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    listed = held.reprints.of(found)
-    return ReprintAnswer(**reprint_facts(found, listed, held.incidents, held.reprints.gated(found)))
+    """List the sheets to print again.
+
+    They are known by the trays if there is a gate, else by verdicts that no person overruled.
+    """
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    reprints = state.reprints.of(run_row)
+    return ReprintAnswer(**reprint_facts(run_row, reprints, state.incidents, state.reprints.gated(run_row)))
 
 
 @router.get("/runs/{run}/report", responses=responses(401, 403, 404, 422, 503))
 def run_report(request: Request, _who: Viewer, run: RunId) -> ReportAnswer:
-    """A run in figures: misprints by kind and by place, what people said, false alarms promised and realised."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    told = together(held.reading, found)
-    sheets = None if told is None else together_facts(told)
-    figures = report(held.reading, held.incidents, held.stations, held.reprints.count(found), found)
+    """Return a run in figures: misprints by kind and by place, labels, false alarms promised and realised."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    imposed = imposed_sheets(state.reading, run_row)
+    sheets = None if imposed is None else imposed_facts(imposed)
+    figures = report(state.reading, state.incidents, state.stations, state.reprints.count(run_row), run_row)
     return ReportAnswer(**figures, together=sheets)
 
 

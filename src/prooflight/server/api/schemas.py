@@ -1,4 +1,4 @@
-"""What answers hold, for OpenAPI and for whoever writes a client."""
+"""Schemas of requests and answers, for OpenAPI and for authors of clients."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Cursor = int | None
 
 
 class Answer(BaseModel):
-    """Whatever a console tells; more names may come in later versions."""
+    """Answer of a console; later versions may add fields."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -81,7 +81,7 @@ class SheetAnswer(Answer):
 
 
 class SheetsAnswer(Answer):
-    """Sheets."""
+    """A list of sheets."""
 
     items: list[SheetAnswer]
     next: Cursor
@@ -89,7 +89,7 @@ class SheetsAnswer(Answer):
 
 
 class WordAnswer(Answer):
-    """What somebody said of a sheet or an incident."""
+    """A label that a person gave to a sheet or an incident."""
 
     id: int
     sheet: int | None
@@ -105,7 +105,7 @@ class WordAnswer(Answer):
 
 
 class WholeSheetAnswer(SheetAnswer):
-    """A sheet, with what is kept of it and what was said."""
+    """A sheet, with its evidence and labels."""
 
     incident: int | None
     evidence: bool
@@ -121,14 +121,14 @@ class EvidenceArray(Answer):
 
 
 class EvidenceAnswer(Answer):
-    """What is kept of a sheet."""
+    """Evidence of a sheet that is stored."""
 
     arrays: list[EvidenceArray]
     cuts: list[dict[str, Any]]
 
 
 class ReplayAnswer(Answer):
-    """A verdict made again from its evidence."""
+    """A verdict that was computed again from its evidence."""
 
     run: int
     sheet: int
@@ -172,10 +172,10 @@ class IncidentsAnswer(Answer):
 
 
 class ReprintAnswer(Answer):
-    """Every sheet that the job needs and that does not lie in the good tray, with its reason; a set as a whole.
+    """Sheets to print again, with reasons: those that the job needs and that are not in the good tray.
 
-    by: ``trays``: of a run with a gate. ``verdicts``: sheets that were not judged good, that nobody called false alarms
-    and that nobody vouched for.
+    A set is printed again as a whole. by: ``trays`` for a run with a gate; ``verdicts`` for sheets that were
+    not judged good, that nobody called false alarms and that nobody vouched for.
     """
 
     count: int
@@ -196,7 +196,7 @@ class ReprintAnswer(Answer):
 
 
 class WordRequest(BaseModel):
-    """What a sheet was; an alarm that is good is a false alarm."""
+    """A label for a sheet or an incident; `good` on an alarm is a false alarm."""
 
     model_config = ConfigDict(extra="forbid")
     word: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
@@ -207,21 +207,21 @@ class WordRequest(BaseModel):
 
 
 class VouchRequest(BaseModel):
-    """Why a sheet is good."""
+    """Reason why a sheet is good."""
 
     model_config = ConfigDict(extra="forbid")
     reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class DriftAnswer(Answer):
-    """Numbers of good prints over a run, in bins of sheets."""
+    """Measurements of good prints over a run, in bins of sheets."""
 
     sheets: list[int]
     channels: list[dict[str, Any]]
 
 
 class HistogramAnswer(Answer):
-    """How long verdicts took."""
+    """Histogram of inspection times."""
 
     edges_ms: list[float]
     counts: list[int]
@@ -232,7 +232,7 @@ class HistogramAnswer(Answer):
 
 
 class FiguresAnswer(Answer):
-    """What runs are compared by; null: it is not known."""
+    """Figures by which runs are compared; null if unknown."""
 
     pages: int
     misprints: int
@@ -249,7 +249,7 @@ class FiguresAnswer(Answer):
 
 
 class ChannelAnswer(Answer):
-    """A number of good prints over a run, in its bins; null: no sheet of the bin has it."""
+    """A measurement of good prints over a run, in its bins; null if no sheet of the bin has it."""
 
     name: str
     what: str
@@ -261,7 +261,7 @@ class ChannelAnswer(Answer):
 
 
 class ComparedRun(Answer):
-    """A run as it is laid beside another."""
+    """One of two runs in a comparison."""
 
     run: RunAnswer
     figures: FiguresAnswer
@@ -281,7 +281,7 @@ class CompareAnswer(Answer):
 
 
 class ReportAnswer(Answer):
-    """A run in figures, for whoever answers for its quality."""
+    """A run in figures, for people who are responsible for its quality."""
 
     run: RunAnswer
     kinds: dict[str, int]
@@ -302,28 +302,28 @@ class ReportAnswer(Answer):
     heat: dict[str, Any]
     words_by: dict[str, dict[str, int]]
     together: dict[str, Any] | None
-    """Sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
+    """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
 
 
 class NowAnswer(Answer):
-    """The press at this moment."""
+    """Current state of the press."""
 
     state: State
     alarm: bool
     run: RunAnswer | None
     cause: int | None
     overload: dict[str, int] | None
-    """Sheets that inspection was too slow for (late), among how many of the last (recent); None: it keeps pace."""
+    """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
     incidents: list[dict[str, Any]]
     to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
     unprinted: int
     together: dict[str, Any] | None
-    """How many sheets and sets came to what; None: every page is a sheet of its own, and belongs to no set."""
+    """Counts of sheets and sets by outcome; None if every page is a sheet of its own, without sets."""
     health: dict[str, Any]
 
 
 class AboutAnswer(Answer):
-    """The console itself."""
+    """Version and state of the console."""
 
     version: str
     journal: str
@@ -334,7 +334,7 @@ class AboutAnswer(Answer):
 
 
 class SessionAnswer(Answer):
-    """Who is signed in."""
+    """The person who is signed in, or the token's owner."""
 
     name: str
     role: Role
@@ -352,7 +352,7 @@ class SignInRequest(BaseModel):
 
 
 class PersonAnswer(Answer):
-    """Somebody who may sign in."""
+    """A person who may sign in."""
 
     id: int
     name: str
@@ -361,17 +361,17 @@ class PersonAnswer(Answer):
     ready: bool
     created_s: float
     issuer: str | None = None
-    """The OpenID provider at which they sign in; null: here."""
+    """OpenID provider at which they sign in; null if here."""
 
 
 class PeopleAnswer(Answer):
-    """Everybody."""
+    """All people who may sign in."""
 
     items: list[PersonAnswer]
 
 
 class NewPerson(BaseModel):
-    """Somebody to be added."""
+    """A person to add."""
 
     model_config = ConfigDict(extra="forbid")
     name: Annotated[str, Field(min_length=1, max_length=120)]
@@ -379,7 +379,7 @@ class NewPerson(BaseModel):
 
 
 class PersonChange(BaseModel):
-    """What is to be another; what is left out stays."""
+    """Changes of a person; a field that is left out stays as it is."""
 
     model_config = ConfigDict(extra="forbid")
     role: Role | None = None
@@ -387,7 +387,7 @@ class PersonChange(BaseModel):
 
 
 class LinkAnswer(Answer):
-    """A link by which somebody chooses a password; it works once, for a day."""
+    """A link by which a person chooses a password; it works once, for a day."""
 
     name: str
     link: str
@@ -406,13 +406,13 @@ class TokenAnswer(Answer):
 
 
 class TokensAnswer(Answer):
-    """Tokens."""
+    """A list of tokens."""
 
     items: list[TokenAnswer]
 
 
 class NewToken(BaseModel):
-    """A token to be made."""
+    """A token to add."""
 
     model_config = ConfigDict(extra="forbid")
     name: Annotated[str, Field(min_length=1, max_length=120)]
@@ -421,20 +421,20 @@ class NewToken(BaseModel):
 
 
 class NewTokenAnswer(TokenAnswer):
-    """With its secret, which is shown this once."""
+    """A new token with its secret, which is shown this once."""
 
     secret: str
 
 
 class AuditAnswer(Answer):
-    """The audit, the latest first."""
+    """Entries of the audit, the latest first."""
 
     items: list[dict[str, Any]]
     next: Cursor
 
 
 class ChainAnswer(Answer):
-    """Whether the audit is whole."""
+    """Result of verifying the audit."""
 
     whole: bool
     entries: int
@@ -444,7 +444,7 @@ class ChainAnswer(Answer):
 
 
 class PictureAnswer(Answer):
-    """How a sheet's pictures are cut into tiles."""
+    """Size of a sheet's pictures and of their tiles."""
 
     width: int
     height: int
@@ -460,7 +460,7 @@ class PictureAnswer(Answer):
 
 
 class CameraAnswer(Answer):
-    """What the camera of a run sees now; a program asks again after a second, which is how it is asked for."""
+    """Current view of a run's camera; a program requests it every second, which keeps the view coming."""
 
     seen: dict[str, Any] | None = Field(
         description="Per sensor: profiles along the line, saturation, black, noise, focus; lines/s, lost lines. "

@@ -1,4 +1,4 @@
-"""Sign in, who am I, sign out; and the console itself."""
+"""Sessions: sign in, identity of the requester, sign out; and the state of the console."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ router = APIRouter(prefix=PREFIX, tags=["session"])
 
 @router.post("/session", dependencies=[Depends(open_to_all())], responses=responses(400, 401, 403, 422, 429))
 async def sign_in(request: Request, response: Response, given: SignInRequest) -> SessionAnswer:
-    """Sign in; the session lies in a cookie, and its CSRF token in the answer."""
+    """Sign in; the session is in a cookie, and its CSRF token in the answer."""
     secret = await tried(request, given.name, given.password)
     set_cookie(request, response, secret)
     who = console(request).accounts.of_session(secret)
@@ -32,7 +32,7 @@ async def sign_in(request: Request, response: Response, given: SignInRequest) ->
 
 @router.get("/session", responses=responses(401, 403))
 def whoami(who: Viewer) -> SessionAnswer:
-    """Who is signed in, or whose token it is."""
+    """Return who is signed in, or whose token it is."""
     return SessionAnswer(**_session(who))
 
 
@@ -47,41 +47,42 @@ def sign_out(request: Request, who: Annotated[Who, Depends(needs(Role.VIEWER))])
 
 @router.get("/about", responses=responses(401, 403))
 def about(request: Request, _who: Viewer) -> AboutAnswer:
-    """The console itself, and whether it can read the journal."""
-    held = console(request)
-    follower = held.reading.follower
+    """Return the state of the console, and whether it can read the journal."""
+    state = console(request)
+    follower = state.reading.follower
     return AboutAnswer(
         version=__version__,
-        journal=held.settings.journal.name,
-        journal_trouble=held.live.trouble,
+        journal=state.settings.journal.name,
+        journal_trouble=state.live.trouble,
         journal_megabytes=None if follower is None else round(follower.megabytes, 3),
-        listeners=held.live.listeners,
-        up_s=round(held.accounts.clock() - held.began_s, 1),
+        listeners=state.live.listeners,
+        up_s=round(state.accounts.clock() - state.began_s, 1),
     )
 
 
 @router.get("/now", responses=responses(401, 403, 503))
 def now(request: Request, _who: Viewer) -> NowAnswer:
-    """The press at this moment: one state, what is open, the health of camera and inspection."""
+    """Return the current state of the press: its state, open incidents, health of camera and inspection."""
     return NowAnswer(**facts.now_facts(console(request).live.now))
 
 
 async def tried(request: Request, name: str, password: str) -> str:
-    """The secret of a new session; ``Problem`` 401: wrong; 429: failed too often. argon2 runs beside the event loop.
+    """Check a password in a thread and return the secret of a new session.
 
-    Tries of one address and of one name are made one after the other, so that each knows whether those before failed.
+    Attempts of one address and of one name are made one after the other, so that each knows whether those
+    before failed. Raises ``Problem`` 401 if name or password is wrong, and 429 after too many failures.
     """
-    held = console(request)
+    state = console(request)
     address = request.client.host if request.client else ""
-    _refuse_tries(held.tries, name, address)
-    async with held.tries.in_turn(name, address):
-        _refuse_tries(held.tries, name, address)
-        secret = await anyio.to_thread.run_sync(held.accounts.sign_in, name, password)
+    _refuse_tries(state.tries, name, address)
+    async with state.tries.in_turn(name, address):
+        _refuse_tries(state.tries, name, address)
+        secret = await anyio.to_thread.run_sync(state.accounts.sign_in, name, password)
         if secret is None:
-            held.tries.failed(name, address)
+            state.tries.failed(name, address)
             detail = "name or password is wrong"
             raise Problem(401, "password", detail, headers={"WWW-Authenticate": "Bearer"})
-        held.tries.passed(name, address)
+        state.tries.passed(name, address)
     return secret
 
 
@@ -93,12 +94,15 @@ def _refuse_tries(tries: Tries, name: str, address: str) -> None:
 
 
 def set_cookie(request: Request, response: Response, secret: str) -> None:
-    """Of a session; changes ask for the CSRF token besides."""
+    """Set the cookie of a session; requests that change something need its CSRF token as well."""
     set_secret(request, response, cookie_name(console(request).settings), secret, seconds=SESSION_S)
 
 
 def set_secret(request: Request, response: Response, name: str, secret: str, *, seconds: float) -> None:
-    """A cookie that no script reads. Lax, so that links from mails and from an OpenID provider arrive with it."""
+    """Set a cookie that no script can read.
+
+    It is Lax, so that links from mails and from an OpenID provider arrive with it.
+    """
     response.set_cookie(
         name,
         secret,

@@ -1,4 +1,4 @@
-"""One sheet: its verdict, what is kept of it, its verdict made again, its pictures."""
+"""One sheet: its verdict, its evidence, its verdict computed again, and its pictures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from prooflight.server.api.schemas import (
 )
 from prooflight.server.problems import binary, responses
 from prooflight.server.reading import facts
-from prooflight.server.replaying import kept_of, replayable
+from prooflight.server.replaying import evidence_of, replayable
 
 router = APIRouter(prefix=PREFIX, tags=["sheets"])
 
@@ -49,18 +49,20 @@ A_WHILE = "private, max-age=3600"
 
 @router.get("/runs/{run}/sheets/{sheet}", responses=ONE)
 def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> WholeSheetAnswer:
-    """One sheet with its verdict, its incident, and what people said of it."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    page = held.reading.sheet(found.id, sheet)
-    words = [
-        WordAnswer(**facts.word_of(word)) for word in held.words.of_run(run_key(found)) if word.sheet == sheet
+    """Return one sheet with its verdict, its incident, and the labels that people gave."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    page = state.reading.sheet(run_row.id, sheet)
+    labels = [
+        WordAnswer(**facts.label_of(label))
+        for label in state.words.of_run(run_key(run_row))
+        if label.sheet == sheet
     ]
     return WholeSheetAnswer(
-        **facts.sheet_of(Written(row=0, run_id=found.id, page=page)),
-        incident=held.incidents.of_sheet(found, sheet),
+        **facts.sheet_of(Written(row=0, run_id=run_row.id, page=page)),
+        incident=state.incidents.of_sheet(run_row, sheet),
         evidence=page.evidence is not None,
-        words=words,
+        words=labels,
     )
 
 
@@ -68,12 +70,12 @@ def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Who
     "/runs/{run}/sheets/{sheet}/words", status_code=201, responses=responses(400, 401, 403, 404, 422, 503)
 )
 def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: WordRequest) -> WordAnswer:
-    """Say what a sheet was. Words are added, nothing is replaced; the last one counts."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    held.reading.sheet(found.id, sheet)
-    word = held.say(who, given.word, found, sheet=sheet, note=given.note)
-    return WordAnswer(**facts.word_of(word))
+    """Label a sheet. Labels are added, nothing is replaced; the last one counts."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    state.reading.sheet(run_row.id, sheet)
+    label = state.say(who, given.word, run_row, sheet=sheet, note=given.note)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.post(
@@ -84,24 +86,24 @@ def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: 
 def vouch(
     request: Request, who: OperatorThemselves, run: RunId, sheet: SheetNumber, given: VouchRequest
 ) -> WordAnswer:
-    """Vouch for this one sheet: you have it in hand, it is good, and you put it where it belongs. No token may."""
-    held = console(request)
-    word = held.vouch(who, held.reading.run_named(run), sheet, reason=given.reason)
-    return WordAnswer(**facts.word_of(word))
+    """Vouch for this one sheet: you have it in hand, it is good, and you put it in its place. No token may."""
+    state = console(request)
+    label = state.vouch(who, state.reading.run_named(run), sheet, reason=given.reason)
+    return WordAnswer(**facts.label_of(label))
 
 
 @router.get("/runs/{run}/sheets/{sheet}/evidence", responses=ONE)
 def evidence(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> EvidenceAnswer:
-    """What is kept of a sheet: names, types and shapes of its arrays, and where its cuts lie on the page [mm]."""
-    kept = _kept(request, run, sheet)
+    """Return names, types and shapes of a sheet's evidence, and where its cuts are on the page [mm]."""
+    stored = _stored_evidence(request, run, sheet)
     arrays = [
         EvidenceArray(name=name, dtype=str(array.dtype), shape=list(array.shape))
-        for name, array in kept.items()
+        for name, array in stored.items()
     ]
     cuts = [
-        {"name": name, "box_mm": kept[f"{name}_mm"].astype(float).tolist()}
-        for name in kept
-        if f"{name}_mm" in kept
+        {"name": name, "box_mm": stored[f"{name}_mm"].astype(float).tolist()}
+        for name in stored
+        if f"{name}_mm" in stored
     ]
     return EvidenceAnswer(arrays=arrays, cuts=cuts)
 
@@ -112,9 +114,9 @@ def evidence(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> 
     responses=ONE | binary("application/octet-stream"),
 )
 def evidence_file(request: Request, _who: Engineer, run: RunId, sheet: SheetNumber) -> Response:
-    """The arrays themselves, as `numpy.load` reads them."""
+    """Return the arrays of the evidence, as `numpy.load` reads them."""
     file = io.BytesIO()
-    np.savez_compressed(file, **_kept(request, run, sheet))
+    np.savez_compressed(file, **_stored_evidence(request, run, sheet))
     name = f'attachment; filename="sheet-{sheet}.npz"'
     return Response(
         file.getvalue(), media_type="application/octet-stream", headers={"Content-Disposition": name}
@@ -123,11 +125,11 @@ def evidence_file(request: Request, _who: Engineer, run: RunId, sheet: SheetNumb
 
 @router.get("/runs/{run}/sheets/{sheet}/replay", responses=responses(401, 403, 404, 409, 422, 503))
 def replay(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> ReplayAnswer:
-    """Make the verdict again from the evidence that was kept, with the press of the run."""
-    found, page, press = replayable(console(request), run, sheet)
-    figures = replayed(page.verdict, kept_of(page, run=found.id), press)
+    """Compute the verdict again from the stored evidence, with the press of the run."""
+    run_row, page, press = replayable(console(request), run, sheet)
+    figures = replayed(page.verdict, evidence_of(page, run=run_row.id), press)
     return ReplayAnswer(
-        run=found.id,
+        run=run_row.id,
         sheet=sheet,
         page=page.verdict.page,
         same=all(figure.same for figure in figures),
@@ -138,14 +140,14 @@ def replay(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Re
 
 @router.get("/runs/{run}/sheets/{sheet}/pictures", responses=ONE)
 def pictures(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> PictureAnswer:
-    """Which pictures there are of a sheet, and how they are cut into tiles.
+    """Return the pictures of a sheet and the size of their tiles.
 
-    Tile (column, row) of a level shows 256 x 256 pixels; the highest level has all pixels, each lower one half as many
-    a side.
+    Tile (column, row) of a level shows 256 x 256 pixels; the highest level has all pixels, each lower one
+    half as many a side.
     """
-    held = console(request)
-    found = held.reading.run_named(run)
-    return PictureAnswer(**held.pictures.told(found, held.reading.sheet(found.id, sheet)))
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    return PictureAnswer(**state.pictures.describe(run_row, state.reading.sheet(run_row.id, sheet)))
 
 
 @router.get(
@@ -163,20 +165,20 @@ def tile(
     column: TilePlace,
     row: TilePlace,
 ) -> Response:
-    """One tile, as WebP."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    tag = etag(run_key(found), sheet, layer, level, column, row, held.pictures.version)
+    """Return one tile, as WebP."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    tag = etag(run_key(run_row), sheet, layer, level, column, row, state.pictures.version)
     if unchanged(request, tag):
         return not_modified(tag, A_WHILE)
-    read = partial(held.reading.sheet, found.id, sheet)
-    picture = held.pictures.tile(found, sheet, read, layer=layer, level=level, column=column, row=row)
+    read = partial(state.reading.sheet, run_row.id, sheet)
+    picture = state.pictures.tile(run_row, sheet, read, layer=layer, level=level, column=column, row=row)
     return Response(picture, media_type="image/webp", headers={"ETag": tag, "Cache-Control": A_WHILE})
 
 
-def _kept(request: Request, run: str, sheet: int) -> dict[str, Any]:
-    held = console(request)
-    return dict(kept_of(held.reading.sheet(held.reading.run_id(run), sheet), run=run))
+def _stored_evidence(request: Request, run: str, sheet: int) -> dict[str, Any]:
+    state = console(request)
+    return dict(evidence_of(state.reading.sheet(state.reading.run_id(run), sheet), run=run))
 
 
 def _plain(value: float | str | None) -> float | str | None:

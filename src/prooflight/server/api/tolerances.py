@@ -1,4 +1,4 @@
-"""Tolerances of jobs: proposed by false alarms that come again, granted with a price, taken back."""
+"""Tolerances of jobs: proposed by recurring false alarms, granted with a price, and withdrawn."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ZoneName = Annotated[str, Path(alias="name", max_length=255)]
 
 
 class ToleranceAnswer(Answer):
-    """False alarms of one kind at one place, as a tolerance; see `prooflight run tolerances`."""
+    """A tolerance proposed by false alarms of one kind at one place; see `prooflight run tolerances`."""
 
     id: str
     kind: str
@@ -53,7 +53,7 @@ class ToleranceAnswer(Answer):
 
 
 class TolerancesAnswer(Answer):
-    """Of a job. `ETag` names the state of its zones; changing asks for it."""
+    """Tolerances of a job. `ETag` names the state of its zones, which a change must send."""
 
     granted: list[ZoneBody]
     in_force: bool = Field(description="Whether the job's zones have a price.")
@@ -61,7 +61,7 @@ class TolerancesAnswer(Answer):
 
 
 class GrantBody(BaseModel):
-    """A tolerance to be granted."""
+    """A tolerance to grant."""
 
     model_config = ConfigDict(extra="forbid")
     proposal: ProposalId
@@ -70,7 +70,7 @@ class GrantBody(BaseModel):
 
 
 class TolerancePriceBody(PriceSize):
-    """A change to be priced: one that is granted, or one that is taken back."""
+    """A change to price: a tolerance that is granted, or one that is withdrawn."""
 
     model_config = ConfigDict(extra="forbid")
     grant: ProposalId | None = None
@@ -80,7 +80,7 @@ class TolerancePriceBody(PriceSize):
 
     @model_validator(mode="after")
     def one_of_them(self) -> Self:
-        """Either of them alone."""
+        """Check that exactly one of ``grant`` and ``drop`` is given."""
         if (self.grant is None) == (self.drop is None):
             raise ValueError("give grant or drop, and not both")
         return self
@@ -90,14 +90,14 @@ class TolerancePriceBody(PriceSize):
 def tolerances(
     request: Request, response: Response, _who: Viewer, job: JobNumber, runs: LastRuns = 20
 ) -> TolerancesAnswer:
-    """What was granted, and what is proposed by the last runs of this job. No proposal is applied by itself."""
-    held = console(request)
-    given = held.zones.job(job)
-    saved = held.zones.saved(given)
-    names = {one.name for one in held.tolerances.granted(given)}
+    """List granted tolerances, and those proposed by the last runs of this job, which nothing applies."""
+    state = console(request)
+    given = state.zones.job(job)
+    saved = state.zones.saved(given)
+    names = {one.name for one in state.tolerances.granted(given)}
     response.headers["ETag"] = saved.tag
     return TolerancesAnswer(
-        granted=[zone_body(one) for one in held.tolerances.granted(given)],
+        granted=[zone_body(one) for one in state.tolerances.granted(given)],
         in_force=zones_answer(given, saved).in_force,
         proposed=[
             ToleranceAnswer(
@@ -107,7 +107,7 @@ def tolerances(
                 granted=one.zone is not None and one.zone.name in names,
                 trouble=one.trouble,
             )
-            for one in held.tolerances.proposed(given, last=runs)
+            for one in state.tolerances.proposed(given, last=runs)
         ],
     )
 
@@ -116,19 +116,19 @@ def tolerances(
     "/jobs/{job}/tolerances/prices", status_code=202, responses=responses(400, 401, 403, 404, 409, 422, 503)
 )
 def ask_price(request: Request, who: ZonesEngineer, job: JobNumber, given: TolerancePriceBody) -> PriceAnswer:
-    """Have the job's zones priced as they would be with a tolerance granted or taken back."""
-    held = console(request)
-    of = held.zones.job(job)
+    """Begin a price of the job's zones as they would be with a tolerance granted or withdrawn."""
+    state = console(request)
+    given_job = state.zones.job(job)
     if given.grant is not None:
-        zones, _ = held.tolerances.with_granted(of, given.grant, last=given.runs)
+        zones, _ = state.tolerances.with_granted(given_job, given.grant, last=given.runs)
     else:
-        left = held.tolerances.without(of, given.drop or "")
+        left = state.tolerances.without(given_job, given.drop or "")
         if left is None:
             raise Problem(409, "no-price", "it is the job's last zone: taking it back needs no price")
         zones = left
-    press = held.zones.press(given.press)
+    press = state.zones.press(given.press)
     return price_answer(
-        held.zones.price(of, zones, press, prints=given.prints, trials=given.trials, by=who.name)
+        state.zones.price(given_job, zones, press, prints=given.prints, trials=given.trials, by=who.name)
     )
 
 
@@ -141,13 +141,15 @@ def grant(
     given: GrantBody,
     if_match: IfMatch = None,
 ) -> ZonesAnswer:
-    """Put a proposed tolerance in force. Its price must have been made before."""
-    held = console(request)
-    of = held.zones.job(job)
-    press = held.zones.press(given.press)
-    saved = held.tolerances.grant(of, given.proposal, press, last=given.runs, tag=meant(if_match), who=who)
+    """Put a proposed tolerance in force. A price of it must exist already."""
+    state = console(request)
+    given_job = state.zones.job(job)
+    press = state.zones.press(given.press)
+    saved = state.tolerances.grant(
+        given_job, given.proposal, press, last=given.runs, tag=meant(if_match), who=who
+    )
     response.headers["ETag"] = saved.tag
-    return zones_answer(of, saved)
+    return zones_answer(given_job, saved)
 
 
 @router.delete("/jobs/{job}/tolerances/{name}", responses=CHANGES)
@@ -160,9 +162,9 @@ def drop(
     press: Annotated[str | None, Query(max_length=64, description="Null: the first that can.")] = None,
     if_match: IfMatch = None,
 ) -> ZonesAnswer:
-    """Take a tolerance back. The zones that are left must have a price, unless none is left."""
-    held = console(request)
-    of = held.zones.job(job)
-    saved = held.tolerances.drop(of, name, press, tag=meant(if_match), who=who)
+    """Withdraw a tolerance. The zones that are left must have a price, unless none is left."""
+    state = console(request)
+    given_job = state.zones.job(job)
+    saved = state.tolerances.drop(given_job, name, press, tag=meant(if_match), who=who)
     response.headers["ETag"] = saved.tag
-    return zones_answer(of, saved)
+    return zones_answer(given_job, saved)

@@ -1,4 +1,4 @@
-"""Zones of jobs: pages to draw on, what they propose, the price, and saving with a price alone."""
+"""Zones of jobs: pages to draw on, proposals, prices, and saving, which requires a price."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ A_WHILE = "private, max-age=3600"
 ONE = responses(401, 403, 404, 409, 422)
 MOST_ZONES = 2000
 LONGEST_WAIT_S = 20.0
-LOOK_S = 0.2
+POLL_S = 0.2
 PriceId = Annotated[str, Path(alias="price", max_length=40)]
 IfMatch = Annotated[
     str | None, Header(alias="If-Match", max_length=200, description="`ETag` of the zones that were read.")
@@ -58,7 +58,7 @@ class ZoneBody(BaseModel):
     )
 
     def entry(self) -> ZoneEntry:
-        """As the file holds it; ``Problem`` 422."""
+        """Return the zone as an entry of the file; raises ``Problem`` 422."""
         corners, rectangle = self.polygon_mm, self.rectangle_mm
         try:
             return ZoneEntry(
@@ -76,7 +76,7 @@ class ZoneBody(BaseModel):
 
 
 class ZonesBody(BaseModel):
-    """Zones of a job as somebody drew them."""
+    """Zones of a job as a person drew them."""
 
     zones: list[ZoneBody] = Field(min_length=1, max_length=MOST_ZONES)
     careful_share: Share = Field(CAREFUL_SHARE, description="Of the promise, that careful areas may use.")
@@ -86,18 +86,18 @@ class ZonesBody(BaseModel):
 
 
 class PriceSize(BaseModel):
-    """How much is printed for a price."""
+    """Numbers of prints from which a price is computed."""
 
     prints: int = Field(90, ge=12, le=2000, description="Good prints that calibrate them.")
     trials: int = Field(24, ge=0, le=500, description="Prints with a defect, of each sort in each zone.")
 
 
 class PriceBody(ZonesBody, PriceSize):
-    """Zones that are to be priced."""
+    """Zones to price."""
 
 
 class JobAnswer(Answer):
-    """A job that the console was given."""
+    """A job of the console."""
 
     job: int
     name: str
@@ -107,13 +107,13 @@ class JobAnswer(Answer):
 
 
 class JobsAnswer(Answer):
-    """All of them."""
+    """All jobs of the console."""
 
     items: list[JobAnswer]
 
 
 class ZonesAnswer(Answer):
-    """Zones of a job as they are saved."""
+    """Saved zones of a job."""
 
     job: int
     file: str
@@ -130,7 +130,7 @@ class ZonesAnswer(Answer):
 
 
 class PagePictureAnswer(Answer):
-    """How a page's picture is cut into tiles."""
+    """Size of a page's picture and of its tiles."""
 
     width: int
     height: int
@@ -148,13 +148,13 @@ class ProposalAnswer(Answer):
 
 
 class ProposalsAnswer(Answer):
-    """All of a page."""
+    """All zones that a page proposes."""
 
     items: list[ProposalAnswer]
 
 
 class PriceAnswer(Answer):
-    """A price, made or being made."""
+    """A price that is complete or being computed."""
 
     id: str
     job: int
@@ -183,12 +183,12 @@ class PricesAnswer(Answer):
 
 @router.get("/jobs", responses=responses(401, 403))
 def jobs(request: Request, _who: Viewer) -> JobsAnswer:
-    """Jobs that the console was given."""
-    desk = console(request).zones
+    """List the jobs of the console."""
+    service = console(request).zones
     items = []
-    for number, path in desk.jobs():
+    for number, path in service.jobs():
         try:
-            job = desk.job(number)
+            job = service.job(number)
             items.append(
                 JobAnswer(job=number, name=path.name, pages=len(job.sizes_mm), zones=job.zones.is_file())
             )
@@ -199,10 +199,10 @@ def jobs(request: Request, _who: Viewer) -> JobsAnswer:
 
 @router.get("/jobs/{job}/zones", responses=ONE)
 def zones(request: Request, response: Response, _who: Viewer, job: JobNumber) -> ZonesAnswer:
-    """Zones as they are saved. `ETag` names this state; saving asks for it."""
-    desk = console(request).zones
-    given = desk.job(job)
-    saved = desk.saved(given)
+    """Return the saved zones. `ETag` names this state, which saving must send."""
+    service = console(request).zones
+    given = service.job(job)
+    saved = service.saved(given)
     response.headers["ETag"] = saved.tag
     return zones_answer(given, saved)
 
@@ -216,32 +216,32 @@ def save(
     given: ZonesBody,
     if_match: IfMatch = None,
 ) -> ZonesAnswer:
-    """Put zones in force. A price of exactly these zones on this press must have been made before."""
-    desk = console(request).zones
-    of = desk.job(job)
-    drawn = desk.drawn(of, [one.entry() for one in given.zones], given.careful_share)
-    saved = desk.save(of, drawn, desk.press(given.press), tag=meant(if_match), who=who)
+    """Put zones in force. A price of exactly these zones on this press must exist already."""
+    service = console(request).zones
+    given_job = service.job(job)
+    drawn = service.drawn(given_job, [one.entry() for one in given.zones], given.careful_share)
+    saved = service.save(given_job, drawn, service.press(given.press), tag=meant(if_match), who=who)
     response.headers["ETag"] = saved.tag
-    return zones_answer(of, saved)
+    return zones_answer(given_job, saved)
 
 
 @router.delete(
     "/jobs/{job}/zones", status_code=204, responses=responses(401, 403, 404, 409, 412, 422, 428, 503)
 )
 def remove(request: Request, who: ZonesEngineer, job: JobNumber, if_match: IfMatch = None) -> Response:
-    """Take all zones of a job away; the press's own promise needs no price."""
-    desk = console(request).zones
-    desk.remove(desk.job(job), tag=meant(if_match), who=who)
+    """Remove all zones of a job; the press's own false-alarm rate needs no price."""
+    service = console(request).zones
+    service.remove(service.job(job), tag=meant(if_match), who=who)
     return Response(status_code=204)
 
 
 @router.get("/jobs/{job}/pages/{page}/picture", responses=ONE)
 def page_picture(request: Request, _who: Viewer, job: JobNumber, page: PageNumber) -> PagePictureAnswer:
-    """The page's raster in the colours of a screen, cut into tiles; drawn now if it was not."""
-    held = console(request)
-    given = held.zones.job(job)
-    made = held.rasters.raster(given.path, page, _size(given, page), given.digest)
-    return PagePictureAnswer(**asdict(made), tile=held.rasters.tile_size)
+    """Return the size of the page's picture in the colours of a screen; it is drawn now if it was not."""
+    state = console(request)
+    given = state.zones.job(job)
+    raster = state.rasters.raster(given.path, page, _size(given, page), given.digest)
+    return PagePictureAnswer(**asdict(raster), tile=state.rasters.tile_size)
 
 
 @router.get(
@@ -258,46 +258,48 @@ def page_tile(
     column: TilePlace,
     row: TilePlace,
 ) -> Response:
-    """One tile, as WebP."""
-    held = console(request)
-    given = held.zones.job(job)
-    tag = etag(given.digest, page, level, column, row, held.rasters.version)
+    """Return one tile, as WebP."""
+    state = console(request)
+    given = state.zones.job(job)
+    tag = etag(given.digest, page, level, column, row, state.rasters.version)
     if unchanged(request, tag):
         return not_modified(tag, A_WHILE)
-    drawn = held.rasters.tile(given.digest, page, level, column, row)
+    drawn = state.rasters.tile(given.digest, page, level, column, row)
     return Response(drawn, media_type="image/webp", headers={"ETag": tag, "Cache-Control": A_WHILE})
 
 
 @router.get("/jobs/{job}/pages/{page}/proposals", responses=ONE)
 def proposals(request: Request, _who: Viewer, job: JobNumber, page: PageNumber) -> ProposalsAnswer:
-    """What the page says of its own places: outside its BleedBox, layers, annotations, codes a camera reads."""
-    held = console(request)
-    given = held.zones.job(job)
+    """List zones that a page proposes: outside its BleedBox, layers, annotations, and camera-readable codes."""
+    state = console(request)
+    given = state.zones.job(job)
     _size(given, page)
-    press = next(iter(held.zones.presses()), None)
+    press = next(iter(state.zones.presses()), None)
     stamp = given.digest, "" if press is None else press.digest
-    found = held.rasters.proposals(given.path, page, None if press is None else press.path, stamp)
+    proposed = state.rasters.proposals(given.path, page, None if press is None else press.path, stamp)
     return ProposalsAnswer(
-        items=[ProposalAnswer(source=one.source, zone=zone_body(one.zone)) for one in found]
+        items=[ProposalAnswer(source=one.source, zone=zone_body(one.zone)) for one in proposed]
     )
 
 
 @router.get("/jobs/{job}/zones/prices", responses=ONE)
 def prices(request: Request, _who: Viewer, job: JobNumber) -> PricesAnswer:
-    """Prices of zones of a job that were made, or are being made, since the console began."""
-    desk = console(request).zones
-    given = desk.job(job)
-    return PricesAnswer(items=[price_answer(task) for task in desk.prices.of_job(given.number)])
+    """List prices of zones of a job that were computed, or are being computed, since the console began."""
+    service = console(request).zones
+    given = service.job(job)
+    return PricesAnswer(items=[price_answer(task) for task in service.prices.of_job(given.number)])
 
 
 @router.post("/jobs/{job}/zones/prices", status_code=202, responses=responses(400, 401, 403, 404, 409, 422))
 def ask_price(request: Request, who: ZonesEngineer, job: JobNumber, given: PriceBody) -> PriceAnswer:
-    """Have zones priced, in a process that takes only what time nobody else wants. One price is made at a time."""
-    desk = console(request).zones
-    of = desk.job(job)
-    drawn = desk.drawn(of, [one.entry() for one in given.zones], given.careful_share)
-    press = desk.press(given.press)
-    return price_answer(desk.price(of, drawn, press, prints=given.prints, trials=given.trials, by=who.name))
+    """Begin a price in a process of the lowest priority. One price is computed at a time."""
+    service = console(request).zones
+    given_job = service.job(job)
+    drawn = service.drawn(given_job, [one.entry() for one in given.zones], given.careful_share)
+    press = service.press(given.press)
+    return price_answer(
+        service.price(given_job, drawn, press, prints=given.prints, trials=given.trials, by=who.name)
+    )
 
 
 @router.get("/zones/prices/{price}", responses=responses(401, 403, 404, 422))
@@ -310,47 +312,47 @@ async def price(
         Query(max_length=60, description="STAGE:DONE that is known: the answer waits until it is further."),
     ] = None,
 ) -> PriceAnswer:
-    """How far a price has come, and what it is."""
-    held = console(request)
+    """Return the progress of a price, and its result."""
+    state = console(request)
     waited_s = 0.0
     while True:
-        task = held.zones.prices.one(price)
-        known = seen == f"{task.progress.stage}:{task.progress.done}"
-        if not known or task.state != "running" or waited_s >= LONGEST_WAIT_S or held.live.closing:
+        task = state.zones.prices.one(price)
+        same = seen == f"{task.progress.stage}:{task.progress.done}"
+        if not same or task.state != "running" or waited_s >= LONGEST_WAIT_S or state.live.closing:
             return price_answer(task)
-        await anyio.sleep(LOOK_S)  # no thread waits: there are few, and pages need them
-        waited_s += LOOK_S
+        await anyio.sleep(POLL_S)  # occupies no thread: pages need the few there are
+        waited_s += POLL_S
 
 
 @router.delete("/zones/prices/{price}", responses=responses(401, 403, 404, 422))
 def cancel_price(request: Request, _who: ZonesEngineer, price: PriceId) -> PriceAnswer:
-    """Cancel a price that is being made."""
+    """Cancel a price that is being computed."""
     return price_answer(console(request).zones.prices.cancel(price))
 
 
 def zones_answer(job: GivenJob, saved: ZonesAsSaved) -> ZonesAnswer:
-    """As it is told to programs and to the page on which zones are drawn."""
-    known = saved.zones
-    price = None if known is None else known.document.price
-    in_force = known is not None and price is not None and price.zones == known.zones_digest
+    """Return saved zones as programs and the page on which zones are drawn get them."""
+    stored = saved.zones
+    price = None if stored is None else stored.document.price
+    in_force = stored is not None and price is not None and price.zones == stored.zones_digest
     return ZonesAnswer(
         job=job.number,
         file=job.zones.name,
-        zones=[] if known is None else [zone_body(one) for one in known.document.zones],
-        careful_share=CAREFUL_SHARE if known is None else known.document.careful_share,
-        digest="" if known is None else known.digest,
-        zones_digest="" if known is None else known.zones_digest,
+        zones=[] if stored is None else [zone_body(one) for one in stored.document.zones],
+        careful_share=CAREFUL_SHARE if stored is None else stored.document.careful_share,
+        digest="" if stored is None else stored.digest,
+        zones_digest="" if stored is None else stored.zones_digest,
         in_force=in_force,
         press_digest=price.press if price is not None and in_force else None,
         prints=price.prints if price is not None and in_force else None,
         price=list(price.told) if price is not None and in_force else [],
-        contested=[] if known is None else known.contested(),
+        contested=[] if stored is None else stored.contested(),
         trouble=saved.trouble,
     )
 
 
 def price_answer(task: PriceTask) -> PriceAnswer:
-    """As it is told to programs and to the page on which zones are drawn."""
+    """Return a price as programs and the page on which zones are drawn get it."""
     return PriceAnswer(
         id=task.id,
         job=task.job,
@@ -369,7 +371,7 @@ def price_answer(task: PriceTask) -> PriceAnswer:
 
 
 def zone_body(entry: ZoneEntry) -> ZoneBody:
-    """Of a zone in a file."""
+    """Return a zone of the file as a body of the interface."""
     corners, rectangle = entry.polygon_mm, entry.rectangle_mm
     return ZoneBody(
         name=entry.name,
@@ -381,7 +383,7 @@ def zone_body(entry: ZoneEntry) -> ZoneBody:
 
 
 def meant(if_match: str | None) -> str:
-    """The state that somebody has read; ``Problem`` 428: they do not say which."""
+    """Return the state that the requester has read; raises ``Problem`` 428 if they do not say which."""
     if if_match is None:
         raise Problem(428, "if-match", "send If-Match with the ETag of the zones that were read")
     return if_match.strip().removeprefix("W/")

@@ -1,4 +1,4 @@
-"""Scripts, styles and fonts; nothing comes from elsewhere."""
+"""Scripts, styles and fonts, which all come from the console itself."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ A_DAY: Final = "public, max-age=86400"
 
 @router.get("/static/{name:path}", dependencies=[Depends(open_to_all())])
 def static(request: Request, name: str) -> Response:
-    """One file."""
+    """Return a static file."""
     parts = name.split("/")
     suffix = next((end for end in TYPES if name.endswith(end)), None)
     if suffix is None or len(parts) > 2 or any(part in ("", ".", "..") or "\\" in part for part in parts):

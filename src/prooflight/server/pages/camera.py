@@ -1,4 +1,4 @@
-"""Set up, the camera now: what whoever watches the press lets others see of its lines."""
+"""The page Set up, camera: the view of its lines that the watching process reports."""
 
 from __future__ import annotations
 
@@ -27,91 +27,94 @@ if TYPE_CHECKING:
 
 router = APIRouter(include_in_schema=False)
 
-LOOK_S: Final = 0.5
+POLL_S: Final = 0.5
 FIRST_S: Final = 2.0
-"""In which whoever watches answers; until then nothing is said of there being nobody."""
+"""Time that the watching process has to answer before the page reports that there is none. [s]"""
 ASK_S: Final = 15.0
-"""Between two questions whether the session goes on."""
+"""Time between two checks whether the session has ended. [s]"""
 WIDTH, HEIGHT = 960, 180
-"""Of the drawing."""
+"""Size of the drawing."""
 MARKS: Final = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """One sensor's lines, as a drawing."""
+    """Drawing of one sensor's lines."""
 
     name: str
     paper: str
-    """Points of a polyline: what stands for paper."""
+    """Points of the polyline of the signal of paper."""
     mean: str
-    """Likewise: the mean of all lines."""
+    """Points of the polyline of the mean of all lines."""
     facts: dict[str, Any]
 
 
 @router.get("/setup/camera/events")
 def camera_events(request: Request, who: ViewerPage) -> StreamingResponse:
-    """The view as HTML, again whenever it is another; while this is open, whoever watches is asked for it."""
-    held, t = console(request), language_of(request, who)
-    if held.live.listeners >= MOST_LISTENERS:
+    """Stream the view as HTML whenever it changes; while this is open, the view is requested."""
+    state, t = console(request), language_of(request, who)
+    if state.live.listeners >= MOST_LISTENERS:
         raise Problem(503, "listeners", f"{MOST_LISTENERS} listen already")
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_events(held, who, t), media_type="text/event-stream", headers=headers)
+    return StreamingResponse(_events(state, who, t), media_type="text/event-stream", headers=headers)
 
 
-async def _events(held: Console, who: Who, t: Language) -> AsyncIterator[str]:
-    exchange = CameraExchange(journal=held.settings.journal)
-    held.live.listeners += 1
+async def _events(state: Console, who: Who, t: Language) -> AsyncIterator[str]:
+    exchange = CameraExchange(journal=state.settings.journal)
+    state.live.listeners += 1
     clock = asyncio.get_running_loop().time
-    begun_s = asked_s = clock()
+    begun_s = checked_s = clock()
     shown = ""
     try:
         yield "retry: 1000\n\n"
-        while not held.live.closing:
+        while not state.live.closing:
             html = await anyio.to_thread.run_sync(
-                partial(_look, exchange, t, waited=clock() >= begun_s + FIRST_S)
+                partial(_current_view, exchange, t, waited=clock() >= begun_s + FIRST_S)
             )
             if html and html != shown:
                 shown = html
                 yield f"event: camera\ndata: {json.dumps(html)}\n\n"
-            if clock() >= asked_s + ASK_S:
-                asked_s = clock()
-                if await anyio.to_thread.run_sync(held.accounts.over, who):
+            if clock() >= checked_s + ASK_S:
+                checked_s = clock()
+                if await anyio.to_thread.run_sync(state.accounts.over, who):
                     yield "event: end\ndata: {}\n\n"
                     return
                 yield ": still here\n\n"
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)
     finally:
-        held.live.listeners -= 1
+        state.live.listeners -= 1
 
 
-def _look(exchange: CameraExchange, t: Language, *, waited: bool) -> str:
-    """The view as HTML; empty: whoever watches has not answered yet."""
+def _current_view(exchange: CameraExchange, t: Language, *, waited: bool) -> str:
+    """Return the view as HTML; empty if the watching process has not answered yet."""
     try:
         exchange.ask()
     except OSError:
         waited = True
-    told = exchange.read()
-    if told is None and not waited:
+    view = exchange.read()
+    if view is None and not waited:
         return ""
     try:
-        return camera_html(told, t)
-    except (KeyError, TypeError, ValueError, AttributeError):  # of another version
+        return camera_html(view, t)
+    except (KeyError, TypeError, ValueError, AttributeError):  # written by another version
         return camera_html(None, t)
 
 
-def camera_html(told: dict[str, Any] | None, t: Language) -> str:
-    """What was written, as HTML; None: nobody watches. KeyError, TypeError, ValueError: it is nothing of ours."""
-    if told is None:
+def camera_html(view: dict[str, Any] | None, t: Language) -> str:
+    """Return a view as HTML; None if nobody watches.
+
+    Raises KeyError, TypeError or ValueError if the view has another format.
+    """
+    if view is None:
         return rendered("setup/camera_live", t=t, told=None)
-    top, width_mm = float(told["top_code_dn"]), float(told["width_mm"])
+    top, width_mm = float(view["top_code_dn"]), float(view["width_mm"])
     step = _round_step(width_mm / MARKS)
     marks = [step * at for at in range(int(width_mm / step) + 1)]
     return rendered(
         "setup/camera_live",
         t=t,
-        told=told,
-        profiles=[_profile(one, top) for one in told["sensors"]],
+        told=view,
+        profiles=[_profile(one, top) for one in view["sensors"]],
         marks=[(WIDTH * mm / width_mm, f"{mm:g}") for mm in marks],
         width=WIDTH,
         height=HEIGHT,
@@ -136,7 +139,7 @@ def _points(values: list[float], top: float) -> str:
 
 
 def _round_step(least: float) -> float:
-    """The next of 1, 2, 5, 10, ... that is not less."""
+    """Return the least of 1, 2, 5, 10, ... that is not below ``least``."""
     power = 1.0
     while True:
         for one in (1.0, 2.0, 5.0):

@@ -1,4 +1,4 @@
-"""Drawings that pages hold as SVG: heat maps, bars, the course of a run. Numbers only; templates draw."""
+"""Geometry of the SVG drawings of pages: heat maps, bars and trends. Templates draw them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 A4_MM: Final = (210.0, 297.0)
-"""A page is drawn so large at least: the journal does not keep the size of pages."""
+"""Least size at which a page is drawn: the journal does not store the size of pages."""
 STEPS: Final = 5
-"""Of colour: more cannot be told apart in print."""
+"""Number of steps of colour: more cannot be distinguished in print."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,14 +20,14 @@ class Cell:
     y_mm: float
     width_mm: float
     step: int
-    """From 1 to ``STEPS``."""
+    """Step of colour, from 1 to ``STEPS``."""
     count: int
-    """The greatest in it."""
+    """Greatest count in the run of cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeatMap:
-    """Where on the page misprints lay."""
+    """Density of misprints over the page."""
 
     width_mm: float
     height_mm: float
@@ -45,11 +45,11 @@ class Bar:
     name: str
     count: int
     share: float
-    """Of the longest, 0..1."""
+    """Length relative to the longest bar, 0..1."""
 
 
 def heat_drawing(heat: dict[str, Any]) -> HeatMap:
-    """From ``report.heat_map``."""
+    """Return the drawing of a heat map of ``report.heat_map``."""
     rows, cell = heat["rows"], float(heat["cell_mm"])
     most = max((max(row) for row in rows), default=0)
     cells: list[Cell] = []
@@ -85,13 +85,13 @@ def heat_drawing(heat: dict[str, Any]) -> HeatMap:
 
 
 def step_of(count: int, most: int) -> int:
-    """Of colour; 0: none. Few counts get steps of their own."""
+    """Return the step of colour of a count; 0 if the count is 0. Few counts get steps of their own."""
     if not count:
         return 0
     return math.ceil(STEPS * count / most) if most > STEPS else STEPS - most + count
 
 
 def bars(counts: dict[str, int]) -> list[Bar]:
-    """Of named counts, in their order."""
+    """Return the bars of named counts, in their order."""
     most = max(counts.values(), default=0)
     return [Bar(name=name, count=count, share=count / most) for name, count in counts.items()]

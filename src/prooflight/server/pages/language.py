@@ -1,4 +1,4 @@
-"""What pages say, in English and in German."""
+"""Texts of pages, in English and in German."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ ENGLISH: Final = "en"
 
 
 class Language:
-    """Words of one language by their keys. An unknown key is a fault; of kinds that packages add, their name stands."""
+    """Texts of one language by their keys.
+
+    An unknown key is an error; a kind that a package adds is shown by its name.
+    """
 
     def __init__(self, code: str) -> None:
         self.code = code
@@ -21,28 +24,28 @@ class Language:
             self._words |= json.loads((folder / name).read_text("utf-8"))
 
     def __call__(self, key: str, **values: Any) -> str:
-        """The words of a key, with values put in; KeyError."""
+        """Return the text of a key with the values inserted; raises KeyError."""
         return self._words[key].format(**values)
 
     def named(self, group: str, name: str | None) -> str:
-        """Of something that has a name: ``kind``, ``action``, ...; the name itself where nobody translated it."""
+        """Return the text of an item of a group (``kind``, ``action``, ...), or its name if untranslated."""
         return self._words.get(f"{group}.{name or 'none'}", str(name))
 
     def count(self, key: str, number: int) -> str:
-        """A number and its noun: ``KEY.one`` or ``KEY.many``."""
+        """Return a number and its noun: ``KEY.one`` or ``KEY.many``."""
         return self._words[f"{key}.one" if number == 1 else f"{key}.many"].format(n=self.number(number))
 
     def number(self, value: float, digits: int = 0) -> str:
-        """With the language's separators."""
-        told = f"{value:,.{digits}f}"
-        return told if self.code == ENGLISH else told.translate(str.maketrans(",.", "\u202f,"))
+        """Return a number with the language's separators."""
+        text = f"{value:,.{digits}f}"
+        return text if self.code == ENGLISH else text.translate(str.maketrans(",.", "\u202f,"))
 
     def keys(self) -> set[str]:
-        """All of them."""
+        """Return all keys."""
         return set(self._words)
 
     def group(self, beginning: str) -> dict[str, str]:
-        """Those whose keys begin so, by the rest of the key; scripts get them."""
+        """Return the texts whose keys have this prefix, by the rest of the key, for scripts."""
         return {
             key.removeprefix(beginning): words
             for key, words in self._words.items()
@@ -52,5 +55,5 @@ class Language:
 
 @cache
 def language(code: str) -> Language:
-    """One of ``LANGUAGES``."""
+    """Return one of ``LANGUAGES``."""
     return Language(code)

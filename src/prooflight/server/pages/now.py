@@ -1,4 +1,4 @@
-"""The page Now: the press at this moment, for whoever stands beside it."""
+"""The page Now: the current state of the press, for people who stand next to it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 router = APIRouter(include_in_schema=False)
 
 PARTS: Final = ("state", "todo", "incidents", "health")
-"""Of the page that change by themselves: templates now_PART, which fill the element of that id."""
+"""Parts of the page that are updated: templates now_PART, which fill the element of that id."""
 
 
 @router.get("/")
 def now_page(request: Request, who: ViewerPage) -> Response:
-    """The whole page; what happens from then on comes by ``now_events``."""
+    """Return the whole page; later changes come by ``now_events``."""
     live = console(request).live
     now, last_id, recent = live.now, live.last_id, live.recent
     strip = [facts.live_sheet(row) for row in recent]
@@ -38,9 +38,9 @@ def now_page(request: Request, who: ViewerPage) -> Response:
 def now_events(
     request: Request, who: ViewerPage, last_id: LastId = None, after: After = None
 ) -> StreamingResponse:
-    """As ``/api/v1/events``, with the parts of the page in place of the state."""
+    """Stream events as ``/api/v1/events``, with the parts of the page in place of the state."""
     t, may_speak = language_of(request, who), who.role.may(Role.OPERATOR)
-    make = partial(_kept_parts, t=t, may_speak=may_speak)
+    make = partial(_cached_parts, t=t, may_speak=may_speak)
     return live_answer(console(request), who, position(last_id, after), parts=make)
 
 
@@ -52,27 +52,27 @@ def seen(
     incident: IncidentNumber,
     upto: Annotated[int | None, Form(ge=0, lt=2**63)] = None,
 ) -> Response:
-    """Somebody has seen it: it need not sound any more. The page hears of it as all others do."""
-    held = console(request)
-    found = held.reading.run_named(run)
-    held.say(who, "seen", found, incident=incident, upto=upto)
+    """Mark an incident as seen, so that it need not sound any more; the page is updated like all others."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    state.say(who, "seen", run_row, incident=incident, upto=upto)
     return HTMLResponse(status_code=204)
 
 
-_kept: dict[tuple[str, bool], tuple[Now, str]] = {}
+_cached: dict[tuple[str, bool], tuple[Now, str]] = {}
 
 
-def _kept_parts(now: Now, *, t: Language, may_speak: bool) -> str:
-    """Made once for all who read the same."""
+def _cached_parts(now: Now, *, t: Language, may_speak: bool) -> str:
+    """Return ``parts``, rendered once for all with the same language and rights."""
     key = t.code, may_speak
-    held = _kept.get(key)
-    if held is None or held[0] is not now:
-        held = _kept[key] = now, parts(now, t=t, may_speak=may_speak)
-    return held[1]
+    cached = _cached.get(key)
+    if cached is None or cached[0] is not now:
+        cached = _cached[key] = now, parts(now, t=t, may_speak=may_speak)
+    return cached[1]
 
 
 def parts(now: Now, *, t: Language, may_speak: bool) -> str:
-    """The parts of the page as JSON: HTML by the id of the element that it fills; and whether an alarm sounds."""
+    """Return the parts of the page as JSON: HTML by element id, and whether an alarm sounds."""
     values: dict[str, Any] = {"now": now, "may_speak": may_speak}
-    made: dict[str, Any] = {part: rendered(f"now_{part}", t=t, **values) for part in PARTS}
-    return json.dumps({"parts": made, "alarm": now.alarm, "state": now.state})
+    rendered_parts: dict[str, Any] = {part: rendered(f"now_{part}", t=t, **values) for part in PARTS}
+    return json.dumps({"parts": rendered_parts, "alarm": now.alarm, "state": now.state})

@@ -1,4 +1,4 @@
-"""Where an incident lies, in a reader's language."""
+"""Position of an incident, in a reader's language."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def place(t: Language, incident: Incident) -> str:
-    """In words; empty: nowhere on the sheet."""
+    """Return the position as text; empty if it is nowhere on the sheet."""
     if incident.scope == "run":
         return ""
     if incident.box_mm is None:

@@ -1,4 +1,4 @@
-"""The page Press: drift with its limits, lost lines, times; two runs side by side."""
+"""The page Press: drift with its limits, lost lines and times of one run, or of two side by side."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ Chosen = Annotated[str, Query(max_length=20)]
 
 @router.get("/press")
 def press_page(request: Request, who: ViewerPage, run: Chosen = "last", against: Chosen = "") -> Response:
-    """One run, or two side by side; their numbers come after, since a long run takes seconds to read."""
-    held = console(request)
-    runs = held.reading.runs(before=None, limit=RUNS_TO_CHOOSE, damaged=lambda _: None)
-    shown = _shown(held, run, against) if runs or run != "last" else []
+    """Return the page of one run or two; figures come later, since a long run takes seconds to read."""
+    state = console(request)
+    runs = state.reading.runs(before=None, limit=RUNS_TO_CHOOSE, damaged=lambda _: None)
+    shown = _shown(state, run, against) if runs or run != "last" else []
     return page(request, who, "press/press", runs=runs, shown=shown)
 
 
 @router.get("/press/figures")
 def press_figures(request: Request, who: ViewerPage, run: Chosen = "last", against: Chosen = "") -> Response:
-    """What runs are compared by, as a table."""
-    held = console(request)
-    columns = [(one, run_figures(one, held.courses.of(one))) for one in _shown(held, run, against)]
+    """Return the figures by which runs are compared, as a table."""
+    state = console(request)
+    columns = [(one, run_figures(one, state.trends.of(one))) for one in _shown(state, run, against)]
     return page(request, who, "press/figures", columns=columns, machine=machine())
 
 
 @router.get("/press/{run}/course")
-def press_course(request: Request, _who: ViewerPage, run: RunId) -> Response:
-    """The numbers of a run's charts."""
-    held = console(request)
-    found: dict[str, Any] = held.courses.of(held.reading.run_named(run))
-    return JSONResponse(found)
+def press_trend(request: Request, _who: ViewerPage, run: RunId) -> Response:
+    """Return the data of a run's charts."""
+    state = console(request)
+    trend: dict[str, Any] = state.trends.of(state.reading.run_named(run))
+    return JSONResponse(trend)
 
 
-def _shown(held: Console, run: str, against: str) -> list[RunRow]:
-    reading = held.reading
+def _shown(state: Console, run: str, against: str) -> list[RunRow]:
+    reading = state.reading
     first = reading.run_named(run)
     other = reading.run_named(against) if against else first
     return [first] if other.id == first.id else [first, other]

@@ -1,4 +1,4 @@
-"""Sign in at the plant's own service: there, and back. Accounts of the console's own go on beside it."""
+"""Sign in at the plant's OpenID provider, next to the console's own accounts."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ router = APIRouter(include_in_schema=False)
 Anybody = Annotated[Who | None, Depends(open_to_all())]
 STATUS: Final = {"down": 503, "begun": 400, "refused": 403}
 MOST_LETTERS: Final = 4000
-"""Of one value that a provider sends back."""
+"""Length to which each value from a provider is cut."""
 
 
 @router.get("/sign-in/provider")
 async def begin(request: Request, _who: Anybody, next: str = "/") -> Response:
-    """To the provider; the state goes along in a cookie of this browser."""
+    """Redirect to the provider, with the state in a cookie of this browser."""
     provider = _provider(request)
     try:
         address, state = await anyio.to_thread.run_sync(
@@ -46,13 +46,13 @@ async def begin(request: Request, _who: Anybody, next: str = "/") -> Response:
 
 @router.get(RETURN_PATH)
 async def come_back(request: Request, _who: Anybody) -> Response:
-    """From the provider, with a code or with why there is none."""
+    """Handle the return from the provider, with a code or with the reason why there is none."""
     provider, accounts = _provider(request), console(request).accounts
-    told = {name: value[:MOST_LETTERS] for name, value in request.query_params.items()}
+    parameters = {name: value[:MOST_LETTERS] for name, value in request.query_params.items()}
     state = request.cookies.get(_state_cookie(request), "")
     try:
         identity, next = await anyio.to_thread.run_sync(
-            partial(provider.finish, told, state=state), limiter=provider.limiter
+            partial(provider.finish, parameters, state=state), limiter=provider.limiter
         )
     except ProviderError as error:
         if error.kind != "down":
@@ -63,8 +63,8 @@ async def come_back(request: Request, _who: Anybody) -> Response:
     secret = await anyio.to_thread.run_sync(accounts.begin_as, identity)
     if secret is None:
         wrong = "provider.locked" if identity.role is not None else "provider.unmapped"
-        told = {"name": identity.name[:60], "service": provider.settings.name}
-        return _forgotten(request, sign_in_page(request, wrong=wrong, told=told, status=403))
+        inserted = {"name": identity.name[:60], "service": provider.settings.name}
+        return _forgotten(request, sign_in_page(request, wrong=wrong, inserted=inserted, status=403))
     response = RedirectResponse(inside(next), 303)
     set_cookie(request, response, secret)
     return _forgotten(request, response)
@@ -78,14 +78,14 @@ def _provider(request: Request) -> Provider:
 
 
 def _refused(request: Request, provider: Provider, error: ProviderError) -> Response:
-    told = {"service": provider.settings.name, "why": error.detail}
+    inserted = {"service": provider.settings.name, "why": error.detail}
     status = STATUS[error.kind]
-    made = sign_in_page(request, wrong=f"provider.{error.kind}", told=told, status=status)
-    return _forgotten(request, made)
+    sign_in = sign_in_page(request, wrong=f"provider.{error.kind}", inserted=inserted, status=status)
+    return _forgotten(request, sign_in)
 
 
 def _forgotten(request: Request, response: Response) -> Response:
-    """The state works once."""
+    """Delete the cookie of the state, which works once."""
     secure = console(request).settings.secure
     response.delete_cookie(_state_cookie(request), path="/", secure=secure, httponly=True, samesite="lax")
     return response

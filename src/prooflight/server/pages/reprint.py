@@ -23,7 +23,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/runs/{run}/reprint")
 def reprint_page(request: Request, who: ViewerPage, run: RunId) -> Response:
-    """What is to be printed again, sheet by sheet with its reason."""
+    """Return the list of sheets to print again, with their reasons."""
     state = console(request)
     row = state.reading.run_named(run)
     listed = state.reprints.of(row)
@@ -35,7 +35,7 @@ def reprint_page(request: Request, who: ViewerPage, run: RunId) -> Response:
 
 @router.get("/runs/{run}/reprint.csv")
 def reprint_csv(request: Request, _who: ViewerPage, run: RunId) -> Response:
-    """The same for a spreadsheet, all of it."""
+    """Return the whole list as CSV for a spreadsheet."""
     state = console(request)
     row = state.reading.run_named(run)
     file = io.StringIO()

@@ -1,4 +1,4 @@
-"""Search: sheets of all runs; and of one sheet its verdict made again."""
+"""Search for sheets of all runs; and the verdict of one sheet computed again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from prooflight.journal.following import Asked
 from prooflight.server.api.common import Damaged, RunId, SheetNumber, console
 from prooflight.server.pages.shell import ViewerPage, page
 from prooflight.server.problems import Problem
-from prooflight.server.replaying import kept_of, replayable
+from prooflight.server.replaying import evidence_of, replayable
 
 if TYPE_CHECKING:
     from fastapi.responses import Response
@@ -27,7 +27,7 @@ router = APIRouter(include_in_schema=False)
 
 AT_ONCE: Final = 50
 VERDICTS: Final = ("look", "misprint", "not-inspected", "good", "any")
-"""look: whatever somebody should look at."""
+"""Choices of verdict; look selects all sheets that need review."""
 Text = Annotated[str, Query(max_length=200)]
 Day = Annotated[str, Query(pattern=r"^(\d{4}-\d\d-\d\d)?$", description="A day, or none.")]
 
@@ -45,10 +45,10 @@ def search_page(
     until: Day = "",
     before: Annotated[int | None, Query(ge=1, lt=2**63)] = None,
 ) -> Response:
-    """Sheets that are asked for, the latest first; htmx asks for what is behind, and gets rows alone."""
-    held, damaged = console(request), Damaged()
+    """Return matching sheets, the latest first; for the next page htmx requests and gets rows alone."""
+    state, damaged = console(request), Damaged()
     verdict = verdict if verdict in VERDICTS else "look"
-    asked = Asked(
+    selection = Asked(
         verdict=verdict if verdict in VERDICTS[1:4] else None,
         kind=kind.strip() or None,
         page=page_name.strip() or None,
@@ -58,42 +58,45 @@ def search_page(
         until_s=_day_s(until, days=1),
         to_look_at=verdict == "look",
     )
-    rows = held.reading.found(asked, before=before, limit=AT_ONCE, damaged=damaged.add)
+    rows = state.reading.search(selection, before=before, limit=AT_ONCE, damaged=damaged.add)
     query = {"job": job, "press": press, "page": page_name, "kind": kind}
     query |= {"verdict": verdict, "since": since, "until": until}
-    behind = None
+    next_page = None
     if rows and len(rows) + damaged.count >= AT_ONCE:
-        told = {name: value for name, value in query.items() if value} | {"before": rows[-1].row}
-        behind = "/search?" + urlencode(told)
-    values: dict[str, Any] = {"found": _with_runs(held, rows), "behind": behind, "damaged": damaged.count}
+        parameters = {name: value for name, value in query.items() if value} | {"before": rows[-1].row}
+        next_page = "/search?" + urlencode(parameters)
+    values: dict[str, Any] = {"found": _with_runs(state, rows), "behind": next_page, "damaged": damaged.count}
     if request.headers.get("HX-Request") and before is not None:
         return page(request, who, "search/rows", **values)
-    values["any_run"] = bool(held.reading.heads().run)
+    values["any_run"] = bool(state.reading.heads().run)
     return page(request, who, "search/search", asked=query, verdicts=VERDICTS, **values)
 
 
 @router.get("/runs/{run}/sheets/{sheet}/again")
 def again(request: Request, who: ViewerPage, run: RunId, sheet: SheetNumber) -> Response:
-    """The verdict of a sheet made again from its evidence, beside what was recorded."""
-    found, record, press = replayable(console(request), run, sheet)
+    """Return the verdict of a sheet, computed again from its evidence, next to what was recorded."""
+    run_row, record, press = replayable(console(request), run, sheet)
     why, figures = "", []
     try:
-        figures = replayed(record.verdict, kept_of(record, run=found.id), press)
+        figures = replayed(record.verdict, evidence_of(record, run=run_row.id), press)
     except ProoflightError as error:
         why = str(error)
-    return page(request, who, "search/again", run=found, sheet=sheet, figures=figures, why=why)
+    return page(request, who, "search/again", run=run_row, sheet=sheet, figures=figures, why=why)
 
 
-def _with_runs(held: Console, rows: list[Written]) -> list[dict[str, Any]]:
+def _with_runs(state: Console, rows: list[Written]) -> list[dict[str, Any]]:
     runs: dict[int, RunRow] = {}
     for row in rows:
         if row.run_id not in runs:
-            runs[row.run_id] = held.reading.run(row.run_id)
+            runs[row.run_id] = state.reading.run(row.run_id)
     return [{"run": runs[row.run_id], "page": row.page} for row in rows]
 
 
 def _day_s(text: str, *, days: int = 0) -> float | None:
-    """When a day began by the clock of the console's machine, or so many days later; ``Problem`` 422."""
+    """Return the Unix time at which a day began, by the clock of the console's machine, or ``days`` later.
+
+    Raises ``Problem`` 422 if the text is no day.
+    """
     if not text:
         return None
     try:

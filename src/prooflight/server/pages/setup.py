@@ -1,4 +1,4 @@
-"""Set up: the machine as it stands, who may, tokens of programs, and the audit."""
+"""The pages Set up: the machine, people, tokens of programs, and the audit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SignedPage = Annotated[Who, Depends(needs(Role.VIEWER))]
 AdminPage = Annotated[Who, Depends(needs(Role.ADMIN))]
 AuditorPage = Annotated[Who, Depends(needs(Role.ADMIN, Scope.AUDIT))]
 Name = Annotated[str, InPath(alias="name", max_length=120)]
-Word = Annotated[str, Form(max_length=120)]
+ShortText = Annotated[str, Form(max_length=120)]
 
 
 # --- the machine ---
@@ -41,31 +41,31 @@ Word = Annotated[str, Form(max_length=120)]
 
 @router.get("/setup")
 def machine_page(request: Request, who: ViewerPage) -> Response:
-    """Presses, jobs and camera."""
-    held = console(request)
-    run = held.reading.last_run()
-    camera = camera_facts(run, [row.page for row in held.live.recent])
+    """Return the page of presses, jobs and camera."""
+    state = console(request)
+    run = state.reading.last_run()
+    camera = camera_facts(run, [row.page for row in state.live.recent])
     return page(
         request,
         who,
         "setup/machine",
-        presses=[_press(path) for path in held.settings.presses],
-        jobs=[job_facts(path) for path in held.settings.jobs],
+        presses=[_press(path) for path in state.settings.presses],
+        jobs=[job_facts(path) for path in state.settings.jobs],
         camera=camera,
         settings=[] if run is None else settings_rows(run),
-        journal=held.settings.journal.name,
+        journal=state.settings.journal.name,
     )
 
 
 def _press(path: Path) -> PressFacts:
     try:
-        return _known_press(path, tuple(file_stamp(path)))
+        return _cached_press(path, tuple(file_stamp(path)))
     except (OSError, ProoflightError):
         return press_facts(path)
 
 
 @lru_cache(maxsize=16)
-def _known_press(path: Path, _stamp: tuple[int, ...]) -> PressFacts:
+def _cached_press(path: Path, _stamp: tuple[int, ...]) -> PressFacts:
     return press_facts(path)
 
 
@@ -74,13 +74,13 @@ def _known_press(path: Path, _stamp: tuple[int, ...]) -> PressFacts:
 
 @router.get("/setup/users")
 def users_page(request: Request, who: AdminPage) -> Response:
-    """Everybody who may sign in."""
+    """Return the list of people who may sign in."""
     return _users(request, who, whole=True)
 
 
 @router.post("/setup/users")
-def add_user(request: Request, who: AdminPage, name: Word, role: Annotated[Role, Form()]) -> Response:
-    """Add somebody; the answer shows the link by which they choose a password."""
+def add_user(request: Request, who: AdminPage, name: ShortText, role: Annotated[Role, Form()]) -> Response:
+    """Add a person; the answer shows the link by which they choose a password."""
     accounts = console(request).accounts
     try:
         secret = accounts.add(name, role, by=who.name)
@@ -91,19 +91,19 @@ def add_user(request: Request, who: AdminPage, name: Word, role: Annotated[Role,
 
 @router.post("/setup/users/{name}/role")
 def give_role(request: Request, who: AdminPage, name: Name, role: Annotated[Role, Form()]) -> Response:
-    """Another role; their sessions end."""
+    """Change a person's role, which ends their sessions."""
     return _changed(request, who, name, role=role)
 
 
 @router.post("/setup/users/{name}/lock")
 def lock(request: Request, who: AdminPage, name: Name, locked: Annotated[bool, Form()]) -> Response:
-    """Lock somebody out, or let them in again."""
+    """Lock a person out, or let them in again."""
     return _changed(request, who, name, locked=locked)
 
 
 @router.post("/setup/users/{name}/link")
 def new_link(request: Request, who: AdminPage, name: Name) -> Response:
-    """A new link for somebody who lost theirs, or their password."""
+    """Make a new link for a person who lost theirs, or their password."""
     try:
         secret = console(request).accounts.link(name, by=who.name)
     except RequestError as error:
@@ -119,8 +119,8 @@ def _changed(request: Request, who: Who, name: str, **changes: Any) -> Response:
     return _users(request, who)
 
 
-def _users(request: Request, who: Who, *, whole: bool = False, **told: str) -> Response:
-    values: dict[str, Any] = {"wrong": "", "link": "", "of": ""} | told
+def _users(request: Request, who: Who, *, whole: bool = False, **texts: str) -> Response:
+    values: dict[str, Any] = {"wrong": "", "link": "", "of": ""} | texts
     if values["link"]:
         values["link"] = str(request.base_url).rstrip("/") + values["link"]
     people = console(request).accounts.people()
@@ -140,7 +140,7 @@ def _users(request: Request, who: Who, *, whole: bool = False, **told: str) -> R
 
 @router.get("/setup/tokens")
 def tokens_page(request: Request, who: SignedPage) -> Response:
-    """Tokens of whoever asks; an admin sees all."""
+    """Return the requester's tokens; an admin sees all."""
     return _tokens(request, who, whole=True)
 
 
@@ -148,11 +148,11 @@ def tokens_page(request: Request, who: SignedPage) -> Response:
 def add_token(
     request: Request,
     who: SignedPage,
-    name: Word,
+    name: ShortText,
     days: Annotated[float, Form(gt=0, le=3660)] = 365.0,
     scopes: Annotated[list[Scope] | None, Form()] = None,
 ) -> Response:
-    """A token; the answer shows its secret, this once."""
+    """Add a token; the answer shows its secret, this once."""
     accounts = console(request).accounts
     try:
         _, secret = accounts.new_token(who.name, name, scopes or [], by=who.name, days=days)
@@ -163,7 +163,7 @@ def add_token(
 
 @router.post("/setup/tokens/{token}/revoke")
 def revoke(request: Request, who: SignedPage, token: Annotated[int, InPath(ge=1, lt=2**63)]) -> Response:
-    """End one; an admin ends any."""
+    """Revoke a token; an admin may revoke any."""
     owner = None if who.role is Role.ADMIN else who.name
     try:
         console(request).accounts.revoke(token, by=who.name, owner=owner)
@@ -197,23 +197,23 @@ def _tokens(
 def audit_page(
     request: Request, who: AuditorPage, before: Annotated[int | None, Query(ge=1, lt=2**63)] = None
 ) -> Response:
-    """Who did what, the latest first; htmx asks for what is behind."""
+    """Return the audit, the latest first; htmx requests the next rows."""
     entries = console(request).accounts.audited(before=before, limit=ROWS)
-    behind = entries[-1].id if len(entries) == ROWS and entries[-1].id > 1 else None
+    next_before = entries[-1].id if len(entries) == ROWS and entries[-1].id > 1 else None
     rows_only = bool(request.headers.get("HX-Request")) and before is not None
     template = "setup/audit_rows" if rows_only else "setup/audit"
-    return page(request, who, template, entries=[(one, _change(one)) for one in entries], behind=behind)
+    return page(request, who, template, entries=[(one, _change(one)) for one in entries], behind=next_before)
 
 
 @router.get("/setup/audit/chain")
 def chain(request: Request, who: AuditorPage, held: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Whether every row is as it was written; held: a head that was noted earlier."""
-    found = console(request).accounts.verified(held=held.strip().lower() or None)
-    return page(request, who, "setup/chain", chain=found, held=held)
+    """Verify that every row is as it was written; held: a head that was noted earlier."""
+    result = console(request).accounts.verified(held=held.strip().lower() or None)
+    return page(request, who, "setup/chain", chain=result, held=held)
 
 
 def _change(entry: Entry) -> list[tuple[str, Any, Any]]:
-    """Name, before and after of what was changed."""
+    """Return name, old and new value of each change."""
     before, after = ({} if part is None else json.loads(part) for part in (entry.before, entry.after))
     if not isinstance(before, dict) or not isinstance(after, dict):
         return [("", before, after)]

@@ -1,4 +1,4 @@
-"""What all pages share: templates, languages, who is signed in, and the page that says what went wrong."""
+"""Parts that all pages share: templates, languages, the person signed in, and the page of errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight.server.access import known, needs
+from prooflight.server.access import authenticated, needs
 from prooflight.server.accounts.book import LANGUAGES
 from prooflight.server.accounts.roles import Role, Scope, Who
 from prooflight.server.pages.language import ENGLISH, Language, language
@@ -35,7 +35,7 @@ MOST_LETTERS: Final = 2000
 
 
 def language_of(request: Request, who: Who | None) -> Language:
-    """What a person chose, else what their browser asks for first, else English."""
+    """Return the language that a person chose, else the first that their browser accepts, else English."""
     if who is not None and who.language in LANGUAGES:
         return language(who.language)
     for part in request.headers.get("Accept-Language", "").split(","):
@@ -47,34 +47,34 @@ def language_of(request: Request, who: Who | None) -> Language:
 
 @cache
 def environment() -> Environment:
-    """Templates; everything that is put in is escaped."""
-    made = Environment(
+    """Return the environment of templates, which escapes all values."""
+    templates = Environment(
         loader=PackageLoader("prooflight.server.pages", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals |= {"asset": asset, "place": place, "Role": Role}
-    made.filters["moment"] = moment
-    made.filters["quoted"] = lambda text: quote(str(text), safe="")
-    return made
+    templates.globals |= {"asset": asset, "place": place, "Role": Role}
+    templates.filters["moment"] = moment
+    templates.filters["quoted"] = lambda text: quote(str(text), safe="")
+    return templates
 
 
 @cache
 def asset(name: str) -> str:
-    """The address of a file of ``static``, with its digest, so that browsers may keep it for good."""
+    """Return the address of a file of ``static``, with its digest, so that browsers may cache it for good."""
     content = (files("prooflight.server") / "static" / name).read_bytes()
     return f"/static/{name}?v={hashlib.sha256(content).hexdigest()[:12]}"
 
 
 def moment(unix_s: float, how: str = "%Y-%m-%d %H:%M") -> str:
-    """A Unix time, by the clock of the console's machine."""
+    """Return a Unix time as text, by the clock of the console's machine."""
     return datetime.fromtimestamp(unix_s, UTC).astimezone().strftime(how)
 
 
 def rendered(name: str, /, *, t: Language, **values: Any) -> str:
-    """A template as text."""
+    """Return a rendered template."""
     return environment().get_template(f"{name}.html.j2").render(t=t, **values)
 
 
@@ -88,31 +88,31 @@ def page(
     headers: Mapping[str, str] | None = None,
     **values: Any,
 ) -> HTMLResponse:
-    """A whole page. values: of its template."""
-    held: Console = request.app.state.console
-    told = rendered(
+    """Return a page; values: those of its template."""
+    state: Console = request.app.state.console
+    html = rendered(
         template,
         t=language_of(request, who),
         who=who,
         path=request.url.path,
         version=__version__,
-        trouble=held.live.trouble,
+        trouble=state.live.trouble,
         may_speak=who is not None and who.role.may(Role.OPERATOR),
         **values,
     )
-    return HTMLResponse(told, status, dict(headers or {}))
+    return HTMLResponse(html, status, dict(headers or {}))
 
 
 def problem_page(
     request: Request, status: int, title: str, detail: str, headers: Mapping[str, str]
 ) -> Response:
-    """What went wrong, for people; who is not signed in is asked to."""
+    """Return the page of an error for people; a person who is not signed in is redirected to sign in."""
     wants_page = "HX-Request" not in request.headers
     if status == 401 and wants_page and request.method == "GET":
         back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
         return RedirectResponse(f"/sign-in?next={quote(back[:MOST_LETTERS], safe='')}", 303)
     try:
-        who = known(request)
+        who = authenticated(request)
     except Problem:
         who = None
     if status == 401:

@@ -1,4 +1,4 @@
-"""Sign in, choose a password by a link, sign out, choose a language."""
+"""Pages to sign in, choose a password by a link, sign out, and choose a language."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ Signed = Annotated[Who, Depends(needs(Role.VIEWER))]
 
 @router.get("/sign-in")
 def form(request: Request, _who: Anybody, next: str = "/") -> Response:
-    """The form."""
+    """Return the form."""
     return sign_in_page(request, next=next)
 
 
 @router.post("/sign-in")
 async def sign_in(request: Request, _who: Anybody, name: Text, password: Text, next: Text = "/") -> Response:
-    """Try it."""
+    """Check name and password, and sign in."""
     try:
         secret = await tried(request, name, password)
     except Problem as problem:
@@ -49,20 +49,20 @@ async def sign_in(request: Request, _who: Anybody, name: Text, password: Text, n
 
 @router.get("/welcome")
 def welcome(request: Request, _who: Anybody) -> Response:
-    """Choose a password; the secret of the link stands behind the # and never in a log."""
+    """Return the page to choose a password; the secret is after the # of the link, so it is in no log."""
     return page(request, None, "welcome", wrong="")
 
 
 @router.post("/welcome/name")
 async def welcome_name(request: Request, _who: Anybody, secret: Text) -> Response:
-    """Say to whoever has a link whose it is; 404: nobody's, used, or too old."""
+    """Return the name of the person whom a link is for; 404 if it is unknown, used, or too old."""
     person = await anyio.to_thread.run_sync(console(request).accounts.linked, secret)
     return Response(status_code=404) if person is None else JSONResponse({"name": person.name})
 
 
 @router.post("/welcome")
 async def choose(request: Request, _who: Anybody, secret: Text, password: Text, again: Text) -> Response:
-    """Set it, and sign in."""
+    """Set the password, and sign in."""
     accounts, wrong = console(request).accounts, ""
     if password != again:
         wrong = "welcome.differ"
@@ -83,12 +83,12 @@ async def choose(request: Request, _who: Anybody, secret: Text, password: Text, 
 
 @router.post("/sign-out")
 async def sign_out(request: Request, who: Signed) -> Response:
-    """End the session; whoever signed in at a provider is signed out there as well."""
-    held, there = console(request), None
-    issuer = await anyio.to_thread.run_sync(held.accounts.issuer_of, who)
-    await anyio.to_thread.run_sync(held.accounts.end, who)
-    if held.provider is not None and issuer == held.provider.settings.issuer:
-        there = await anyio.to_thread.run_sync(held.provider.end_address, limiter=held.provider.limiter)
+    """End the session, also at the provider at which the person signed in."""
+    state, there = console(request), None
+    issuer = await anyio.to_thread.run_sync(state.accounts.issuer_of, who)
+    await anyio.to_thread.run_sync(state.accounts.end, who)
+    if state.provider is not None and issuer == state.provider.settings.issuer:
+        there = await anyio.to_thread.run_sync(state.provider.end_address, limiter=state.provider.limiter)
     response = Response(status_code=204, headers={"HX-Redirect": there or "/sign-in"})
     response.delete_cookie(cookie_name(console(request).settings), path="/")
     return response
@@ -96,7 +96,7 @@ async def sign_out(request: Request, who: Signed) -> Response:
 
 @router.post("/language/{code}")
 def speak(request: Request, who: Signed, code: str) -> Response:
-    """Read in another language from now on."""
+    """Change the language for the person."""
     console(request).accounts.speak(who, code)
     return Response(status_code=204, headers={"HX-Refresh": "true"})
 
@@ -107,11 +107,11 @@ def sign_in_page(
     next: str = "/",
     name: str = "",
     wrong: str = "",
-    told: Mapping[str, str] | None = None,
+    inserted: Mapping[str, str] | None = None,
     status: int = 200,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """The form. wrong: key of the words that say what was wrong; told: what is put in these."""
+    """Return the form. wrong: key of the text of the error; inserted: values for this text."""
     provider = console(request).provider
     return page(
         request,
@@ -122,13 +122,13 @@ def sign_in_page(
         next=inside(next),
         name=name,
         wrong=wrong,
-        told=told or {},
+        told=inserted or {},
         provider=None if provider is None else provider.settings,
     )
 
 
 def inside(address: str) -> str:
-    """A page of this console; anything else is the first page."""
+    """Return the address if it is a page of this console, else the first page."""
     if not address.startswith("/") or address.startswith(("//", "/\\")) or not address.isprintable():
         return "/"
     return address

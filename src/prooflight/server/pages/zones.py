@@ -1,4 +1,4 @@
-"""Set up, zones: those of the jobs that the console was given, with their price; and where they are drawn."""
+"""The pages Set up, zones: zones of the console's jobs with their price, and the page to draw them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/setup/zones")
 def zones_page(request: Request, who: ViewerPage) -> Response:
-    """Zones of every job."""
-    found: list[tuple[int, str, ZonesFacts | None]] = [
+    """Return the zones of every job."""
+    rows: list[tuple[int, str, ZonesFacts | None]] = [
         (number, path.name, zones_facts(path)) for number, path in console(request).zones.jobs()
     ]
-    return page(request, who, "setup/zones", found=found, sorts=SORTS, may_draw=who.role.may(Role.ENGINEER))
+    return page(request, who, "setup/zones", found=rows, sorts=SORTS, may_draw=who.role.may(Role.ENGINEER))
 
 
 @router.get("/setup/zones/{job}")
 def drawing_page(request: Request, who: EngineerPage, job: JobNumber) -> Response:
-    """Where the zones of one job are drawn, priced and saved."""
-    desk = console(request).zones
-    given = desk.job(job)
-    saved = desk.saved(given)
+    """Return the page on which the zones of one job are drawn, priced and saved."""
+    service = console(request).zones
+    given = service.job(job)
+    saved = service.saved(given)
     t = language_of(request, who)
-    told = {
+    values = {
         "job": given.number,
         "name": given.path.name,
         "file": given.zones.name,
@@ -43,17 +43,20 @@ def drawing_page(request: Request, who: EngineerPage, job: JobNumber) -> Respons
         "tag": saved.tag,
         "saved": zones_answer(given, saved).model_dump(mode="json"),
         "prices": [
-            price_answer(task).model_dump(mode="json", exclude={"price"}) for task in desk.prices.of_job(job)
+            price_answer(task).model_dump(mode="json", exclude={"price"})
+            for task in service.prices.of_job(job)
         ],
         "words": t.group("drawing."),
         "sorts": [{"name": name, "unit": unit, "what": t.named("zones", name)} for name, unit in SORTS],
     }
-    return page(request, who, "setup/drawing", told=told, given=given, saved=saved, presses=desk.presses())
+    return page(
+        request, who, "setup/drawing", told=values, given=given, saved=saved, presses=service.presses()
+    )
 
 
 @router.get("/setup/zones/{job}/picture")
 def zones_picture(request: Request, _who: ViewerPage, job: JobNumber) -> Response:
-    """The first page that has zones."""
+    """Return a picture of the first page that has zones."""
     jobs = console(request).settings.jobs
     drawn = zones_drawing(jobs[job - 1]) if job <= len(jobs) else None
     if drawn is None:

@@ -1,1 +1,1 @@
-"""Pictures of sheets as tiles: made when asked for, kept within a bound."""
+"""Pictures of sheets as tiles, made on request and cached within a bound."""

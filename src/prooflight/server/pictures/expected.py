@@ -1,8 +1,8 @@
-"""A whole page as the camera must see it, at the camera's pixels, in files that are read a tile at a time.
+"""The expected image of a whole page at the camera's pixels, in files that are read tile by tile.
 
-A page is predicted in bands, so that beyond its raster little memory is needed; that is done in a process of its own,
-which yields to all others. What it writes is one NumPy file a level, each half as large a side as the one above, which
-the console maps and never reads whole.
+A page is predicted in bands, so that beyond its raster little memory is needed, in a process of low priority.
+Its output is one NumPy file a level, each half as large a side as the one above, which the console maps and
+never reads whole.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 BAND_LINES: Final = 512
 MARGIN_MM: Final = 3.0
-"""That a band is predicted beyond its ends: more than any footprint reaches."""
+"""Margin by which a band is predicted beyond its ends: more than the extent of any footprint. [mm]"""
 FULL: Final = 40_000
-"""What paper is stored as; ink gives less, and 1.6 times as much light is the most that can be."""
+"""Value that stands for bare paper; ink gives less, and at most 1.6 times as much light can be stored."""
 TILE: Final = 512
 NICE: Final = 15
 FACTS: Final = "facts.json"
@@ -43,11 +43,11 @@ FACTS: Final = "facts.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pyramid:
-    """Pictures of one page, halved from level to level."""
+    """Resolution levels of the expected image of one page, each half as large a side as the next."""
 
     folder: Path
     width: int
-    """Pixels of the highest level."""
+    """Pixels of the highest level across."""
     height: int
     width_mm: float
     height_mm: float
@@ -55,7 +55,7 @@ class Pyramid:
 
     @classmethod
     def read(cls, folder: Path) -> Pyramid | None:
-        """None: it was not made."""
+        """Open a pyramid; returns None if it is missing or incomplete."""
         try:
             facts = json.loads((folder / FACTS).read_text())
         except (OSError, ValueError):
@@ -63,14 +63,14 @@ class Pyramid:
         return cls(folder=folder, **facts)
 
     def part(self, level: int, left: int, top: int, size: int) -> NDArray[np.float32]:
-        """Signal of at most size x size pixels of a level, bare paper 1."""
-        held = np.load(self.folder / f"level{level:02}.npy", mmap_mode="r", allow_pickle=False)
-        cut = np.asarray(held[top : top + size, left : left + size])
+        """Return the signal of at most size x size pixels of a level; bare paper is 1."""
+        stored = np.load(self.folder / f"level{level:02}.npy", mmap_mode="r", allow_pickle=False)
+        cut = np.asarray(stored[top : top + size, left : left + size])
         return np.asarray(cut.astype(np.float32) / FULL)
 
 
 def levels_of(width: int, height: int) -> int:
-    """Of a picture: the lowest fits into one tile.
+    """Return the number of levels of a picture, of which the lowest fits into one tile.
 
     >>> levels_of(512, 500), levels_of(513, 20), levels_of(20_000, 14_000)
     (1, 2, 7)
@@ -79,12 +79,12 @@ def levels_of(width: int, height: int) -> int:
 
 
 def size_at(extent: int, level: int, levels: int) -> int:
-    """Pixels along one side of a level."""
+    """Return the number of pixels along one side of a level."""
     return max(math.ceil(extent / 2 ** (levels - 1 - level)), 1)
 
 
 def yielding() -> None:
-    """Of the process that makes pictures, before its first: it yields to all others, on one core."""
+    """Initialise the process that makes pictures: low priority, one core."""
     if hasattr(os, "nice"):
         os.nice(NICE)
     cv2.setNumThreads(1)
@@ -93,7 +93,7 @@ def yielding() -> None:
 def make(job: Path, number: int, press: Path, folder: Path, layout: Layout | None = None) -> None:
     """Predict page ``number``, from 1, and write its levels; called in a process of its own.
 
-    Errors as ``open_job`` and ``Press.load``.
+    Raises the errors of ``open_job`` and ``Press.load``.
     """
     loaded = Press.load(press)
     with PressJob(job_source(job, loaded, layout=layout), loaded) as opened:
@@ -121,24 +121,24 @@ def write_levels(
     height: int,
     size_mm: tuple[float, float],
 ) -> Pyramid:
-    """Write all levels of a picture that comes in bands; memory is that of a few bands.
+    """Write all levels of a picture that is computed in bands; memory is that of a few bands.
 
     band: first and last + 1 line -> signal (lines, width), bare paper 1.
     """
     folder.mkdir(parents=True, exist_ok=True)
     levels = levels_of(width, height)
-    held: list[Any] = []
+    arrays: list[Any] = []
     for level in range(levels):
         shape = size_at(height, level, levels), size_at(width, level, levels)
         path = folder / f"level{level:02}.npy"
-        held.append(np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape))
+        arrays.append(np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape))
     for first in range(0, height, BAND_LINES):
         last = min(first + BAND_LINES, height)
-        held[-1][first:last] = np.rint(np.clip(band(first, last), 0, 65_535 / FULL) * FULL)
-        held[-1].flush()
+        arrays[-1][first:last] = np.rint(np.clip(band(first, last), 0, 65_535 / FULL) * FULL)
+        arrays[-1].flush()
     for level in range(levels - 2, -1, -1):
-        _halve(held[level + 1], held[level])
-    for each in held:
+        _halve(arrays[level + 1], arrays[level])
+    for each in arrays:
         each.flush()
     facts: dict[str, Any] = {"width": width, "height": height, "levels": levels}
     facts |= {"width_mm": size_mm[0], "height_mm": size_mm[1]}
@@ -148,7 +148,7 @@ def write_levels(
 
 
 def _halve(fine: NDArray[np.uint16], coarse: NDArray[np.uint16]) -> None:
-    """Means of 2 x 2 pixels; where the last row or column stands alone, it counts twice."""
+    """Average 2 x 2 pixels; an odd last row or column counts twice."""
     for first in range(0, coarse.shape[0], BAND_LINES):
         rows = np.asarray(fine[2 * first : 2 * (first + BAND_LINES)])
         odd = rows.shape[0] % 2, fine.shape[1] % 2
@@ -158,14 +158,14 @@ def _halve(fine: NDArray[np.uint16], coarse: NDArray[np.uint16]) -> None:
 
 
 def _band(page: Page, press: Press, first: int, last: int, width: int) -> NDArray[np.float32]:
-    """Signal of the first sensor at lines first to last of the page's own grid, columns evened out."""
+    """Return the first sensor's signal at lines first to last of the page's grid, without column gains."""
     geometry, sensor = press.geometry, press.sensors[0]
     pitch_x, pitch_y = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     row_mm = page.pixel_mm
     begin = max(int((first * pitch_y - MARGIN_MM) / row_mm), 0)
     end = min(math.ceil((last * pitch_y + MARGIN_MM) / row_mm), page.cmyk.shape[0])
     part = replace(page, cmyk=np.ascontiguousarray(page.cmyk[begin:end]))
-    # Shifted by less than a pixel, so that the lines of every band lie on the page's grid.
+    # Shift by less than a pixel, so that the lines of every band are on the page's grid.
     lines_off = (begin * row_mm - geometry.lead_in_mm) / pitch_y
     columns_off = -geometry.left_mm(page.width_mm) / pitch_x
     shift_x, shift_y = (columns_off % 1) * pitch_x, (lines_off % 1) * pitch_y

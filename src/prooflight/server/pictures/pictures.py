@@ -1,4 +1,4 @@
-"""Pictures of sheets, for whoever asks: expected pages are made once and kept within a bound, the rest as asked for."""
+"""Pictures of sheets: expected pages are made once and cached within a bound, the rest on request."""
 
 from __future__ import annotations
 
@@ -48,24 +48,24 @@ Made = TypeVar("Made")
 _log = logging.getLogger(__name__)
 
 VERSION: Final = "2"
-"""Of how pictures are made: browsers then ask again."""
+"""Version of the rendering, a part of cache keys: with a new one browsers load pictures again."""
 MOST_AHEAD: Final = 4
-KEPT: Final = 64
-"""Sheets whose cuts stay in memory, a quarter of a megabyte each."""
+MOST_CACHED: Final = 64
+"""Number of sheets with cuts in memory, a quarter of a megabyte each."""
 PITCH_MM: Final = MM_PER_INCH / 240
-"""Of pictures of pages that nobody knows; assumed: the prototype's."""
+"""Pixel pitch of pictures of unknown pages; assumed: the prototype's."""
 A4_MM: Final = (210.0, 297.0)
 THUMBNAIL: Final = 224
 MAKING: Final = (ProoflightError, OSError, ValueError, RuntimeError, MemoryError, CancelledError)
-"""In which ways the making of a page fails."""
+"""Errors that end the making of a page."""
 NOT_STARTED: Final = "no process can be started that draws pages"
-GONE: Final = "the process that draws pages ended before this was done, perhaps for want of memory"
+PROCESS_ENDED: Final = "the process that draws pages ended before this was done, perhaps for want of memory"
 AGAIN: Final = "close what takes memory on this machine, and ask again"
 _NAME = re.compile(r"p([0-9]{4,7})")
 
 
 class Pictures:
-    """Of all runs. Its methods may be called from several threads."""
+    """Pictures of all runs. The methods are thread-safe."""
 
     version = VERSION
 
@@ -84,7 +84,7 @@ class Pictures:
             pool.shutdown(cancel_futures=True)
 
     def warm(self) -> None:
-        """Draw once what nobody sees: the first tile of a process takes a sixth of a second more than others."""
+        """Draw a tile in advance: the first tile of a process takes a sixth of a second more than others."""
         cut = Cut(signal=np.ones((64, 64), np.float32), box_mm=(1.0, 1.0, 6.8, 6.8))
         picture = SheetPicture(
             width=TILE, height=TILE, width_mm=54.0, height_mm=54.0, levels=2, cuts=(cut,), expected=None
@@ -93,8 +93,11 @@ class Pictures:
             picture.tile("scan", level, 0, 0)
         difference(cut.signal, cut.signal)
 
-    def told(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
-        """See ``PictureAnswer``. wait: for what is not made yet; else the page is begun, and "note" says "coming"."""
+    def describe(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
+        """Describe the pictures of a sheet; see ``PictureAnswer``.
+
+        wait: for pictures that are not made yet; otherwise they are begun, and "note" is "coming".
+        """
         picture = self._picture(run, page, wait=wait)
         return {
             "width": picture.width,
@@ -130,28 +133,31 @@ class Pictures:
         column: int,
         row: int,
     ) -> bytes:
-        """WebP; ``Problem`` 404. read: gives the sheet where its picture is not in memory."""
+        """Return a tile as WebP; raises ``Problem`` 404.
+
+        read: loads the sheet if its picture is not in memory.
+        """
         if layer in LAYERS:
-            picture = self._held(run, sheet) or self._picture(run, read(), wait=True)
-            found = picture.tile(layer, level, column, row)
-            if found is not None:
-                return found
+            picture = self._cached(run, sheet) or self._picture(run, read(), wait=True)
+            tile = picture.tile(layer, level, column, row)
+            if tile is not None:
+                return tile
         raise not_found(f"sheet {sheet} has no tile {layer[:20]}/{level}/{column}/{row}")
 
     def thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
-        """What the camera saw at the first place; None: nothing of it is kept."""
+        """Return a small picture of the first region in the scan; None if no scan of it is stored."""
         number = page_number(run, page)
         size = None if number is None else self._size_mm(run, number)
-        told: Any = {
+        placed: Any = {
             "page_width_mm": None if size is None else size[0],
             "shift_mm": page.verdict.shift_mm,
         }
         press = self._stations.press(run)
-        cuts = cuts_of(page.evidence, press, **told) or whole_cut(page.evidence, press, **told)
+        cuts = cuts_of(page.evidence, press, **placed) or whole_cut(page.evidence, press, **placed)
         return thumbnail(cuts, side=THUMBNAIL)
 
     def ahead(self, run: RunRow, page: PageRecord) -> None:
-        """Have the page of a misprint made before somebody looks at it, unless many wait; does not wait."""
+        """Begin the page of a misprint before it is opened, unless many are pending; does not wait."""
         number = page_number(run, page)
         if (
             number is None
@@ -162,9 +168,9 @@ class Pictures:
         self._begun(run, number)
 
     def aside(self, work: Callable[..., Made], *given: Any) -> Made:
-        """Have something done in the process that makes pictures, and wait; errors as ``work``.
+        """Run ``work`` in the process that makes pictures, and wait; raises the errors of ``work``.
 
-        ``Problem`` 503: no process can be started, or it ended before this was done.
+        Raises ``Problem`` 503 if no process can be started, or if it ended before this was done.
         """
         with self._guard:
             doing = self._submitted(work, *given)
@@ -173,30 +179,30 @@ class Pictures:
         except (BrokenProcessPool, CancelledError) as error:
             with self._guard:
                 self._pool = None
-            raise Problem(503, "no-process", f"{GONE}; {AGAIN}") from error
+            raise Problem(503, "no-process", f"{PROCESS_ENDED}; {AGAIN}") from error
 
     # --- parts ---
 
-    def _held(self, run: RunRow, sheet: int) -> SheetPicture | None:
+    def _cached(self, run: RunRow, sheet: int) -> SheetPicture | None:
         key = run_key(run), sheet
         with self._guard:
-            if (held := self._sheets.get(key)) is not None:
+            if (picture := self._sheets.get(key)) is not None:
                 self._sheets.move_to_end(key)
-            return held
+            return picture
 
     def _picture(self, run: RunRow, page: PageRecord, *, wait: bool) -> SheetPicture:
-        if (held := self._held(run, page.sheet)) is not None:
-            return held
-        made = self._made(run, page, wait=wait)
-        if made.coming:
-            return made
+        if (cached := self._cached(run, page.sheet)) is not None:
+            return cached
+        picture = self._make_picture(run, page, wait=wait)
+        if picture.coming:
+            return picture
         with self._guard:
-            self._sheets[run_key(run), page.sheet] = made
-            while len(self._sheets) > KEPT:
+            self._sheets[run_key(run), page.sheet] = picture
+            while len(self._sheets) > MOST_CACHED:
                 self._sheets.popitem(last=False)
-        return made
+        return picture
 
-    def _made(self, run: RunRow, page: PageRecord, *, wait: bool) -> SheetPicture:
+    def _make_picture(self, run: RunRow, page: PageRecord, *, wait: bool) -> SheetPicture:
         number = page_number(run, page)
         expected = None if number is None else self._expected(run, number, wait=wait)
         coming = expected is None and number is not None and not wait and self._begun(run, number) is not None
@@ -209,7 +215,7 @@ class Pictures:
         )
         seen = None
         if not cuts:
-            told: Any = {
+            placed: Any = {
                 "page_width_mm": None if size is None else size[0],
                 "shift_mm": page.verdict.shift_mm,
             }
@@ -217,7 +223,7 @@ class Pictures:
                 seen = self._seen(run, page, expected, wait=wait)
                 coming = coming or (seen is None and not wait and NAME in (page.evidence or {}))
             if seen is None and not coming:
-                cuts = whole_cut(page.evidence, self._stations.press(run), **told)
+                cuts = whole_cut(page.evidence, self._stations.press(run), **placed)
         if expected is not None:
             cuts = tuple(aligned(cut, expected) for cut in cuts)
             width, height, levels = expected.width, expected.height, expected.levels
@@ -244,23 +250,23 @@ class Pictures:
         )
 
     def _seen(self, run: RunRow, page: PageRecord, expected: Pyramid, *, wait: bool) -> Pyramid | None:
-        """The whole scan of a sheet on its page's grid; None: it was not kept, cannot be read, or is not made yet.
+        """Return the whole scan of a sheet on its page's grid, waiting for it with ``wait``.
 
-        wait: for it to be made.
+        Returns None if it is not stored, cannot be read, or is not made yet.
         """
         if page.evidence is None or NAME not in page.evidence:
             return None
         named = f"seen {run_key(run)} {page.sheet} {expected.folder.name} {VERSION}"
         folder = self._folder / hashlib.sha256(named.encode()).hexdigest()[:32]
-        if (found := Pyramid.read(folder)) is not None:
+        if (pyramid := Pyramid.read(folder)) is not None:
             os.utime(folder)
-            return found
+            return pyramid
         if not wait:
             return None
-        kept = {name: page.evidence[name] for name in WHOLE if name in page.evidence}
+        whole_scan = {name: page.evidence[name] for name in WHOLE if name in page.evidence}
         try:
             self.aside(
-                make_seen, kept, self._stations.press_file(run), page.verdict.shift_mm, expected, folder
+                make_seen, whole_scan, self._stations.press_file(run), page.verdict.shift_mm, expected, folder
             )
         except MAKING as error:
             _log.warning("the scan of sheet %d cannot be pictured (%s)", page.sheet, error)
@@ -269,7 +275,7 @@ class Pictures:
         return Pyramid.read(folder)
 
     def _note(self, run: RunRow, page: PageRecord, picture: SheetPicture) -> str:
-        """Why something is not shown: a key of the languages; empty: everything is."""
+        """Return the reason why something is not shown, a key of the languages; empty if everything is."""
         if page_number(run, page) is None:
             return "no-page"
         if picture.coming:
@@ -283,22 +289,25 @@ class Pictures:
         return "" if picture.cuts or picture.seen is not None else "no-cuts"
 
     def _expected(self, run: RunRow, number: int, *, wait: bool) -> Pyramid | None:
-        """The page as the camera must see it; None: it cannot be made, or was not yet. wait: for it to be made."""
+        """Return the expected image of a page, waiting for it with ``wait``; None if it is not made."""
         folder = self._folder / _key(run, number)
-        if (found := Pyramid.read(folder)) is not None:
+        if (pyramid := Pyramid.read(folder)) is not None:
             os.utime(folder)
-            return found
+            return pyramid
         making = self._begun(run, number)
         if making is None or not (wait or making.done()):
             return None
         try:
             making.result()
-        except MAKING:  # said where it was begun
+        except MAKING:  # logged by ``_finish``
             return None
         return Pyramid.read(folder)
 
     def _begun(self, run: RunRow, number: int) -> Future[None] | None:
-        """The making of a page, begun if it was not; None: its job or press was not given, or it cannot be made."""
+        """Return the pending task of a page, begun if it was not.
+
+        Returns None if its job or press is missing, or if the page cannot be made.
+        """
         job, press = self._stations.job(run), self._stations.press_file(run)
         if job is None or press is None:
             return None
@@ -316,11 +325,11 @@ class Pictures:
                 _log.warning("page %d of %s cannot be pictured (%s)", number, job.name, error)
                 return None
             self._making[key] = making
-        # Outside the guard, which it takes: where all is done already, it is called at once.
-        making.add_done_callback(partial(self._made_now, key, f"page {number} of {job.name}"))
+        # The callback takes the lock, and a finished task calls it at once; so add it outside the lock.
+        making.add_done_callback(partial(self._finish, key, f"page {number} of {job.name}"))
         return making
 
-    def _made_now(self, key: str, what: str, making: Future[None]) -> None:
+    def _finish(self, key: str, what: str, making: Future[None]) -> None:
         folder = self._folder / key
         error = None if making.cancelled() else making.exception()
         if error is not None:
@@ -330,22 +339,22 @@ class Pictures:
             tidy(self._folder, self._bound_bytes, keep=folder)
         with self._guard:
             self._making.pop(key, None)
-            if isinstance(error, BrokenProcessPool):  # the system ended it, as where memory ran out
+            if isinstance(error, BrokenProcessPool):  # ended by the system, as when memory runs out
                 self._pool = None
             if error is not None:
                 self._refused[key] = str(error)
 
     def _size_mm(self, run: RunRow, number: int) -> tuple[float, float] | None:
-        """Of a page that was pictured before."""
-        found = Pyramid.read(self._folder / _key(run, number))
-        return None if found is None else (found.width_mm, found.height_mm)
+        """Return the size of a page that was pictured before. [mm]"""
+        pyramid = Pyramid.read(self._folder / _key(run, number))
+        return None if pyramid is None else (pyramid.width_mm, pyramid.height_mm)
 
     def _submitted(self, work: Callable[..., Made], *given: Any) -> Future[Made]:
-        """Within the guard. ``Problem`` 503: no process can be started."""
+        """Submit work to the process, with the lock held; raises ``Problem`` 503 if none can be started."""
         try:
             try:
                 return self._workers().submit(work, *given)
-            except BrokenProcessPool:  # it was ended while nobody asked for anything
+            except BrokenProcessPool:  # the process was ended while it was idle
                 self._pool = None
                 return self._workers().submit(work, *given)
         except (BrokenProcessPool, OSError) as error:
@@ -360,9 +369,9 @@ class Pictures:
 
 
 def page_number(run: RunRow, page: PageRecord) -> int | None:
-    """Of the page, or side, of the job that a sheet shows, from 1; None: it shows none.
+    """Return the page, or side, of the job that a sheet shows, from 1; None if it shows none.
 
-    A run prints its job over and over, and ``job_page`` counts on; the page's name says which it is.
+    A run prints its job over and over, and ``job_page`` counts on; the page's name identifies the page.
     """
     plan = facts_plan(run.facts.settings)
     if plan is not None:
@@ -372,22 +381,22 @@ def page_number(run: RunRow, page: PageRecord) -> int | None:
 
 
 def _key(run: RunRow, number: int) -> str:
-    """Of the folder that holds a page."""
+    """Return the name of the folder of a page."""
     plan = facts_plan(run.facts.settings)
-    laid = "" if plan is None else plan.layout.words
-    named = f"{run.facts.job_digest} {run.facts.press_digest} {number} {laid} {VERSION}"
+    layout = "" if plan is None else plan.layout.words
+    named = f"{run.facts.job_digest} {run.facts.press_digest} {number} {layout} {VERSION}"
     return hashlib.sha256(named.encode()).hexdigest()[:32]
 
 
 def tidy(folder: Path, bound_bytes: int, *, keep: Path) -> None:
-    """Remove what was looked at longest ago until the rest is within the bound; ``keep`` stays."""
-    held = []
+    """Remove the folders used longest ago until the rest is within the bound; ``keep`` stays."""
+    folders = []
     for each in folder.iterdir():
         if each.is_dir() and not each.is_symlink():
             size = sum(file.stat().st_size for file in each.iterdir() if file.is_file())
-            held.append((each.stat().st_mtime, size, each))
-    total = sum(size for _, size, _ in held)
-    for _, size, each in sorted(held):
+            folders.append((each.stat().st_mtime, size, each))
+    total = sum(size for _, size, _ in folders)
+    for _, size, each in sorted(folders):
         if total <= bound_bytes:
             break
         if each != keep:

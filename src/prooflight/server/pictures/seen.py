@@ -1,4 +1,4 @@
-"""The whole scan of a sheet, laid on the grid of the page that was expected, in files that are read by tiles."""
+"""The whole scan of a sheet, aligned to the grid of the expected page, in files that are read by tiles."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from prooflight.server.pictures.expected import Pyramid
 
 WHOLE: Final = (NAME, TOP, f"{NAME}_mm")
-"""Arrays of the evidence."""
+"""Names of the arrays of the evidence that store the whole scan."""
 BLOCK: Final = 96
-"""Pixels along the side of a piece that says where it fits, a centimetre at the prototype's pitch."""
+"""Pixels along the side of a block for matching, a centimetre at the prototype's pitch."""
 BLOCKS: Final = 12
-"""Along each side of the page, at most."""
+"""Largest number of blocks along each side of the page."""
 FEWEST: Final = 6
-"""Pieces that must agree on how the sheet lies; else it lies where the verdict says."""
+"""Least number of blocks that must agree with the map; otherwise the verdict's shift is used."""
 WITHIN: Final = 0.7
-"""Pixels within which they agree."""
+"""Inlier threshold of the affine map. [pixels]"""
 MOST_CUT: Final = 1200
-"""Pixels along the longer side of a scan whose page nobody knows."""
+"""Pixels along the longer side of a scan of an unknown page."""
 
 
 def make_seen(
@@ -41,10 +41,11 @@ def make_seen(
     expected: Pyramid,
     folder: Path,
 ) -> None:
-    """Write the levels of a sheet's whole scan; called in a process of its own. ValueError: it cannot be read.
+    """Write the levels of a sheet's whole scan; called in a process of its own.
 
-    The sheet is laid on the page by an affine map, which is fitted to where pieces of it fit best: paper shifts,
-    stretches and turns. Where nothing was kept the page stands as expected.
+    The scan is aligned to the page by an affine map, which is fitted to the best matches of blocks: paper
+    shifts, stretches and turns. Where no scan is stored the expected page is shown. Raises ValueError if the
+    scan cannot be read.
     """
     read = _read(evidence)
     if read is None:
@@ -54,10 +55,10 @@ def make_seen(
     width_mm = expected.width_mm
     signal = signal_of(light, (box[0], box[2]), loaded, page_width_mm=width_mm, shift_mm=shift_mm)
     page = expected.part(expected.levels - 1, 0, 0, max(expected.width, expected.height))
-    laid = _laid(signal, box, page, expected)
+    scan = _aligned(signal, box, page, expected)
     write_levels(
         folder,
-        lambda first, last: laid[first:last],
+        lambda first, last: scan[first:last],
         width=expected.width,
         height=expected.height,
         size_mm=(expected.width_mm, expected.height_mm),
@@ -67,7 +68,7 @@ def make_seen(
 def whole_cut(
     evidence: Mapping[str, NDArray[Any]] | None, press: Press | None, **told: Any
 ) -> tuple[Cut, ...]:
-    """The whole scan as one coarse piece; none where it was not kept. told: see ``signal_of``."""
+    """Return the whole scan as one coarse cut; none if it is not stored. told: see ``signal_of``."""
     read = None if evidence is None or NAME not in evidence else _read(evidence)
     if read is None:
         return ()
@@ -96,29 +97,29 @@ def _read(
     return light, (x, y, width, height)
 
 
-def _laid(
+def _aligned(
     signal: NDArray[np.float32],
     box: tuple[float, float, float, float],
     page: NDArray[np.float32],
     expected: Pyramid,
 ) -> NDArray[np.float32]:
-    """The scan at every pixel of the page (lines, pixels)."""
+    """Return the scan at every pixel of the page, (lines, pixels)."""
     across, down = expected.width / expected.width_mm, expected.height / expected.height_mm
     scale = box[2] * across / signal.shape[1], box[3] * down / signal.shape[0]
     where = np.array([[scale[0], 0, box[0] * across], [0, scale[1], box[1] * down]], np.float64)
-    where[:, 2] += (np.array(scale) - 1) / 2  # middles of pixels, not their corners
+    where[:, 2] += (np.array(scale) - 1) / 2  # coordinates are those of pixel centres
     size = page.shape[1], page.shape[0]
     first = cv2.warpAffine(signal, where, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     there = np.ones(signal.shape, np.uint8)
     if (finer := _fitted(first, page)) is not None:
         where = finer @ np.vstack([where, [0, 0, 1]])
         first = cv2.warpAffine(signal, where, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    kept = cv2.warpAffine(there, where, size, flags=cv2.INTER_NEAREST).astype(bool)
-    return np.asarray(np.where(kept, first, page), np.float32)
+    covered = cv2.warpAffine(there, where, size, flags=cv2.INTER_NEAREST).astype(bool)
+    return np.asarray(np.where(covered, first, page), np.float32)
 
 
 def _fitted(seen: NDArray[np.float32], page: NDArray[np.float32]) -> NDArray[np.float64] | None:
-    """The affine map (2, 3) by which what was seen lies on the page; None: too little of the page says."""
+    """Return the affine map (2, 3) from the scan to the page; None if too few blocks of it match."""
     rows, columns = page.shape
     here, there = [], []
     for top in np.unique(np.linspace(REACH, rows - BLOCK - REACH, BLOCKS).astype(int)):
@@ -142,7 +143,7 @@ def _fitted(seen: NDArray[np.float32], page: NDArray[np.float32]) -> NDArray[np.
             )
     if len(here) < FEWEST:
         return None
-    found, agreed = cv2.estimateAffine2D(
+    affine, agreed = cv2.estimateAffine2D(
         np.array(here, np.float64), np.array(there, np.float64), ransacReprojThreshold=WITHIN
     )
-    return None if found is None or int(agreed.sum()) < FEWEST else np.asarray(found, np.float64)
+    return None if affine is None or int(agreed.sum()) < FEWEST else np.asarray(affine, np.float64)

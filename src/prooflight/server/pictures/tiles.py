@@ -1,4 +1,4 @@
-"""Tiles of a sheet: the page as expected, with what the camera saw laid where it was seen."""
+"""Tiles of a sheet: the expected page, with the stored parts of the scan at their positions."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 Layer = Literal["scan", "expected", "difference"]
 LAYERS: Final[tuple[Layer, ...]] = ("scan", "expected", "difference")
 GHOST: Final = 0.30
-"""How strongly the page is shown where nothing of the scan was kept."""
+"""Contrast of the expected page where no scan is stored."""
 STRONG: Final = 0.25
-"""Of bare paper's light: so much darker or lighter has the scale's end colour."""
+"""Difference at the end of the colour scale, as a share of bare paper's light."""
 MOST_CUTS: Final = 16
 REACH: Final = 10
-"""Pixels: a millimetre at the prototype's pitch, what paper does besides its place as a whole."""
+"""Search range in pixels: a millimetre at the prototype's pitch, by which paper distorts."""
 FLAT: Final = 0.02
-"""Of paper's light: where the page varies less, nothing says where a piece fits."""
+"""Least standard deviation of the page, as a share of paper's light, for a match to be defined."""
 QUALITY: Final = 82
 _SHOWN: Final = srgb_encoded(np.linspace(0, 1, 4097)).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cut:
-    """A piece of the scan."""
+    """A stored part of the scan."""
 
     signal: NDArray[np.float32]
     """(lines, pixels), bare paper 1."""
@@ -53,26 +53,26 @@ def cuts_of(
     page_width_mm: float | None,
     shift_mm: tuple[float, float] | None,
 ) -> tuple[Cut, ...]:
-    """Pieces that were kept, of the first sensor; without their press the brightest of each is taken for paper."""
-    found = []
+    """Return the stored cuts of the first sensor; without a press the brightest of each counts as paper."""
+    cuts = []
     for index in range(MOST_CUTS):
-        kept, where = ((evidence or {}).get(f"cut{index}{end}") for end in ("", "_mm"))
-        if kept is None or where is None:
+        stored, where = ((evidence or {}).get(f"cut{index}{end}") for end in ("", "_mm"))
+        if stored is None or where is None:
             break
         box = np.asarray(where, float).ravel()
         if (
-            kept.ndim != 3
-            or not kept.size
+            stored.ndim != 3
+            or not stored.size
             or box.size != 4
             or not np.isfinite(box).all()
             or min(box[2:]) <= 0
         ):
             continue
         x, y, width, height = (float(part) for part in box)
-        light = kept[0].astype(np.float32)
+        light = stored[0].astype(np.float32)
         signal = signal_of(light, (x, width), press, page_width_mm=page_width_mm, shift_mm=shift_mm)
-        found.append(Cut(signal=signal, box_mm=(x, y, width, height)))
-    return tuple(found)
+        cuts.append(Cut(signal=signal, box_mm=(x, y, width, height)))
+    return tuple(cuts)
 
 
 def signal_of(
@@ -83,7 +83,7 @@ def signal_of(
     page_width_mm: float | None,
     shift_mm: tuple[float, float] | None,
 ) -> NDArray[np.float32]:
-    """A piece of the first sensor's scan (lines, pixels) [DN] as signal, bare paper 1.
+    """Return a part of the first sensor's scan (lines, pixels) [DN] as signal, bare paper 1.
 
     across_mm: x on the page as printed, and width. Without press or page the brightest is taken for paper.
     """
@@ -92,7 +92,7 @@ def signal_of(
     sensor, geometry = press.sensors[0], press.geometry
     off_mm = geometry.left_mm(page_width_mm) + (shift_mm or (0.0, 0.0))[0]
     first = round((across_mm[0] + off_mm) / geometry.pixel_pitch_mm)
-    step = max(round(across_mm[1] / geometry.pixel_pitch_mm / light.shape[1]), 1)  # more where it was halved
+    step = max(round(across_mm[1] / geometry.pixel_pitch_mm / light.shape[1]), 1)  # halved: 2
     columns = np.clip(first + step * np.arange(light.shape[1]), 0, geometry.pixels - 1)
     scale = sensor.column_gain[columns] * sensor.white_dn
     return np.asarray((light - sensor.column_offset_dn[columns]) / scale, np.float32)
@@ -100,17 +100,17 @@ def signal_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SheetPicture:
-    """All that the pictures of one sheet are made of."""
+    """Data from which the pictures of one sheet are drawn."""
 
     width: int
-    """Pixels of the highest level."""
+    """Pixels of the highest level across."""
     height: int
     width_mm: float
     height_mm: float
     levels: int
     cuts: tuple[Cut, ...]
     expected: Pyramid | None
-    """None: nobody knows the page; the cuts lie on an empty one."""
+    """Expected image; None if the page is unknown, and the cuts are drawn on an empty one."""
     seen: Pyramid | None = None
     """The whole scan on the grid of ``expected``, where all of it was kept."""
     coming: bool = False
@@ -118,13 +118,13 @@ class SheetPicture:
 
     @property
     def layers(self) -> tuple[Layer, ...]:
-        """Which there are."""
+        """Layers that exist."""
         if self.expected is None:
             return ("scan",) if self.cuts else ()
         return LAYERS if self.cuts or self.seen is not None else ("expected",)
 
     def tile(self, layer: Layer, level: int, column: int, row: int) -> bytes | None:
-        """One tile as WebP; None: there is none of that place."""
+        """Return a tile as WebP; None if there is none at that position."""
         if not 0 <= level < self.levels or layer not in self.layers:
             return None
         width, height = (size_at(extent, level, self.levels) for extent in (self.width, self.height))
@@ -132,8 +132,8 @@ class SheetPicture:
         if left >= width or top >= height:
             return None
         shape = min(TILE, height - top), min(TILE, width - left)
-        known = self.expected
-        expected = np.ones(shape, np.float32) if known is None else known.part(level, left, top, TILE)
+        pyramid = self.expected
+        expected = np.ones(shape, np.float32) if pyramid is None else pyramid.part(level, left, top, TILE)
         if self.seen is not None and layer != "expected":
             seen = self.seen.part(level, left, top, TILE)
             return encoded(grey(seen) if layer == "scan" else difference(seen, expected))
@@ -142,7 +142,7 @@ class SheetPicture:
     def _drawn(
         self, layer: Layer, expected: NDArray[np.float32], corner: tuple[int, int], scale: float
     ) -> NDArray[np.uint8]:
-        """(lines, pixels) grey, or (lines, pixels, 3). corner: left and top, in pixels of this level."""
+        """Draw a layer: (lines, pixels) grey, or (lines, pixels, 3). corner: left and top [pixels]."""
         if layer == "expected":
             return grey(expected)
         ghost = 1 - GHOST * (1 - shown(expected))
@@ -159,7 +159,7 @@ class SheetPicture:
         return np.asarray(np.rint(colours).astype(np.uint8))
 
     def _lay(self, cut: Cut, into: NDArray[np.float32], corner: tuple[int, int], scale: float) -> None:
-        """Draw a cut into a tile, each pixel where it was seen."""
+        """Draw a cut into a tile at its position."""
         across, down = self.width / self.width_mm * scale, self.height / self.height_mm * scale
         lines, pixels = cut.signal.shape
         x, y, width, height = cut.box_mm
@@ -173,7 +173,7 @@ class SheetPicture:
             return
         source = cut.signal
         step = width * across / pixels
-        if step < 0.75:  # smaller than it is: averaged first, then moved
+        if step < 0.75:  # average before resampling, against aliasing
             source = cv2.resize(
                 source,
                 (max(round(pixels * step), 1), max(round(lines * step), 1)),
@@ -188,7 +188,7 @@ class SheetPicture:
 
 
 def difference(seen: NDArray[np.float32], expected: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(lines, pixels, 3) where both are known everywhere."""
+    """Return the difference in colour, (lines, pixels, 3), where both signals are known everywhere."""
     off = cv2.GaussianBlur(seen - expected, (0, 0), 0.8)
     return np.asarray(
         np.rint(error_colours(np.asarray(off * (SATURATION / STRONG), np.float32))).astype(np.uint8)
@@ -196,9 +196,9 @@ def difference(seen: NDArray[np.float32], expected: NDArray[np.float32]) -> NDAr
 
 
 def aligned(cut: Cut, expected: Pyramid) -> Cut:
-    """The same piece where it fits the page best, within ``REACH`` pixels.
+    """Return the cut where it matches the page best, within ``REACH`` pixels.
 
-    Where it was seen is known for the page as a whole; paper stretches and turns besides.
+    The verdict gives the position of the page as a whole; paper stretches and turns besides.
     """
     scale = expected.width / expected.width_mm, expected.height / expected.height_mm
     left, top = (cut.box_mm[axis] * scale[axis] for axis in (0, 1))
@@ -217,16 +217,16 @@ def aligned(cut: Cut, expected: Pyramid) -> Cut:
 
 
 def valley(values: NDArray[np.float32], at: int) -> float:
-    """Of the parabola through three values: where it is least, from the middle one."""
+    """Return the minimum of the parabola through three values, relative to the middle one."""
     if not 0 < at < len(values) - 1:
         return 0.0
-    before, here, behind = (float(value) for value in values[at - 1 : at + 2])
-    bend = before - 2 * here + behind
-    return 0.0 if bend <= 0 else 0.5 * (before - behind) / bend
+    before, here, after = (float(value) for value in values[at - 1 : at + 2])
+    bend = before - 2 * here + after
+    return 0.0 if bend <= 0 else 0.5 * (before - after) / bend
 
 
 def thumbnail(cuts: Sequence[Cut], *, side: int) -> bytes | None:
-    """The first cut, square; None: there is none."""
+    """Return the first cut as a square picture; None if there is none."""
     if not cuts:
         return None
     signal = cuts[0].signal
@@ -240,17 +240,17 @@ def thumbnail(cuts: Sequence[Cut], *, side: int) -> bytes | None:
 
 
 def grey(signal: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A signal as a screen shows it."""
+    """Return a signal as grey values for a screen."""
     return np.asarray(np.rint(255 * shown(signal)).astype(np.uint8))
 
 
 def shown(signal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``srgb_encoded`` of 0..1 from a table: a tile has a quarter of a million pixels."""
+    """Return ``srgb_encoded`` of 0..1 by a table: a tile has a quarter of a million pixels."""
     return np.asarray(_SHOWN[(np.clip(signal, 0, 1) * (_SHOWN.size - 1)).astype(np.intp)])
 
 
 def encoded(picture: NDArray[np.uint8]) -> bytes:
-    """WebP."""
+    """Return a picture as WebP."""
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "WEBP", quality=QUALITY, method=2)
     return file.getvalue()

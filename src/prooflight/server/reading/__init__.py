@@ -1,1 +1,1 @@
-"""What the console reads of a journal: runs, sheets, incidents, the press; and what is new in it."""
+"""Reading of a journal: runs, sheets, incidents and the press, and new rows as they come."""

@@ -1,4 +1,4 @@
-"""The press over a run, for an engineer: drift with its limits, lost lines, how long verdicts took, two runs alike."""
+"""The press over a run, for an engineer: drift with limits, lost lines, times of verdicts, two runs alike."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
 
 POINTS: Final = 240
-"""Of a chart: no screen shows more of half its width apart."""
-KEPT: Final = 12
-"""Courses that stay known."""
+"""Points of a chart: more cannot be resolved at half the width of a screen."""
+MOST_CACHED: Final = 12
+"""Number of cached trends."""
 AT_ONCE: Final = 2000
 GROUPS: Final = (
     ("density", "gain-"),
@@ -32,47 +32,50 @@ GROUPS: Final = (
     ("light", "light-"),
     ("lamp", "lamp-"),
 )
-"""Charts, and how the names of their channels begin; registers across end in -x."""
+"""Charts, and the prefixes of their channels' names; registers across end in -x."""
 
 
-class Courses:
-    """Of any run; read anew when the run has come further, one at a time, since a long one takes seconds."""
+class Trends:
+    """Cache of trends of runs, computed again when a run has got further.
+
+    They are computed one at a time, since that of a long run takes seconds.
+    """
 
     def __init__(self, reading: Reading) -> None:
         self._reading = reading
         self._guard = threading.Lock()
-        self._kept: OrderedDict[tuple[str, int, str], dict[str, Any]] = OrderedDict()
+        self._cached: OrderedDict[tuple[str, int, str], dict[str, Any]] = OrderedDict()
 
     def of(self, run: RunRow) -> dict[str, Any]:
-        """Channels by chart, troubles of lines and verdicts along the run, and the histogram of times."""
+        """Return channels by chart, troubles of lines and verdicts, and the histogram of times."""
         key = run_key(run), run.pages, run.state
         with self._guard:
-            if (found := self._kept.get(key)) is None:
-                found = self._kept[key] = course(self._reading, run)
-                while len(self._kept) > KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
-            return found
+            if (cached := self._cached.get(key)) is None:
+                cached = self._cached[key] = trend(self._reading, run)
+                while len(self._cached) > MOST_CACHED:
+                    self._cached.popitem(last=False)
+            self._cached.move_to_end(key)
+            return cached
 
 
-def course(reading: Reading, run: RunRow) -> dict[str, Any]:
-    """As ``Courses.of``; JournalError."""
-    told = drift(reading, run, points=POINTS, channel=None)
+def trend(reading: Reading, run: RunRow) -> dict[str, Any]:
+    """Compute the trend of a run as ``Trends.of`` returns it; raises JournalError."""
+    drifts = drift(reading, run, points=POINTS, channel=None)
     charts: dict[str, list[dict[str, Any]]] = {name: [] for name, _ in GROUPS}
-    for channel in told["channels"]:
+    for channel in drifts["channels"]:
         if (name := group_of(channel["name"])) is not None:
             charts[name].append(channel)
     return {
         "run": run.id,
-        "sheets": told["sheets"],
+        "sheets": drifts["sheets"],
         "charts": {name: channels for name, channels in charts.items() if channels},
-        "troubles": troubles(reading, run, told["sheets"]),
+        "troubles": troubles(reading, run, drifts["sheets"]),
         "latency": latencies(reading, run),
     }
 
 
 def group_of(channel: str) -> str | None:
-    """The chart that shows it; None: none does."""
+    """Return the chart that shows a channel; None if none does."""
     for name, beginning in GROUPS:
         if channel.startswith(beginning) and (not name.startswith("register") or channel.endswith(name[-2:])):
             return name
@@ -80,23 +83,23 @@ def group_of(channel: str) -> str | None:
 
 
 def troubles(reading: Reading, run: RunRow, starts: list[int]) -> dict[str, list[int]]:
-    """Sheets that lost lines, were late or not inspected, in the parts of the run that begin with these sheets."""
-    found = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
-    after, asked = -1, Asked(run_id=run.id, to_look_at=True)
-    while starts and (rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None)):
+    """Count sheets with lost lines, late, or not inspected, in the parts of a run that begin at ``starts``."""
+    totals = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
+    after, query = -1, Asked(run_id=run.id, to_look_at=True)
+    while starts and (rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=lambda _: None)):
         for row in rows:
             page = row.page
             at = max(int(np.searchsorted(starts, page.sheet, side="right")) - 1, 0)
-            found["lost-lines"][at] += "lost-lines" in page.faults
-            found["late"][at] += page.late
-            found["not-inspected"][at] += page.verdict.verdict == "not-inspected"
+            totals["lost-lines"][at] += "lost-lines" in page.faults
+            totals["late"][at] += page.late
+            totals["not-inspected"][at] += page.verdict.verdict == "not-inspected"
         after = rows[-1].page.sheet
-    return {name: counts.tolist() for name, counts in found.items()}
+    return {name: counts.tolist() for name, counts in totals.items()}
 
 
-def run_figures(run: RunRow, told: dict[str, Any]) -> dict[str, Any]:
-    """What two runs are compared by; None: it is not known."""
-    latency, troubled = told["latency"], told["troubles"]
+def run_figures(run: RunRow, trend: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures by which runs are compared; None if unknown."""
+    latency, troubled = trend["latency"], trend["troubles"]
     stages = {} if run.end is None else run.end.counts.get("stages") or {}
     verdict = stages.get("verdict") or {}
     elapsed_s = None if run.end is None else run.end.counts.get("elapsed_s")
@@ -117,13 +120,13 @@ def run_figures(run: RunRow, told: dict[str, Any]) -> dict[str, Any]:
 
 
 def _busy_s(latency: dict[str, Any]) -> float:
-    """Time that all inspections took together, by the middles of the histogram's bins (17 % wide). [s]"""
+    """Return the total time of all inspections, from the centres of the histogram's bins (17 % wide). [s]"""
     edges = np.array(latency["edges_ms"])
     return float(np.dot(np.sqrt(edges[:-1] * edges[1:]), latency["counts"])) / 1000
 
 
 def machine() -> dict[str, float | None]:
-    """Of this machine and of the console itself: load for each core, CPU seconds, and most memory so far."""
+    """Return the machine's load per core, and the console's CPU time and peak memory so far."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     unit = 1 if sys.platform == "darwin" else 1024
     return {

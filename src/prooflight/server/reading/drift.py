@@ -1,4 +1,4 @@
-"""Numbers of every print over a run, thinned so that a chart of any run is small."""
+"""Measurements of every print over a run, binned so that a chart of any run is small."""
 
 from __future__ import annotations
 
@@ -18,31 +18,33 @@ if TYPE_CHECKING:
 
 AT_ONCE: Final = 2000
 MOST_SHEETS: Final = 100_000
-"""That are read; of longer runs the last ones."""
+"""Largest number of sheets that are read; of longer runs the last ones."""
 EDGES_MS: Final = tuple(float(edge) for edge in np.geomspace(1, 10_000, 61).round(3))
 
 
 def drift(reading: Reading, run: RunRow, *, points: int, channel: str | None) -> dict[str, Any]:
-    """Mean, least and greatest of each channel in ``points`` bins of sheets; see ``DriftAnswer``."""
+    """Return mean, least and greatest of each channel in ``points`` bins of sheets; see ``DriftAnswer``."""
     sheets: list[int] = []
     values: dict[str, list[tuple[int, float]]] = {}
     for page in _pages(reading, run):
         if channel is None:
-            told = page.nuisance
+            values_of_page = page.nuisance
         else:
-            told = {channel: page.nuisance[channel]} if channel in page.nuisance else {}
-        for name, value in told.items():
+            values_of_page = {channel: page.nuisance[channel]} if channel in page.nuisance else {}
+        for name, value in values_of_page.items():
             if np.isfinite(value):
                 values.setdefault(name, []).append((len(sheets), float(value)))
         sheets.append(page.sheet)
     bins = min(points, len(sheets)) or 1
-    known = {one.name: one for one in drift_channels(_sensors(values))}
-    order = [name for name in known if name in values] + sorted(values.keys() - known.keys())
+    channels_by_name = {one.name: one for one in drift_channels(_sensors(values))}
+    order = [name for name in channels_by_name if name in values] + sorted(
+        values.keys() - channels_by_name.keys()
+    )
     channels = []
     for name in order:
         at, numbers = (np.array(part) for part in zip(*values[name], strict=True))
         place = (at.astype(int) * bins) // max(len(sheets), 1)
-        about = known.get(name)
+        about = channels_by_name.get(name)
         scale = about.scale if about else 1.0
         channels.append(
             {
@@ -58,7 +60,7 @@ def drift(reading: Reading, run: RunRow, *, points: int, channel: str | None) ->
 
 
 def latencies(reading: Reading, run: RunRow) -> dict[str, Any]:
-    """See ``HistogramAnswer``."""
+    """Return the histogram of inspection times; see ``HistogramAnswer``."""
     of_sheets = (page.verdict.milliseconds for page in _pages(reading, run))
     took = np.array([milliseconds for milliseconds in of_sheets if milliseconds > 0])
     counts, _ = np.histogram(np.clip(took, EDGES_MS[0], EDGES_MS[-1]), EDGES_MS)
@@ -94,11 +96,11 @@ def _binned(place: Any, numbers: Any, bins: int) -> dict[str, list[float | None]
     np.maximum.at(greatest, place, numbers)
     total = np.bincount(place, weights=numbers, minlength=bins)
 
-    def told(series: Any) -> list[float | None]:
+    def rounded(series: Any) -> list[float | None]:
         return [float(f"{value:.5g}") if many else None for value, many in zip(series, count, strict=True)]
 
     return {
-        "mean": told(total / np.maximum(count, 1)),
-        "least": told(least),
-        "greatest": told(greatest),
+        "mean": rounded(total / np.maximum(count, 1)),
+        "least": rounded(least),
+        "greatest": rounded(greatest),
     }

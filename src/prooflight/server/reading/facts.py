@@ -1,4 +1,4 @@
-"""Runs, sheets and incidents as plain values: what JSON holds."""
+"""Runs, sheets and incidents as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ if TYPE_CHECKING:
     from prooflight.journal.following import Written
     from prooflight.journal.records import RunRow
     from prooflight.journal.words import Word
-    from prooflight.server.reading.incidents import Told
+    from prooflight.server.reading.incidents import LabelledIncident
     from prooflight.server.reading.now import Now
 
 
 MOST_INCIDENTS = 20
-"""Of a state that is told live."""
+"""Incidents in a state that is sent live."""
 
 
 def run_of(run: RunRow) -> dict[str, Any]:
-    """A run, without what it was started with."""
-    told = run_facts(run)
-    return {name: value for name, value in told.items() if name not in ("settings", "counts")}
+    """Return a run, without the settings that it was started with."""
+    fields = run_facts(run)
+    return {name: value for name, value in fields.items() if name not in ("settings", "counts")}
 
 
 def whole_run(run: RunRow) -> dict[str, Any]:
-    """A run with all that is known."""
+    """Return a run with all its fields."""
     return run_facts(run)
 
 
 def sheet_of(row: Written) -> dict[str, Any]:
-    """A sheet as programs read it."""
+    """Return a sheet as programs read it."""
     return {"run": row.run_id, "row": row.row, **page_facts(row.page)}
 
 
 def live_sheet(row: Written) -> dict[str, Any]:
-    """A sheet in as few words as a strip needs."""
+    """Return the fields of a sheet that the strip of live sheets needs."""
     verdict = row.page.verdict
     return {
         "run": row.run_id,
@@ -52,36 +52,36 @@ def live_sheet(row: Written) -> dict[str, Any]:
     }
 
 
-def word_of(word: Word) -> dict[str, Any]:
-    """What somebody said."""
-    held = asdict(word)
-    del held["run"]
-    return held
+def label_of(label: Word) -> dict[str, Any]:
+    """Return a label."""
+    fields = asdict(label)
+    del fields["run"]
+    return fields
 
 
-def incident_of(told: Told) -> dict[str, Any]:
-    """An incident with what was said of it."""
-    held = _finite(asdict(told.incident))
+def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
+    """Return an incident with its labels."""
+    fields = _finite(asdict(labelled.incident))
     return {
-        **held,
-        "open": told.incident.open,
-        "word": told.word,
-        "answered": told.answered,
-        "seen": told.seen,
-        "words": [word_of(word) for word in told.words],
+        **fields,
+        "open": labelled.incident.open,
+        "word": labelled.word,
+        "answered": labelled.answered,
+        "seen": labelled.seen,
+        "words": [label_of(label) for label in labelled.words],
     }
 
 
-def brief_incident(told: Told) -> dict[str, Any]:
-    """An incident in as few words as a list needs."""
-    incident = told.incident
+def brief_incident(labelled: LabelledIncident) -> dict[str, Any]:
+    """Return the fields of an incident that a list needs."""
+    incident = labelled.incident
     names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")
-    said = {"word": told.word, "answered": told.answered, "seen": told.seen}
-    return {name: getattr(incident, name) for name in names} | said
+    labels = {"word": labelled.word, "answered": labelled.answered, "seen": labelled.seen}
+    return {name: getattr(incident, name) for name in names} | labels
 
 
 def now_facts(now: Now) -> dict[str, Any]:
-    """The press at this moment; ages in whole seconds, lest every look be news."""
+    """Return the current state of the press, with ages in whole seconds, lest every poll bring a change."""
     health = asdict(now.health)
     quiet_s = now.health.quiet_s
     if quiet_s is not None:
@@ -93,7 +93,7 @@ def now_facts(now: Now) -> dict[str, Any]:
         "alarm": now.alarm,
         "run": None if now.run is None else run_of(now.run),
         "cause": None if now.cause is None else now.cause.incident.number,
-        "incidents": [brief_incident(told) for told in now.incidents[:MOST_INCIDENTS]],
+        "incidents": [brief_incident(labelled) for labelled in now.incidents[:MOST_INCIDENTS]],
         "overload": None
         if now.overload is None
         else dict(zip(("late", "recent"), now.overload, strict=True)),

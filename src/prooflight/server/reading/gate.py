@@ -1,4 +1,4 @@
-"""What a run's gate was told and did, from its log and the journal, as ``prooflight run reconcile`` has it."""
+"""The gate of a run, from its log and the journal, as ``prooflight run reconcile`` reports it."""
 
 from __future__ import annotations
 
@@ -24,59 +24,63 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
 
 AT_ONCE: Final = 1000
-KEPT: Final = 2
-"""Runs whose sheets stay accounted for: those of a long one take seconds, and are asked for page by page."""
+MOST_CACHED: Final = 2
+"""Number of runs whose accounts are cached: a long one takes seconds, and is requested page by page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gated:
-    """A run with a gate."""
+    """Log of a run's gate, and the account of the run's sheets."""
 
-    kept: KeptDecisions
-    found: Reconciliation
+    log: KeptDecisions
+    accounts: Reconciliation
 
     def sheets(self, *, after: int, limit: int, account: Account | None) -> list[Accounted]:
-        """By number; after: behind this one. account: of these alone."""
-        told = (
+        """Return accounts by number; after: beyond this sheet; account: only those of this kind."""
+        selected = (
             one
-            for one in self.found.sheets
+            for one in self.accounts.sheets
             if one.sheet is not None and one.sheet > after and account in (None, one.account)
         )
-        return list(islice(told, limit))
+        return list(islice(selected, limit))
 
 
 class Gates:
-    """Of any run; accounted for anew when the run, or its gate's log, has come further."""
+    """Cache of accounts, computed again when the run or its gate's log has got further."""
 
     def __init__(self, reading: Reading, *, trays: Path | None = None) -> None:
-        """trays: the controller's log of its trays, which may grow."""
+        """Create the cache. trays: the controller's log of its trays, which may grow."""
         self._reading, self._trays = reading, trays
         self._guard = threading.Lock()
-        self._kept: OrderedDict[tuple[Any, ...], Gated] = OrderedDict()
+        self._cached: OrderedDict[tuple[Any, ...], Gated] = OrderedDict()
 
     def of(self, run: RunRow) -> Gated:
-        """``Problem`` 404: it had no gate. PlantError: its log is damaged. RequestError: the controller's is."""
+        """Return the gate of a run.
+
+        Raises ``Problem`` 404 if it had no gate, PlantError if the gate's log is damaged, and RequestError if
+        the controller's log is.
+        """
         path, trays = log_of(self._reading, run), self._trays
         key = run_key(run), run.pages, run.state, *file_stamp(path), *([] if trays is None else _stamp(trays))
         with self._guard:
-            if (gated := self._kept.get(key)) is None:
-                kept = KeptDecisions.read(path)
+            if (gated := self._cached.get(key)) is None:
+                log = KeptDecisions.read(path)
                 rows = None if trays is None else read_trays(trays)
-                gated = Gated(kept=kept, found=reconciled(all_pages(self._reading, run), kept, rows))
-                self._kept[key] = gated
-                while len(self._kept) > KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
+                gated = Gated(log=log, accounts=reconciled(all_pages(self._reading, run), log, rows))
+                self._cached[key] = gated
+                while len(self._cached) > MOST_CACHED:
+                    self._cached.popitem(last=False)
+            self._cached.move_to_end(key)
             return gated
 
     def lines(self, run: RunRow, *, after: int, limit: int) -> list[dict[str, Any]]:
-        """Of its log, each with its number from 1; after: behind this one. As ``of``."""
+        """Return lines of the gate's log after line ``after``, with numbers from 1; raises as ``of``."""
         rows = enumerate(rows_of(log_of(self._reading, run)), start=1)
         return [{"line": number, **row} for number, row in islice(rows, after, after + limit)]
 
 
 def _stamp(trays: Path) -> list[int]:
-    """RequestError: the controller's log is gone."""
+    """Return the stamp of the controller's log; raises RequestError if it is missing."""
     try:
         return file_stamp(trays)
     except OSError as error:
@@ -85,35 +89,35 @@ def _stamp(trays: Path) -> list[int]:
 
 
 def gate_facts(run: RunRow, gated: Gated) -> dict[str, Any]:
-    """A run's sheets in counts, and how its gate was set."""
-    found, kept = gated.found, gated.kept
+    """Return the counts of a run's sheets, and the settings of its gate."""
+    accounts, log = gated.accounts, gated.log
     return {
         "run": run.id,
-        "sessions": kept.sessions,
-        "settings": kept.began.get("settings", {}),
-        "trays_from": found.source,
-        "disagreements": [asdict(one) for one in found.disagreements],
-        "counts": dict(found.counts),
-        "lost_by": dict(found.lost_by),
-        "not_in_the_journal": sum(not one.in_journal for one in found.sheets if one.sheet is not None),
+        "sessions": log.sessions,
+        "settings": log.began.get("settings", {}),
+        "trays_from": accounts.source,
+        "disagreements": [asdict(one) for one in accounts.disagreements],
+        "counts": dict(accounts.counts),
+        "lost_by": dict(accounts.lost_by),
+        "not_in_the_journal": sum(not one.in_journal for one in accounts.sheets if one.sheet is not None),
     }
 
 
 def sheet_facts(gated: Gated, one: Accounted) -> dict[str, Any]:
-    """What became of a sheet, and what was decided and written of it."""
+    """Return the account of a sheet, with the decision and its acknowledgement."""
     tag = None if one.sheet is None else one.sheet + 1
-    decided = {} if tag is None else gated.kept.decisions.get(tag, {})
-    told = asdict(one)
-    told["set"] = told.pop("set_number") if decided else None
-    return told | {
+    decided = {} if tag is None else gated.log.decisions.get(tag, {})
+    fields = asdict(one)
+    fields["set"] = fields.pop("set_number") if decided else None
+    return fields | {
         "tag": tag if decided else None,
         "position": decided.get("position"),
-        "written": tag in gated.kept.written,
+        "written": tag in gated.log.written,
     }
 
 
 def log_of(reading: Reading, run: RunRow) -> Path:
-    """Where the log of a run's gate lies; ``Problem`` 404: there is none."""
+    """Return the path of the log of a run's gate; raises ``Problem`` 404 if there is none."""
     path = log_path(reading.path, run.id)
     if not path.is_file():
         raise not_found(f"run {run.id} had no gate")
@@ -121,8 +125,8 @@ def log_of(reading: Reading, run: RunRow) -> Path:
 
 
 def all_pages(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
-    """Of a run, by number; those that cannot be read are left out."""
-    after, asked = -1, Asked(run_id=run.id)
-    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=lambda _: None):
+    """Iterate over the pages of a run by number; those that cannot be read are omitted."""
+    after, query = -1, Asked(run_id=run.id)
+    while rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=lambda _: None):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet

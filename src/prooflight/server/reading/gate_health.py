@@ -1,4 +1,4 @@
-"""How a run's gate is, from its log as it grows: only lines that are new are read."""
+"""Health of a run's gate, from its log as it grows: only new lines are read."""
 
 from __future__ import annotations
 
@@ -20,36 +20,39 @@ if TYPE_CHECKING:
     from prooflight.server.reading.gate import Gated
 
 AT_ONCE_BYTES: Final = 8_000_000
-"""Of a log, in one look: one of a long run is caught up with in several."""
+"""Bytes of a log that are read at once; that of a long run is read in several steps."""
 
 GateState = Literal["away", "joining", "aligning", "ready", "unknown", "ended", "damaged"]
-"""That of the handshake while the run goes on. unknown: the log does not say. damaged: it cannot be read on."""
+"""State of the handshake while the run goes on.
+
+unknown: the log does not name it. damaged: the log cannot be read further.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateHealth:
-    """What the gate's log says so far; trays as the controller said them over the wire."""
+    """Health of a gate by its log so far; trays are as the controller reported them over the wire."""
 
     state: GateState
     decided: int
-    """Sheets that came."""
+    """Number of sheets that came."""
     diverted: int
-    """Of these, decided not to go to the good tray."""
+    """Number of these that were decided not to go to the good tray."""
     too_late: int
-    """Sheets that passed before the controller had their result."""
+    """Number of sheets that passed before the controller had their result."""
     reconciled: int
-    """Sheets of which decision and tray are both known."""
+    """Number of sheets with both a decision and a tray."""
     last_reconciled: int | None
-    """The last of these, by number; None: the controller has said no tray yet."""
+    """Greatest number of these sheets; None if the controller has reported no tray yet."""
     lost: int
-    """Good sheets in the reject tray."""
+    """Number of good sheets in the reject tray."""
     wrong: int
-    """Sheets in the good tray against their decision."""
+    """Number of sheets in the good tray against their decision."""
     first_wrong: int | None
 
     @property
     def lamp(self) -> Literal["good", "look", "bad", "off"]:
-        """bad: a sheet is where it must not be, or the controller is not there."""
+        """State of the lamp; bad if a sheet is in a wrong tray, or the controller is not there."""
         if self.wrong or self.state in ("away", "damaged"):
             return "bad"
         if self.state in ("ended", "unknown"):
@@ -59,20 +62,20 @@ class GateHealth:
 
 @dataclass(slots=True)
 class _Read:
-    """Of one log, so far."""
+    """State of reading one log."""
 
     path: Path
     upto: int = 0
     state: GateState = "unknown"
     tolerated: bool = False
     decided: dict[int, tuple[Result, Code, bool]] = field(default_factory=dict)
-    """By tag, until a tray is known."""
+    """Decisions by tag, until their trays are known."""
     counts: Counter[str] = field(default_factory=Counter)
     last: int | None = None
     first_wrong: int | None = None
 
     def add(self, row: dict[str, Any]) -> None:
-        """One line. KeyError, TypeError, ValueError: it is not as it should be."""
+        """Add one line; raises KeyError, TypeError or ValueError if it is malformed."""
         match row["kind"]:
             case "run":
                 self.state = "away"
@@ -86,8 +89,8 @@ class _Read:
                 self.counts["refused"] += came and result is not Result.ACCEPT
             case "unsent":
                 self.counts["unsent"] += 1
-            case "tray" if (found := self.decided.pop(int(row["tag"]), None)) is not None:
-                self._reconcile(int(row["tag"]) - 1, *found, tray=str(row["tray"]))
+            case "tray" if (decision := self.decided.pop(int(row["tag"]), None)) is not None:
+                self._reconcile(int(row["tag"]) - 1, *decision, tray=str(row["tray"]))
             case "end":
                 self.state = "ended"
 
@@ -102,16 +105,16 @@ class _Read:
 
 
 class GateFollower:
-    """Of the run that was asked for last; one thread at a time."""
+    """Follower of the log of the run that was requested last; not thread-safe."""
 
     def __init__(self, journal: Path) -> None:
         self._journal = journal
         self._read: _Read | None = None
 
     def of(self, run: RunRow, gated: Gated | None = None) -> GateHealth | None:
-        """As of now; None: the run has no gate.
+        """Return the current health; None if the run has no gate.
 
-        gated: what became of its sheets; where the controller's log says it, that counts.
+        gated: accounts of its sheets; those by the controller's log have precedence over the wire.
         """
         path = log_path(self._journal, run.id)
         try:
@@ -122,37 +125,37 @@ class GateFollower:
         if read is None or read.path != path or size < read.upto:
             read = self._read = _Read(path=path)
         _go_on(read)
-        told = read.counts
+        counts = read.counts
         ended = run.state != "running" and read.state != "damaged"
         health = GateHealth(
             state="ended" if ended else read.state,
-            decided=told["decided"],
-            diverted=told["refused"],
-            too_late=told["unsent"],
-            reconciled=told["reconciled"],
+            decided=counts["decided"],
+            diverted=counts["refused"],
+            too_late=counts["unsent"],
+            reconciled=counts["reconciled"],
             last_reconciled=read.last,
-            lost=told["lost"],
-            wrong=told["wrong"],
+            lost=counts["lost"],
+            wrong=counts["wrong"],
             first_wrong=read.first_wrong,
         )
-        return health if gated is None or gated.found.source == "wire" else _by_log(health, gated.found)
+        return health if gated is None or gated.accounts.source == "wire" else _by_log(health, gated.accounts)
 
 
-def _by_log(health: GateHealth, found: Reconciliation) -> GateHealth:
-    """With trays as the controller's log has them."""
-    numbers = [one.sheet for one in found.sheets if one.tray and one.decision and one.sheet is not None]
+def _by_log(health: GateHealth, accounts: Reconciliation) -> GateHealth:
+    """Return the health with trays from the controller's log."""
+    numbers = [one.sheet for one in accounts.sheets if one.tray and one.decision and one.sheet is not None]
     return replace(
         health,
         reconciled=len(numbers),
         last_reconciled=max(numbers, default=None),
-        lost=found.counts["lost"],
-        wrong=found.counts["wrong"],
-        first_wrong=next((one.sheet for one in found.wrong if one.sheet is not None), None),
+        lost=accounts.counts["lost"],
+        wrong=accounts.counts["wrong"],
+        first_wrong=next((one.sheet for one in accounts.wrong if one.sheet is not None), None),
     )
 
 
 def _go_on(read: _Read) -> None:
-    """Read whole lines that are new."""
+    """Read the complete lines that are new."""
     if read.state == "damaged":
         return
     try:

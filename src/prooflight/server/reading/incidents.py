@@ -1,4 +1,4 @@
-"""Incidents of runs, as far as their journals have come, with what people said of them."""
+"""Incidents of runs, as far as their journals have got, with the labels that people gave."""
 
 from __future__ import annotations
 
@@ -22,61 +22,61 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
 
 AT_ONCE: Final = 2000
-"""Rows that are read between two looks at the rest of the world."""
-KEPT: Final = 16
-"""Runs whose incidents stay known."""
+"""Rows that are read at once."""
+MOST_CACHED: Final = 16
+"""Number of runs whose incidents are cached."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """An incident, and what people said of it."""
+class LabelledIncident:
+    """An incident and its labels."""
 
     incident: Incident
     words: tuple[Word, ...]
-    """In order; those that were undone and what undid them as well."""
+    """All labels in order, including those that were undone and the entries that undid them."""
 
     @property
     def standing(self) -> tuple[Word, ...]:
-        """Words that were not undone, in order."""
+        """Labels that were not undone, in order."""
         return tuple(standing(self.words))
 
     @property
     def label(self) -> Word | None:
-        """The last that says what it is; None: nobody said, or there is no misprint of which to say it."""
+        """The last label other than `seen`; None if there is none, or the incident is of no misprints."""
         if not self.of_misprints:
             return None
-        return next((word for word in reversed(self.standing) if word.word != SEEN), None)
+        return next((label for label in reversed(self.standing) if label.word != SEEN), None)
 
     @property
     def word(self) -> str | None:
-        """What the label says."""
+        """Text of the label."""
         return None if self.label is None else self.label.word
 
     @property
     def answered(self) -> bool:
-        """Whether a label covers its sheets up to the last one."""
+        """Whether a label covers the incident's sheets up to the last one."""
         return self.label is not None and self.label.covers(self.incident.last_sheet)
 
     @property
     def seen(self) -> bool:
-        """Whether somebody has looked at it since it last opened or came back."""
-        return any(word.covers(self.incident.reopened_sheet) for word in self.standing)
+        """Whether a person has seen the incident since it last opened or came back."""
+        return any(label.covers(self.incident.reopened_sheet) for label in self.standing)
 
     @property
     def of_misprints(self) -> bool:
-        """Whether something wrong was seen on its sheets; of others no label says what they were."""
+        """Whether a defect was seen on its sheets; no label applies to others."""
         return self.incident.kind not in NO_MISPRINT
 
     @property
     def misprint(self) -> bool:
-        """Whether its last sheets are taken for misprints: by the verdict, unless people said otherwise."""
+        """Whether its last sheets count as misprints: by the verdict, unless a label overrules it."""
         return self.of_misprints and not (self.answered and self.word == FALSE_ALARM)
 
 
 @dataclass(slots=True)
 class _Tracked:
     tracker: Incidents = field(default_factory=Incidents)
-    found: dict[int, Incident] = field(default_factory=dict)
+    incidents: dict[int, Incident] = field(default_factory=dict)
     of_sheet: dict[int, int] = field(default_factory=dict)
     last: int = -1
     ended: bool = False
@@ -84,39 +84,41 @@ class _Tracked:
 
 
 class RunIncidents:
-    """Of any run; read on from where they were read last."""
+    """Incidents of runs, each updated from the last row that was read."""
 
     def __init__(self, reading: Reading, words: Words) -> None:
         self._reading, self._words = reading, words
         self._runs: OrderedDict[str, _Tracked] = OrderedDict()
         self._guard = threading.Lock()
 
-    def of(self, run: RunRow) -> list[Told]:
-        """All of a run, by number."""
+    def of(self, run: RunRow) -> list[LabelledIncident]:
+        """Return the incidents of a run, by number."""
         tracked = self._read(run)
-        words: dict[str, list[Word]] = {}
-        for word in self._words.of_run(run_key(run)):
-            if word.incident is not None:
-                words.setdefault(word.incident, []).append(word)
+        labels: dict[str, list[Word]] = {}
+        for label in self._words.of_run(run_key(run)):
+            if label.incident is not None:
+                labels.setdefault(label.incident, []).append(label)
         with tracked.guard:
-            found = [tracked.found[number] for number in sorted(tracked.found)]
-        return [Told(incident=one, words=tuple(words.get(str(one.number), ()))) for one in found]
+            incidents = [tracked.incidents[number] for number in sorted(tracked.incidents)]
+        return [
+            LabelledIncident(incident=one, words=tuple(labels.get(str(one.number), ()))) for one in incidents
+        ]
 
-    def one(self, run: RunRow, number: int) -> Told:
-        """By its number; ``Problem`` 404."""
-        for told in self.of(run):
-            if told.incident.number == number:
-                return told
+    def one(self, run: RunRow, number: int) -> LabelledIncident:
+        """Return an incident by its number; raises ``Problem`` 404."""
+        for labelled in self.of(run):
+            if labelled.incident.number == number:
+                return labelled
         raise not_found(f"run {run.id} has no incident {number}")
 
     def of_sheet(self, run: RunRow, sheet: int) -> int | None:
-        """The incident that a sheet belongs to; None: it is none's."""
+        """Return the incident that a sheet belongs to; None if there is none."""
         tracked = self._read(run)
         with tracked.guard:
             return tracked.of_sheet.get(sheet)
 
     def labels(self, run: RunRow) -> Callable[[int], Word | None]:
-        """The label that counts of each sheet of a run."""
+        """Return a function that gives the label in force for a sheet of the run."""
         tracked = self._read(run)
         with tracked.guard:
             of_sheet = dict(tracked.of_sheet)
@@ -124,13 +126,13 @@ class RunIncidents:
         return lambda sheet: labels.of(sheet, of_sheet.get(sheet))
 
     def sheets_of(self, run: RunRow, number: int) -> list[int]:
-        """All sheets of an incident, in order."""
+        """Return the sheets of an incident, in order."""
         tracked = self._read(run)
         with tracked.guard:
             return [sheet for sheet, incident in tracked.of_sheet.items() if incident == number]
 
-    def asked(self, run: RunRow) -> list[AskedSheet]:
-        """Sheets of a run about which people are asked, with what they said."""
+    def sampled(self, run: RunRow) -> list[AskedSheet]:
+        """Return the sheets of a run that were sampled for review, with their labels."""
         follower = self._reading.follower
         if follower is None:
             return []
@@ -141,20 +143,20 @@ class RunIncidents:
         return asked_sheets(records, self._words.of_run(run_key(run)), of_sheet)
 
     def proposals(self, runs: Sequence[RunRow]) -> list[Proposal]:
-        """Tolerances that false alarms of these runs together propose."""
+        """Return the tolerances that false alarms of these runs propose in aggregate."""
         follower = self._reading.follower
         return [] if follower is None else proposals(follower, self._words, runs)
 
-    def said_of(self, run: RunRow, sheet: int) -> list[Word]:
-        """What people said of one sheet itself, in order."""
-        return [word for word in self._words.of_run(run_key(run)) if word.sheet == sheet]
+    def labels_of(self, run: RunRow, sheet: int) -> list[Word]:
+        """Return the labels of one sheet itself, in order."""
+        return [label for label in self._words.of_run(run_key(run)) if label.sheet == sheet]
 
     def _read(self, run: RunRow) -> _Tracked:
         key = run_key(run)
         with self._guard:
             tracked = self._runs.setdefault(key, _Tracked())
             self._runs.move_to_end(key)
-            while len(self._runs) > KEPT:
+            while len(self._runs) > MOST_CACHED:
                 self._runs.popitem(last=False)
         with tracked.guard:
             if not tracked.ended:
@@ -168,20 +170,20 @@ class RunIncidents:
         upto = follower.last_sheet(run.id)
         if upto > tracked.last:
             while True:
-                asked = Asked(run_id=run.id, to_look_at=True, last_sheet=upto)
-                rows = follower.sheets(asked, after=tracked.last, limit=AT_ONCE, damaged=lambda _: None)
+                query = Asked(run_id=run.id, to_look_at=True, last_sheet=upto)
+                rows = follower.sheets(query, after=tracked.last, limit=AT_ONCE, damaged=lambda _: None)
                 for row in rows:
                     tracked.last = row.page.sheet
                     for change in tracked.tracker.add(row.page):
-                        tracked.found[change.incident.number] = change.incident
+                        tracked.incidents[change.incident.number] = change.incident
                         if change.incident.last_sheet == row.page.sheet and change.what != "ended":
                             tracked.of_sheet[row.page.sheet] = change.incident.number
                 if len(rows) < AT_ONCE:
                     break
             tracked.last = upto
             changes = tracked.tracker.passed(upto)
-            tracked.found |= {change.incident.number: change.incident for change in changes}
+            tracked.incidents |= {change.incident.number: change.incident for change in changes}
         if run.end is not None:
             changes = tracked.tracker.finish(upto)
-            tracked.found |= {change.incident.number: change.incident for change in changes}
+            tracked.incidents |= {change.incident.number: change.incident for change in changes}
             tracked.ended = True

@@ -1,7 +1,7 @@
-"""What is new in the journal, for any number of browsers: one look ten times a second, whoever listens.
+"""New rows of the journal for any number of browsers, by one poll ten times a second.
 
-Sheets have numbers (of their rows), so whoever was away says the last number and gets what came since. All else is a
-state: whoever listens gets the latest, and need not know what was before.
+Sheets have numbers (of their rows), so a client that was away names the last number and gets the sheets
+since. All else is a state: a client gets the latest, and needs no earlier one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from prooflight.server.reading import facts
 from prooflight.server.reading.gate_health import GateFollower
 from prooflight.server.reading.now import RECENT, Now, now
 from prooflight.server.reading.reprints import Counted
-from prooflight.server.reading.together import together
+from prooflight.server.reading.together import imposed_sheets
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -39,30 +39,30 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-LOOK_S: Final = 0.1
-"""From a row that is durable to its being seen: half of this on average."""
+POLL_S: Final = 0.1
+"""Period of the poll; a durable row is read after half of it on average. [s]"""
 STATE_S: Final = 1.0
-"""The state is told so often although no sheet came: silence is one."""
+"""Period at which the state is sent although no sheet came, since silence is a state too. [s]"""
 RUN_S: Final = 0.5
-"""A run's counts ask for all its rows, so they are not counted with every sheet."""
+"""Least time between two counts of a run, which query all its rows. [s]"""
 COUNT_S: Final = 5.0
-"""Sheets and sets of a run ask for all its rows that are not good."""
+"""Least time between two counts of sheets and sets, which query all rows that are not good. [s]"""
 AT_ONCE: Final = 500
 MOST_MISSED: Final = 2000
-"""Sheets that a listener who was away is told; who missed more is told so, and begins anew."""
+"""Sheets that are sent to a client that was away; one that missed more gets a `gap` and begins anew."""
 PING_S: Final = 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """One thing that happened; text is JSON on one line."""
+    """An event; text is JSON on one line."""
 
     kind: str
     text: str
     id: int | None = None
 
     def as_text(self) -> str:
-        """As ``text/event-stream`` has it."""
+        """Return the event in the format of ``text/event-stream``."""
         first = "" if self.id is None else f"id: {self.id}\n"
         return f"{first}event: {self.kind}\ndata: {self.text}\n\n"
 
@@ -74,7 +74,7 @@ class _State:
 
 
 class Live:
-    """One for the whole server; ``run`` is its only task."""
+    """Live events of the server; ``run`` is its only task."""
 
     def __init__(
         self,
@@ -86,13 +86,17 @@ class Live:
         clock: Callable[[], float] = time.monotonic,
         ahead: Callable[[RunRow, PageRecord], None] = lambda _run, _page: None,
     ) -> None:
-        """ahead: told of the misprints of the run that goes on, so that their pictures are there before people are."""
+        """Create the service.
+
+        ahead: called with the misprints of the current run, so that their pictures exist before people open
+        them.
+        """
         self._reading, self._incidents, self._words, self._clock = reading, incidents, words, clock
         self._reprints = reprints
         self._gate = GateFollower(reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
-        self._row = self._state_word = -1
+        self._row = self._state_label = -1
         self._guard = threading.Lock()
         self._heads: Heads | None = None
         self._moved_s = self._state_s = clock()
@@ -100,7 +104,7 @@ class Live:
         self._changed = asyncio.Event()
         self._ahead = ahead
         self._now: Now | None = None
-        self._together: tuple[tuple[int, int, str] | None, float, Counts | None] = None, 0.0, None
+        self._sheet_counts: tuple[tuple[int, int, str] | None, float, Counts | None] = None, 0.0, None
         self._trouble = ""
         self.closing = False
         self.listeners = 0
@@ -109,15 +113,15 @@ class Live:
 
     @property
     def now(self) -> Now:
-        """As it was seen last."""
+        """Current state of the press at the last poll."""
         if self._now is None:
-            self._look()
+            self._poll()
         assert self._now is not None
         return self._now
 
     @property
     def trouble(self) -> str:
-        """Why the journal cannot be read; empty: it can."""
+        """Reason why the journal cannot be read; empty if it can."""
         return self._trouble
 
     @property
@@ -127,28 +131,28 @@ class Live:
 
     @property
     def last_id(self) -> int:
-        """Of the last sheet that was told."""
+        """Number of the row of the last sheet that was sent."""
         return max(self._row, 0)
 
     # --- the task ---
 
     async def run(self) -> None:
-        """Look until it is cancelled."""
+        """Poll until the task is cancelled."""
         while not self.closing:
             try:
-                changed = await anyio.to_thread.run_sync(self._look)
+                changed = await anyio.to_thread.run_sync(self._poll)
             except JournalError as error:
-                changed = self._say("trouble", {"text": str(error)})
+                changed = self._publish("trouble", {"text": str(error)})
                 self._trouble = str(error)
             except Exception:
                 _log.exception("the journal %s", self._reading.path)
                 changed = False
             if changed:
                 self._wake()
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)
 
     def close(self) -> None:
-        """All listeners go; a browser comes again by itself."""
+        """End all event streams; browsers reconnect by themselves."""
         self.closing = True
         self._wake()
 
@@ -156,21 +160,21 @@ class Live:
         waiting, self._changed = self._changed, asyncio.Event()
         waiting.set()
 
-    def _look(self) -> bool:
-        """Read what is new; whether anything is."""
+    def _poll(self) -> bool:
+        """Read new rows; returns whether anything changed."""
         with self._guard:
             return self._read()
 
     def _read(self) -> bool:
         heads, clock = self._reading.heads(), self._clock()
-        word = self._words.last()
+        last_label = self._words.last()
         news = heads != self._heads
-        if not news and word == self._state_word and clock - self._state_s < STATE_S:
+        if not news and last_label == self._state_label and clock - self._state_s < STATE_S:
             return False
         begun = self._heads is None or heads.run != self._heads.run or heads.row < self._row
         if begun:
             self._recent.clear()
-        if self._row < 0 or heads.row < self._row:  # the first look, or another journal in its place
+        if self._row < 0 or heads.row < self._row:  # the first poll, or another journal at this path
             self._events.clear()
             self._row = max(heads.row - RECENT, 0)
         moved = urgent = False
@@ -178,7 +182,7 @@ class Live:
         while heads.row > self._row:
             rows = self._reading.written_after(self._row, limit=AT_ONCE, damaged=lambda _: None)
             if not rows:
-                self._row = heads.row  # what is left cannot be read
+                self._row = heads.row  # the remaining rows cannot be read
                 break
             for row in rows:
                 self._row, moved = row.row, True
@@ -193,38 +197,40 @@ class Live:
         self._heads, self._trouble = heads, ""
         if moved and not (urgent or begun or heads.ended) and clock - self._state_s < RUN_S:
             return True
-        self._state_word, self._state_s = word, clock
-        return self._tell_state(misprint) or moved
+        self._state_label, self._state_s = last_label, clock
+        return self._publish_state(misprint) or moved
 
-    def _tell_state(self, misprint: PageRecord | None) -> bool:
+    def _publish_state(self, misprint: PageRecord | None) -> bool:
         run = self._reading.last_run()
         if run is not None and misprint is not None:
             self._ahead(run, misprint)
-        told = [] if run is None else self._incidents.of(run)
+        incidents = [] if run is None else self._incidents.of(run)
         counts = None if run is None else self._counted(run)
         reprints = Counted(count=0) if run is None else self._reprints.counted(run)
         self._now = now(
             run,
-            told,
+            incidents,
             [row.page for row in self._recent],
             quiet_s=self._clock() - self._moved_s,
             reprints=reprints,
             together=counts,
             gate=None if run is None else self._gate.of(run, reprints.gated),
         )
-        return self._say("now", facts.now_facts(self._now))
+        return self._publish("now", facts.now_facts(self._now))
 
     def _counted(self, run: RunRow) -> Counts | None:
-        """Sheets and sets of a run; asks for many rows, so it is done seldom."""
+        """Count sheets and sets of a run, which needs many rows and is therefore done seldom."""
         key, clock = (run.id, run.pages, run.state), self._clock()
-        known, counted_s, counts = self._together
-        if known != key and (known is None or known[::2] != key[::2] or clock - counted_s >= COUNT_S):
-            found = together(self._reading, run)
-            counts = None if found is None else found.found.counts
-            self._together = key, clock, counts
+        counted_key, counted_s, counts = self._sheet_counts
+        if counted_key != key and (
+            counted_key is None or counted_key[::2] != key[::2] or clock - counted_s >= COUNT_S
+        ):
+            imposed = imposed_sheets(self._reading, run)
+            counts = None if imposed is None else imposed.found.counts
+            self._sheet_counts = key, clock, counts
         return counts
 
-    def _say(self, name: str, value: dict[str, Any]) -> bool:
+    def _publish(self, name: str, value: dict[str, Any]) -> bool:
         text = json.dumps(value)
         if self._state.texts.get(name, (0, ""))[1] == text:
             return False
@@ -237,17 +243,21 @@ class Live:
     async def events(
         self, after: int | None, *, until: Callable[[], bool] = lambda: False, parts: Parts | None = None
     ) -> AsyncIterator[str]:
-        """From the sheet after that id on; None: from now on. Ends when the server does.
+        """Stream the sheets after that id, or from now on if it is None, until the server ends.
 
-        until: asked every quarter of a minute; True ends it. parts: makes HTML of the state, for a page; told as the
-        event ``parts`` in place of ``now``.
+        Parameters
+        ----------
+        until
+            Called every quarter of a minute; True ends the stream.
+        parts
+            Renders the state as HTML for a page, which is sent as the event ``parts`` in place of ``now``.
         """
         self.listeners += 1
         try:
             yield "retry: 1000\n\n"
             row, version = self.last_id if after is None else after, 0
-            asked_s = self._clock()
-            if row > self.last_id:  # of a journal that is gone
+            checked_s = self._clock()
+            if row > self.last_id:  # an id of an earlier journal
                 yield Event(kind="gap", text="{}", id=self.last_id).as_text()
                 row = self.last_id
             while not self.closing:
@@ -261,15 +271,15 @@ class Live:
                         row = event.id or row
                         yield event.as_text()
                 version_now = self._state.version
-                for name, (told, text) in list(self._state.texts.items()):
-                    if told <= version:
+                for name, (changed_at, text) in list(self._state.texts.items()):
+                    if changed_at <= version:
                         continue
                     if name == "now" and parts is not None:
                         name, text = "parts", await anyio.to_thread.run_sync(parts, self.now)
                     yield Event(kind=name, text=text).as_text()
                 version = version_now
-                if self._clock() >= asked_s + PING_S:
-                    asked_s = self._clock()
+                if self._clock() >= checked_s + PING_S:
+                    checked_s = self._clock()
                     if await anyio.to_thread.run_sync(until):
                         yield Event(kind="end", text="{}").as_text()
                         return
@@ -281,7 +291,7 @@ class Live:
             self.listeners -= 1
 
     async def _missed(self, row: int) -> list[Event] | None:
-        """Sheets after that row; None: too many to tell."""
+        """Return the sheets after that row; None if there are too many to send."""
         if row >= self.last_id:
             return []
         if self._events and (self._events[0].id or 0) <= row + 1:

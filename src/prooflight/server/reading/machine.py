@@ -1,4 +1,4 @@
-"""The machine as it stands: presses and jobs that the console was given, and the camera as the last run tells of it."""
+"""The machine: presses and jobs of the console, and the camera as the last run reports it."""
 
 from __future__ import annotations
 
@@ -19,52 +19,52 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressFacts:
-    """One press artefact; trouble: why it cannot be read, and then nothing else is known of it."""
+    """Facts of a press artefact; with ``trouble``, why it cannot be read, all others are empty."""
 
     file: str
     trouble: str = ""
     name: str = ""
     digest: str = ""
     width_mm: float = 0.0
-    """That its line sees."""
+    """Width that the camera's line covers."""
     pixels: int = 0
     pixel_mm: float = 0.0
     line_mm: float = 0.0
     sensors: tuple[str, ...] = ()
     promises: tuple[tuple[str, str], ...] = ()
-    """Of each detector that it has: name and promise."""
+    """Name and promised false-alarm rate of each of its detectors, as text."""
     misprint_rate: float = 0.0
     false_alarm_cents: float = 0.0
     missed_cents: float = 0.0
     press_file: str = ""
-    """Text that it was built from; empty: it does not hold it."""
+    """Text of the press file that it was built from; empty if it holds none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobFacts:
-    """One job."""
+    """Facts of a job."""
 
     file: str
     megabytes: float | None
-    """None: it is gone."""
+    """Size; None if the job is missing."""
     is_folder: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraFacts:
-    """What is known of a camera: the console itself holds none, whoever watches the press does."""
+    """Facts of the camera, which is held by the process that watches the press, not by the console."""
 
     run: RunRow
     going: bool
     sheet: PageRecord | None
-    """The last sheet of which some of the scan is kept; None: of none."""
+    """The last sheet with a stored part of its scan; None if there is none."""
 
 
 def press_facts(path: Path) -> PressFacts:
-    """Of one artefact."""
+    """Return the facts of a press artefact."""
     try:
         press = Press.load(path)
-        promised = tuple(promises(press).items())
+        rates = tuple(promises(press).items())
     except (OSError, ProoflightError) as error:
         return PressFacts(file=path.name, trouble=str(error))
     geometry, costs = press.geometry, press.costs
@@ -77,7 +77,7 @@ def press_facts(path: Path) -> PressFacts:
         pixel_mm=geometry.pixel_pitch_mm,
         line_mm=geometry.line_pitch_mm,
         sensors=tuple(sensor.name for sensor in press.sensors),
-        promises=promised,
+        promises=rates,
         misprint_rate=costs.misprint_rate,
         false_alarm_cents=costs.false_alarm_cents,
         missed_cents=costs.missed_misprint_cents,
@@ -86,18 +86,18 @@ def press_facts(path: Path) -> PressFacts:
 
 
 def job_facts(path: Path) -> JobFacts:
-    """Of one job."""
+    """Return the facts of a job."""
     try:
         if path.is_dir():
-            held = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-            return JobFacts(file=path.name, megabytes=held / 1e6, is_folder=True)
+            size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+            return JobFacts(file=path.name, megabytes=size / 1e6, is_folder=True)
         return JobFacts(file=path.name, megabytes=path.stat().st_size / 1e6)
     except OSError:
         return JobFacts(file=path.name, megabytes=None)
 
 
 def camera_facts(run: RunRow | None, recent: Sequence[PageRecord]) -> CameraFacts | None:
-    """By the last run; None: there was none. recent: its last sheets, in order."""
+    """Return the camera's facts by the last run; None if there was none. recent: its last sheets in order."""
     if run is None:
         return None
     seen = next((page for page in reversed(recent) if page.verdict.regions), None)
@@ -105,8 +105,8 @@ def camera_facts(run: RunRow | None, recent: Sequence[PageRecord]) -> CameraFact
 
 
 def settings_rows(run: RunRow) -> list[tuple[str, Any]]:
-    """What a run was started with."""
+    """Return the settings that a run was started with, as rows."""
     plan = facts_plan(run.facts.settings)
-    told = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.words})
-    told.pop("warnings", None)  # of the job, and shown with it
-    return sorted((name, value) for name, value in told.items() if value is not None)
+    settings = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.words})
+    settings.pop("warnings", None)  # those of the job are shown with the job
+    return sorted((name, value) for name, value in settings.items() if value is not None)

@@ -1,4 +1,4 @@
-"""The press at this moment: one state, what is open, what to do about it."""
+"""The current state of the press: one state, open incidents, and actions that are due."""
 
 from __future__ import annotations
 
@@ -15,42 +15,45 @@ if TYPE_CHECKING:
     from prooflight.inspection.sheets import Counts
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.server.reading.gate_health import GateHealth
-    from prooflight.server.reading.incidents import Told
+    from prooflight.server.reading.incidents import LabelledIncident
     from prooflight.server.reading.reprints import Counted
 
 State = Literal[
     "no-run", "waiting", "good", "overload", "stop", "look", "silent", "ended", "fault", "interrupted"
 ]
-"""waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: an alarm advises to stop,
-and nobody has answered. look: another alarm is open or unanswered. silent: no sheet comes. fault, interrupted, ended:
-how the run came to its end."""
+"""State of the press.
+
+waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: an alarm advises
+to stop, and nobody has answered. look: another alarm is open or unanswered. silent: no sheet comes. fault,
+interrupted, ended: how the run ended.
+"""
 SILENT_S: Final = 10.0
-"""Without a sheet, as ``watch`` says it of a camera."""
+"""Time without a sheet after which the camera is reported as silent, as ``watch`` does. [s]"""
 RECENT: Final = 100
-"""Sheets by which the health of camera and verdicts is told."""
+"""Number of last sheets from which the health of camera and verdicts is computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """What the last sheets say of the camera and of the inspection."""
+    """Health of the camera and of the inspection, by the last sheets."""
 
     sheets: int
     lost_lines: int
-    """Sheets of which the camera lost lines."""
+    """Number of sheets with lines that the camera lost."""
     not_inspected: int
     late: int
     faults: int
-    """Sheets with any fault of the paper path."""
+    """Number of sheets with any fault of the paper path."""
     sheets_per_s: float | None
-    """By the source's clock; None: too few sheets."""
+    """Rate by the source's clock; None if there are too few sheets."""
     inspection_ms: float | None
-    """Median of the time that a verdict took."""
+    """Median inspection time. [ms]"""
     quiet_s: float | None
-    """Since the console last saw a new sheet; None: the run is not going on."""
+    """Time since the console last saw a new sheet; None if the run has ended. [s]"""
 
     @property
     def camera(self) -> Literal["good", "look", "bad", "off"]:
-        """Of its lines."""
+        """State of the camera's lamp, by lost lines and silence."""
         if self.quiet_s is None or not self.sheets:
             return "off"
         if self.quiet_s > SILENT_S:
@@ -59,7 +62,7 @@ class Health:
 
     @property
     def inspection(self) -> Literal["good", "look", "bad", "off"]:
-        """Whether every sheet gets its verdict in time."""
+        """State of the inspection's lamp, by late sheets and sheets that were not inspected."""
         if self.quiet_s is None or not self.sheets:
             return "off"
         if self.not_inspected * 10 > self.sheets:
@@ -69,38 +72,40 @@ class Health:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Now:
-    """Of the last run."""
+    """Current state of the last run."""
 
     state: State
     run: RunRow | None
-    cause: Told | None
-    """The most urgent incident; None: none asks for anything."""
-    incidents: tuple[Told, ...]
-    """Open, or not answered; the most urgent first."""
+    cause: LabelledIncident | None
+    """The most urgent incident; None if none needs action."""
+    incidents: tuple[LabelledIncident, ...]
+    """Incidents that are open or not answered, the most urgent first."""
     reprints: Counted
-    """Sheets to print again."""
+    """Counts of sheets to print again."""
     health: Health
     together: Counts | None = None
-    """Of sheets and sets; None: every page is a sheet of its own, and belongs to no set."""
+    """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
-    """None: the run has no gate."""
+    """Health of the gate; None if the run has no gate."""
     overload: tuple[int, int] | None = None
-    """Sheets that inspection was too slow for, and among how many of the last; None: it keeps pace."""
+    """Late sheets, and how many of the last they are of; None if inspection keeps pace."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Of the run's job, a line each."""
+        """Warnings of the run's job, a line each."""
         return () if self.run is None else job_warnings(self.run)
 
     @property
     def alarm(self) -> bool:
-        """Whether it should be heard."""
-        stops = any(not told.seen and told.incident.disposition == "stop" for told in self.incidents)
+        """Whether the alarm should sound."""
+        stops = any(
+            not labelled.seen and labelled.incident.disposition == "stop" for labelled in self.incidents
+        )
         return stops or self.state == "overload"
 
 
 def health(pages: Sequence[PageRecord], *, quiet_s: float | None) -> Health:
-    """Of the last sheets, in order."""
+    """Return the health by the last sheets, which are in order."""
     times = [page.time_s for page in pages]
     span_s = times[-1] - times[0] if len(times) > 1 else 0.0
     took = sorted(page.verdict.milliseconds for page in pages if page.verdict.milliseconds > 0)
@@ -118,7 +123,7 @@ def health(pages: Sequence[PageRecord], *, quiet_s: float | None) -> Health:
 
 def now(
     run: RunRow | None,
-    incidents: Sequence[Told],
+    incidents: Sequence[LabelledIncident],
     pages: Sequence[PageRecord],
     *,
     quiet_s: float,
@@ -126,14 +131,14 @@ def now(
     together: Counts | None = None,
     gate: GateHealth | None = None,
 ) -> Now:
-    """Put together. incidents: of the run, all; pages: the last ones."""
+    """Return the current state of the press; incidents: all of the run; pages: its last ones."""
     going = run is not None and run.state == "running"
-    asked = sorted((told for told in incidents if _asks(told)), key=_urgency)
-    of = health(pages, quiet_s=quiet_s if going else None)
+    pending = sorted((labelled for labelled in incidents if _needs_action(labelled)), key=_urgency)
+    last = health(pages, quiet_s=quiet_s if going else None)
     slow = overload(pages)
     state: State = "no-run"
     if run is not None:
-        urgent = asked[0] if asked else None
+        urgent = pending[0] if pending else None
         if going and slow is not None:
             state = "overload"
         elif going and urgent is not None and not urgent.seen and urgent.incident.disposition == "stop":
@@ -144,32 +149,34 @@ def now(
             state = "ended"
         elif not pages:
             state = "waiting"
-        elif of.camera == "bad":
+        elif last.camera == "bad":
             state = "silent"
         else:
-            state = "look" if asked else "good"
+            state = "look" if pending else "good"
     return Now(
         state=state,
         run=run,
-        cause=asked[0] if asked else None,
-        incidents=tuple(asked),
+        cause=pending[0] if pending else None,
+        incidents=tuple(pending),
         reprints=reprints,
-        health=of,
+        health=last,
         together=together,
         gate=gate,
         overload=slow,
     )
 
 
-def _asks(told: Told) -> bool:
-    """Whether somebody should look: nobody has, a label does not cover its last sheets, or it goes on and is no false
+def _needs_action(labelled: LabelledIncident) -> bool:
+    """Return whether an incident needs action.
+
+    It does if nobody has seen it, if a label does not cover its last sheets, or if it is open and no false
     alarm.
     """
-    if not told.seen or (told.label is not None and not told.answered):
+    if not labelled.seen or (labelled.label is not None and not labelled.answered):
         return True
-    return told.incident.open and told.word != "false-alarm"
+    return labelled.incident.open and labelled.word != "false-alarm"
 
 
-def _urgency(told: Told) -> tuple[bool, int, bool, int]:
-    incident = told.incident
-    return told.seen, -LEAST_FIRST.index(incident.disposition), not incident.open, -incident.last_sheet
+def _urgency(labelled: LabelledIncident) -> tuple[bool, int, bool, int]:
+    incident = labelled.incident
+    return labelled.seen, -LEAST_FIRST.index(incident.disposition), not incident.open, -incident.last_sheet

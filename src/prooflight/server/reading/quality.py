@@ -1,4 +1,4 @@
-"""What a quality manager asks of a run: is the promise kept, who overruled what, why was a sheet not inspected."""
+"""Quality figures of a run: realised false alarms, overruled verdicts, and sheets not inspected."""
 
 from __future__ import annotations
 
@@ -11,51 +11,55 @@ from scipy import special
 
 from prooflight.journal.words import FALSE_ALARM, UNKNOWN
 from prooflight.server.reading.report import report
-from prooflight.server.reading.runs import looked_at
+from prooflight.server.reading.runs import pages_to_review
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunRow
     from prooflight.press.artefact import Press
-    from prooflight.server.reading.incidents import RunIncidents, Told
+    from prooflight.server.reading.incidents import LabelledIncident, RunIncidents
     from prooflight.server.reading.reprints import Counted
     from prooflight.server.reading.runs import Reading
     from prooflight.server.reading.stations import Stations
 
-Kept = Literal["suspended", "unknown", "more", "waiting", "kept"]
-"""more: by chance so many would come once in twenty runs at most. waiting: it hangs on alarms that nobody answered."""
+RateResult = Literal["suspended", "unknown", "more", "waiting", "kept"]
+"""Result of comparing false alarms with the promised rate.
+
+more: so many would come by chance once in twenty runs at most. waiting: the result depends on unanswered
+alarms.
+"""
 
 RARE: Final = 0.05
-"""Chance below which more false alarms than promised are taken to be no chance. assumed: usual for such a test."""
+"""Significance level of the test for too many false alarms. assumed: usual for such a test."""
 BINS: Final = 48
-"""Of a run, for the picture of its course."""
+"""Number of parts into which a run is divided for its chart."""
 MOST_REASONS: Final = 8
 _NUMBERS = re.compile(r"[-+]?\d+(?:[.,:]\d+)*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """False alarms: what the detector promised of good sheets, and what came."""
+    """Promised and realised false alarms."""
 
     text: str
-    """In the detector's words; empty: the press of the run is not known here."""
+    """Text of the detector's promise; empty if the press of the run is not known here."""
     rate: float | None
-    """Good sheets that may alarm, of all good sheets [-]; None: it is not known as a number."""
+    """Promised false-alarm rate of good sheets [-]; None if it is not known as a number."""
     good: int
-    """Sheets that were good, as far as people have said."""
+    """Number of sheets that were good, as far as they are labelled."""
     confirmed: int
-    """Sheets whose alarm somebody called false."""
+    """Number of sheets with an alarm labelled as false."""
     unanswered: int
-    """Misprints of which nobody said what they are."""
+    """Number of misprints without a label that says what they are."""
     suspended_from: int | None
 
     @property
     def expected(self) -> float | None:
-        """False alarms that the promise allows on average, at most."""
+        """Greatest expected number of false alarms by the promised rate."""
         return None if self.rate is None else self.rate * self.good
 
     @property
-    def state(self) -> Kept:
-        """Whether it was kept, by the binomial chance of so many false alarms or more."""
+    def state(self) -> RateResult:
+        """Result of the test, by the binomial probability of so many false alarms or more."""
         if self.suspended_from is not None:
             return "suspended"
         if self.rate is None:
@@ -70,46 +74,46 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Override:
-    """Somebody said otherwise than the verdicts of an incident."""
+    """A label that overrules the verdicts of an incident."""
 
     incident: int
     kind: str
     sheets: int
-    """That the person saw."""
+    """Number of sheets that the person saw."""
     by: str
     at_s: float
     note: str
     stands: bool
-    """Whether it is the last word."""
+    """Whether it is the label in force."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality:
-    """A run report."""
+    """Quality report of a run."""
 
     figures: dict[str, Any]
-    """See ``report``."""
+    """Figures of the run; see ``report``."""
     promise: Promise
     overrides: tuple[Override, ...]
     reasons: dict[str, int]
-    """Sheets that were not inspected by why, numbers left out."""
+    """Number of sheets that were not inspected by reason, with the numbers removed from the reasons."""
     course: tuple[dict[str, int], ...]
-    """Misprints, sheets not inspected and late ones in equal parts of the run."""
+    """Counts of misprints, sheets not inspected and late ones in equal parts of the run."""
 
 
 def quality(
     reading: Reading, incidents: RunIncidents, stations: Stations, reprints: Counted, run: RunRow
 ) -> Quality:
-    """A run report; JournalError."""
+    """Return the quality report of a run; raises JournalError."""
     figures = report(reading, incidents, stations, reprints, run)
-    told = incidents.of(run)
+    labelled = incidents.of(run)
     label_of = incidents.labels(run)
     reasons: Counter[str] = Counter()
-    course = [{"misprint": 0, "not-inspected": 0, "late": 0} for _ in range(BINS)]
+    parts = [{"misprint": 0, "not-inspected": 0, "late": 0} for _ in range(BINS)]
     last, unanswered = _last_sheet(reading, run), 0
-    for page in looked_at(reading, run):
+    for page in pages_to_review(reading, run):
         verdict = page.verdict
-        part = course[min(page.sheet * BINS // max(last + 1, 1), BINS - 1)]
+        part = parts[min(page.sheet * BINS // max(last + 1, 1), BINS - 1)]
         part["late"] += page.late
         if verdict.verdict == "good":
             continue
@@ -128,33 +132,33 @@ def quality(
         suspended_from=run.promise_suspended_from,
     )
     overrides = (
-        one for each in told for one in _overrides(each, incidents.sheets_of(run, each.incident.number))
+        one for each in labelled for one in _overrides(each, incidents.sheets_of(run, each.incident.number))
     )
-    found = tuple(sorted(overrides, key=lambda one: -one.at_s))
+    sorted_overrides = tuple(sorted(overrides, key=lambda one: -one.at_s))
     return Quality(
         figures=figures,
         promise=promise,
-        overrides=found,
+        overrides=sorted_overrides,
         reasons=dict(reasons.most_common(MOST_REASONS)),
-        course=tuple(course),
+        course=tuple(parts),
     )
 
 
-def _overrides(told: Told, sheets: list[int]) -> list[Override]:
-    """sheets: of the incident."""
-    if not told.of_misprints:
+def _overrides(labelled: LabelledIncident, sheets: list[int]) -> list[Override]:
+    """Return the labels that call an incident a false alarm; sheets: those of the incident."""
+    if not labelled.of_misprints:
         return []
     return [
         Override(
-            incident=told.incident.number,
-            kind=told.incident.kind,
+            incident=labelled.incident.number,
+            kind=labelled.incident.kind,
             sheets=sum(map(word.covers, sheets)),
             by=word.by,
             at_s=word.at_s,
             note=word.note,
-            stands=told.label is word,
+            stands=labelled.label is word,
         )
-        for word in told.words
+        for word in labelled.words
         if word.word == FALSE_ALARM
     ]
 
@@ -165,7 +169,7 @@ def _last_sheet(reading: Reading, run: RunRow) -> int:
 
 
 def _rate(press: Press | None, detector: str) -> float | None:
-    """Of the promise as a number; None: the detector gives none, or its press is not known."""
+    """Return the promised false-alarm rate; None if the detector gives none, or its press is not known."""
     if press is None:
         return None
     if detector == "ours" and press.ours is not None:

@@ -13,7 +13,7 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.journal.words import OF_GOOD
 from prooflight.line.told import counts_of
 from prooflight.server.reading import facts
-from prooflight.server.reading.runs import looked_at
+from prooflight.server.reading.runs import pages_to_review
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunRow
@@ -25,24 +25,25 @@ if TYPE_CHECKING:
 HEAT_MM: Final = 10.0
 """Side of a cell of the heat map."""
 MOST_CELLS: Final = 120
-"""Along each side: pages longer than 1.2 m have larger cells."""
+"""Largest number of cells along each side: pages longer than 1.2 m have larger cells."""
 MOST_OPEN: Final = 60
-"""Sheets of the sample that are listed as not yet told."""
+"""Largest number of sampled sheets that are listed as unlabelled."""
 
 
 def report(
     reading: Reading, incidents: RunIncidents, stations: Stations, reprints: Counted, run: RunRow
 ) -> dict[str, Any]:
-    """See ``ReportAnswer``. Labels change no verdict: a false alarm is one of the misprints by verdict.
+    """Return the figures of a run; see ``ReportAnswer``.
 
-    Only alarms are confirmed by people, so ``realised_per_good_sheet`` counts unanswered alarms as misprints.
+    Labels change no verdict: a false alarm is one of the misprints by verdict. Only alarms are confirmed by
+    people, so ``realised_per_good_sheet`` counts unanswered alarms as misprints.
     """
-    told = incidents.of(run)
+    labelled = incidents.of(run)
     label_of = incidents.labels(run)
     kinds: Counter[str] = Counter()
     by: dict[str, Counter[str]] = defaultdict(Counter)
     false_alarms, boxes = 0, []
-    for page in looked_at(reading, run):
+    for page in pages_to_review(reading, run):
         if page.verdict.verdict != "misprint":
             continue
         kinds[page.verdict.kind or "unknown"] += 1
@@ -52,20 +53,20 @@ def report(
             (region.x_mm, region.y_mm, region.width_mm, region.height_mm)
             for region in page.verdict.regions[:1]
         ]
-    for one in told:
+    for one in labelled:
         for word in one.standing:
             by[word.by][word.word] += 1
     good = run.pages - run.not_inspected - run.misprints + false_alarms
     return {
         "run": facts.run_of(run),
         "kinds": dict(kinds.most_common()),
-        "incidents": len(told),
-        "misprint_incidents": sum(one.of_misprints for one in told),
-        "answered": sum(one.answered for one in told),
+        "incidents": len(labelled),
+        "misprint_incidents": sum(one.of_misprints for one in labelled),
+        "answered": sum(one.answered for one in labelled),
         "false_alarms": false_alarms,
         "to_print_again": reprints.count,
         "unprinted": reprints.unprinted,
-        "promised": _promised(stations, run),
+        "promised": _promise_text(stations, run),
         "realised_per_good_sheet": false_alarms / good if good else None,
         "sample": sample_of(incidents, run),
         "tolerances": [asdict(one) for one in incidents.proposals([run])],
@@ -75,13 +76,13 @@ def report(
 
 
 def sample_of(incidents: RunIncidents, run: RunRow) -> dict[str, Any]:
-    """What people were asked and told, and what it says of the run; None: it says nothing yet."""
-    asked = incidents.asked(run)
-    counts = counts_of(run, asked)
-    open_questions = [one.record.sheet for one in asked if not one.alarm and not one.state]
+    """Return the sample for review, its labels, and estimates from them; an estimate may be None."""
+    sampled = incidents.sampled(run)
+    counts = counts_of(run, sampled)
+    open_questions = [one.record.sheet for one in sampled if not one.alarm and not one.state]
     missed, false_alarms = counts.missed, counts.false_alarms
     return {
-        "sampled": sum(not one.alarm for one in asked),
+        "sampled": sum(not one.alarm for one in sampled),
         "sampled_told": counts.passed_told,
         "alarms": counts.alarms,
         "alarms_told": counts.alarms_told,
@@ -93,7 +94,10 @@ def sample_of(incidents: RunIncidents, run: RunRow) -> dict[str, Any]:
 
 
 def heat_map(boxes: list[tuple[float, float, float, float]]) -> dict[str, Any]:
-    """How many misprints cover each cell of the page; boxes: x, y, width, height [mm]. Rows begin at the top."""
+    """Count the misprints that cover each cell of the page; rows begin at the top.
+
+    boxes: x, y, width and height. [mm]
+    """
     if not boxes:
         return {"cell_mm": HEAT_MM, "rows": []}
     corners = np.array(boxes)
@@ -107,7 +111,7 @@ def heat_map(boxes: list[tuple[float, float, float, float]]) -> dict[str, Any]:
     return {"cell_mm": cell, "rows": counts.tolist()}
 
 
-def _promised(stations: Stations, run: RunRow) -> str | None:
+def _promise_text(stations: Stations, run: RunRow) -> str | None:
     press = stations.press(run)
     if press is None:
         return None

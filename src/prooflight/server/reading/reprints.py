@@ -1,4 +1,4 @@
-"""Sheets to print again of any run, as ``plant.reprinting`` counts them: for Now, page, CSV, API and report alike."""
+"""Sheets to print again of any run, as ``plant.reprinting`` determines them, for all their readers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from prooflight.journal.words import Labels, run_key
 from prooflight.pages.memory import file_stamp
 from prooflight.plant.gate.log import log_path
 from prooflight.plant.reprinting import reprint_list
-from prooflight.server.reading.runs import looked_at
+from prooflight.server.reading.runs import pages_to_review
 from prooflight.server.reading.together import MOST_LISTED, positions_passed
 
 if TYPE_CHECKING:
@@ -31,10 +31,13 @@ if TYPE_CHECKING:
     from prooflight.server.reading.runs import Reading
 
 MOST_STORED: Final = 16
-"""Runs whose lists stay stored."""
+"""Number of runs whose lists are cached."""
 QUICK_S: Final = 0.05
 SHARE: Final = 20
-"""A list that takes more processor time than ``QUICK_S`` is made anew for Now in one part of so many of the time."""
+"""Inverse share of time spent on lists for Now.
+
+A list that takes more processor time than ``QUICK_S`` is made again in one part of so many of the time.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,9 +49,9 @@ class Counted:
     unprinted: int = 0
     """Number of them that were not printed when the run ended."""
     trouble: str = ""
-    """Why they cannot be counted."""
+    """Reason why they cannot be counted."""
     disagreements: int = 0
-    """Sheets of which the controller's log and the wire name different trays."""
+    """Number of sheets for which the controller's log and the wire name different trays."""
     gated: Gated | None = None
     """State of the gate's sheets; None if the run had no gate."""
 
@@ -56,19 +59,19 @@ class Counted:
 @dataclass(slots=True)
 class _Lately:
     forced: tuple[Any, ...] | None = None
-    """Run, its state and its last word: a change of these asks for a new count at once."""
+    """Run, its state and its last label: a change of these needs a new count at once."""
     at_s: float = 0.0
     took_s: float = 0.0
     counted: Counted | None = None
 
 
 class Reprints:
-    """Of any run; made anew when the run, its words or what is known of its gate have come further."""
+    """Cache of lists, made again when the run, its labels or its gate's log have got further."""
 
     def __init__(
         self, reading: Reading, incidents: RunIncidents, words: Words, gates: Gates, *, trays: Path | None
     ) -> None:
-        """trays: the controller's log of its trays."""
+        """Create the cache. trays: the controller's log of its trays."""
         self._reading, self._incidents, self._words, self._gates = reading, incidents, words, gates
         self._trays = trays
         self._guard = threading.Lock()
@@ -76,7 +79,11 @@ class Reprints:
         self._lately = _Lately()
 
     def of(self, run: RunRow) -> ReprintList:
-        """ProoflightError: the gate's log or the controller's cannot be read, or a sheet of the journal cannot."""
+        """Return the sheets to print again.
+
+        Raises ProoflightError if the gate's log, the controller's log or a sheet of the journal cannot be
+        read.
+        """
         key = self._key(run)
         with self._guard:
             if (stored := self._stored.get(key)) is None:
@@ -87,7 +94,7 @@ class Reprints:
             return stored
 
     def counted(self, run: RunRow) -> Counted:
-        """For Now: of a long run that goes on it may lie some sheets behind."""
+        """Return the count for Now, which may lag some sheets behind in a long run."""
         forced = run_key(run), run.state, self._words.last()
         lately, now_s, began_s = self._lately, time.monotonic(), time.thread_time()
         waits = lately.took_s > QUICK_S and now_s - lately.at_s < SHARE * lately.took_s
@@ -99,11 +106,11 @@ class Reprints:
         return lately.counted
 
     def gated(self, run: RunRow) -> Gated | None:
-        """What became of the sheets of a run with a gate; None: it had none. ProoflightError as ``of``."""
+        """Return the accounts of a run with a gate; None if it had none. Raises ProoflightError as ``of``."""
         return self._gates.of(run) if log_path(self._reading.path, run.id).is_file() else None
 
     def count(self, run: RunRow) -> Counted:
-        """As it is now, or why it cannot be said."""
+        """Return the current count, or why there is none."""
         try:
             listed, gated = self.of(run), self.gated(run)
         except (ProoflightError, OSError) as error:
@@ -122,7 +129,7 @@ class Reprints:
 
     def _listed(self, run: RunRow) -> ReprintList:
         labels = Labels(self._words.of_run(run_key(run)))
-        rows = list(looked_at(self._reading, run, damaged=refuse))
+        rows = list(pages_to_review(self._reading, run, damaged=refuse))
         gated = self.gated(run)
         return reprint_list(
             run,
@@ -130,32 +137,35 @@ class Reprints:
             passed=positions_passed(self._reading, run, rows),
             labels=labels,
             incident_of=lambda sheet: self._incidents.of_sheet(run, sheet),
-            gate=None if gated is None else (gated.kept, gated.found),
+            gate=None if gated is None else (gated.log, gated.accounts),
         )
 
     def _with_others(self, run: RunRow, rows: list[PageRecord], labels: Labels) -> list[PageRecord]:
-        """Rows that somebody should look at, rows with a label, and all prints of sheets that came again."""
-        found = {row.sheet: row for row in rows}
+        """Return rows to review, rows with a label, and all prints of sheets that came again."""
+        row_of_sheet = {row.sheet: row for row in rows}
         again = {row.job_page for row in rows if "repeated" in row.faults and row.job_page is not None}
         query = Asked(run_id=run.id, sheets=tuple(labels.sheets), job_pages=tuple(again))
         after = -1
         while (labels.sheets or again) and (
             more := self._reading.sheets(query, after=after, limit=1000, damaged=refuse)
         ):
-            found |= {row.page.sheet: row.page for row in more}
+            row_of_sheet |= {row.page.sheet: row.page for row in more}
             after = more[-1].page.sheet
-        return [found[sheet] for sheet in sorted(found)]
+        return [row_of_sheet[sheet] for sheet in sorted(row_of_sheet)]
 
 
 def disagreements(run: RunRow, gated: Gated) -> list[Disagreement]:
-    """Where the controller's log and the wire differ; of a run that goes on, the log's rows may still be to come."""
-    return [one for one in gated.found.disagreements if one.file or run.state != "running"]
+    """Return the disagreements between the controller's log and the wire.
+
+    While the run goes on, rows of the log may still be to come, so a missing row is none.
+    """
+    return [one for one in gated.accounts.disagreements if one.file or run.state != "running"]
 
 
 def reprint_facts(
     run: RunRow, listed: ReprintList, incidents: RunIncidents, gated: Gated | None
 ) -> dict[str, Any]:
-    """For programs; see ``ReprintAnswer``."""
+    """Return the list for programs; see ``ReprintAnswer``."""
     sheets = []
     for one in islice(listed.all(), MOST_LISTED):
         facts = asdict(one)
@@ -176,7 +186,7 @@ def reprint_facts(
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """Empty: there is no file."""
+    """Return the stamp of a file; empty if there is none."""
     try:
         return () if path is None else tuple(file_stamp(path))
     except OSError:

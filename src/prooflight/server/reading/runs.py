@@ -1,4 +1,4 @@
-"""Runs and sheets of a journal that another process writes, which may not be there yet."""
+"""Runs and sheets of a journal that another process writes, which may not exist yet."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ if TYPE_CHECKING:
     from prooflight.journal.schema import JournalError
 
 AT_ONCE: Final = 1000
-KEPT: Final = 512
-"""Runs that ended: they do not change, and their pages need not be counted again."""
+MOST_CACHED: Final = 512
+"""Number of ended runs that are cached: they do not change, and their pages need not be counted again."""
 
 
 class Reading:
-    """What a journal holds. JournalError where it cannot be read, ``Problem`` 404 where there is no such thing."""
+    """Reader of a journal.
+
+    Its methods raise JournalError if the journal cannot be read, and ``Problem`` 404 for a missing item.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -35,26 +38,26 @@ class Reading:
 
     @property
     def follower(self) -> JournalFollower | None:
-        """The journal; None: there is none yet."""
+        """The open journal; None if there is none yet."""
         with self._guard:
             if self._follower is None:
                 self._follower = follow(self.path, version=__version__)
             return self._follower
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal."""
         with self._guard:
             if self._follower is not None:
                 self._follower.close()
                 self._follower = None
 
     def heads(self) -> Heads:
-        """How far it has come."""
-        found = self.follower
-        return Heads(row=0, run=0, ended=False) if found is None else found.heads()
+        """Return the last row and the last run of the journal."""
+        follower = self.follower
+        return Heads(row=0, run=0, ended=False) if follower is None else follower.heads()
 
     def run_id(self, text: str) -> int:
-        """The number that a path names: digits, or `last`."""
+        """Return the number of the run that a path names: digits, or `last`."""
         if text == "last":
             if last := self.heads().run:
                 return last
@@ -64,11 +67,11 @@ class Reading:
         return int(text)
 
     def run_named(self, text: str) -> RunRow:
-        """The run that a path names."""
+        """Return the run that a path names."""
         return self.run(self.run_id(text))
 
     def run(self, run_id: int) -> RunRow:
-        """One run."""
+        """Return one run."""
         with self._guard:
             if (kept := self._ended.get(run_id)) is not None:
                 return kept
@@ -83,12 +86,12 @@ class Reading:
         if row.end is not None:
             with self._guard:
                 self._ended[run_id] = row
-                while len(self._ended) > KEPT:
+                while len(self._ended) > MOST_CACHED:
                     self._ended.popitem(last=False)
         return row
 
     def _counted(self, follower: JournalFollower, run_id: int) -> RunRow:
-        """A run; of one that goes on only what was written since is counted: all of it may be millions of rows."""
+        """Return a run; if it goes on, only new rows are counted, since all of it may be millions of rows."""
         with self._guard:
             before = self._going
         same = before is not None and before.run.id == run_id
@@ -100,26 +103,26 @@ class Reading:
         return counted.run
 
     def last_run(self) -> RunRow | None:
-        """The latest; None: there is none."""
+        """Return the latest run; None if there is none."""
         last = self.heads().run
         return self.run(last) if last else None
 
     def runs(
         self, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[RunRow]:
-        """The latest first; before: only those of lower numbers."""
+        """Return runs, the latest first; before: only those of lower numbers."""
         from prooflight.journal.schema import JournalError
 
-        follower, found = self.follower, []
+        follower, rows = self.follower, []
         for number in [] if follower is None else follower.run_ids(before=before, limit=limit):
             try:
-                found.append(self.run(number))
+                rows.append(self.run(number))
             except JournalError as error:
                 damaged(error)
-        return found
+        return rows
 
     def sheet(self, run_id: int, sheet: int) -> PageRecord:
-        """One sheet with its evidence."""
+        """Return one sheet with its evidence."""
         follower = self.follower
         one = Asked(run_id=run_id, first_sheet=sheet, last_sheet=sheet)
         if follower is None or not 0 <= sheet <= MOST_ID or not 0 < run_id <= MOST_ID:
@@ -129,34 +132,34 @@ class Reading:
         return follower.page(run_id, sheet)
 
     def sheets(
-        self, asked: Asked, *, after: int, limit: int, damaged: Callable[[JournalError], None]
+        self, query: Asked, *, after: int, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:
-        """Of one run, by number."""
+        """Return sheets of one run, by number."""
         follower = self.follower
-        return [] if follower is None else follower.sheets(asked, after=after, limit=limit, damaged=damaged)
+        return [] if follower is None else follower.sheets(query, after=after, limit=limit, damaged=damaged)
 
-    def found(
-        self, asked: Asked, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
+    def search(
+        self, query: Asked, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:
-        """Of any run, the latest first."""
+        """Return sheets of any run, the latest first."""
         follower = self.follower
-        return [] if follower is None else follower.found(asked, before=before, limit=limit, damaged=damaged)
+        return [] if follower is None else follower.found(query, before=before, limit=limit, damaged=damaged)
 
     def written_after(
         self, row: int, *, run_id: int | None = None, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:
-        """In the order of writing."""
+        """Return sheets after a row, in the order of writing."""
         follower = self.follower
         if follower is None:
             return []
         return follower.written_after(row, run_id=run_id, limit=limit, damaged=damaged)
 
 
-def looked_at(
+def pages_to_review(
     reading: Reading, run: RunRow, *, damaged: Callable[[JournalError], None] = lambda _: None
 ) -> Iterator[PageRecord]:
-    """A run's sheets that somebody should look at; damaged: gets each that cannot be read."""
-    after, asked = -1, Asked(run_id=run.id, to_look_at=True)
-    while rows := reading.sheets(asked, after=after, limit=AT_ONCE, damaged=damaged):
+    """Iterate over the sheets of a run that need review; damaged: called for each that cannot be read."""
+    after, query = -1, Asked(run_id=run.id, to_look_at=True)
+    while rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=damaged):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet

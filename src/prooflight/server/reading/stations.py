@@ -1,4 +1,4 @@
-"""Presses and jobs that the console was given, found by the digests that runs name."""
+"""Presses and jobs of the console, selected by the digests that runs name."""
 
 from __future__ import annotations
 
@@ -19,20 +19,18 @@ if TYPE_CHECKING:
     from prooflight.journal.records import RunRow
 
 LOADED: Final = 2
-"""Presses that stay in memory."""
+"""Number of presses that are cached."""
 
 
 class Stations:
-    """Looks a file up again where it has changed."""
+    """Presses and jobs by digest; a file is read again if it has changed."""
 
     def __init__(self, *, presses: Sequence[Path], jobs: Sequence[Path]) -> None:
         self._presses, self._jobs = tuple(presses), tuple(jobs)
         self._guard = threading.Lock()
 
     def warm(self) -> None:
-        """Read presses and jobs before somebody asks for them, as many as stay in memory: a press takes a quarter of a
-        second.
-        """
+        """Load presses and jobs in advance, as many as are cached: a press takes a quarter of a second."""
         for path in self._presses[:LOADED]:
             with contextlib.suppress(OSError, ProoflightError):
                 press_of(path, content_stamp(path))
@@ -41,14 +39,14 @@ class Stations:
                 digest_of(path, content_stamp(path))
 
     def press(self, run: RunRow) -> Press | None:
-        """By which a run was judged; None: it was not given."""
-        found = self._found(run)
-        return None if found is None else found[1]
+        """Return the press by which a run was judged; None if the console does not have it."""
+        located = self._found(run)
+        return None if located is None else located[1]
 
     def press_file(self, run: RunRow) -> Path | None:
-        """Where that press lies; None: it was not given."""
-        found = self._found(run)
-        return None if found is None else found[0]
+        """Return the file of that press; None if the console does not have it."""
+        located = self._found(run)
+        return None if located is None else located[0]
 
     def _found(self, run: RunRow) -> tuple[Path, Press] | None:
         with self._guard:
@@ -62,7 +60,7 @@ class Stations:
         return None
 
     def job(self, run: RunRow) -> Path | None:
-        """What was printed; None: it was not given, or it is another by now."""
+        """Return the job of a run; None if the console does not have it, or if it has changed since."""
         if not run.facts.job_digest:
             return None
         with self._guard:
@@ -77,18 +75,18 @@ class Stations:
 
 @lru_cache(maxsize=LOADED)
 def press_of(path: Path, _stamp: tuple[int, ...]) -> tuple[Press, str]:
-    """The press of a file, and its digest; _stamp: ``content_stamp``, under which it stays known."""
+    """Return the press of a file, and its digest. _stamp: ``content_stamp``, the key of the cache."""
     press = Press.load(path)
     return press, press.digest
 
 
 @lru_cache(maxsize=64)
 def digest_of(path: Path, _stamp: tuple[int, ...]) -> str:
-    """``content_digest`` of a job; _stamp likewise."""
+    """Return ``content_digest`` of a job. _stamp: as in ``press_of``."""
     return content_digest(path)
 
 
 def content_stamp(path: Path) -> tuple[int, ...]:
-    """Of a file, or of all files in a folder: another where one of them has changed."""
+    """Return a stamp of a file, or of all files in a folder, that changes when one of them changes."""
     files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
     return tuple(number for file in files for number in file_stamp(file))

@@ -1,4 +1,4 @@
-"""Zones of the jobs that the console was given, where their file lies beside the job: ``JOB.zones.json``."""
+"""Zones of the console's jobs, in a file next to each job: ``JOB.zones.json``."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 SUFFIX: Final = ".zones.json"
 DPI: Final = 100.0
-"""At which the page in the picture is drawn."""
+"""Resolution of the page in the picture."""
 SORTS: Final = (("spot", "mm"), ("streak", "%"), ("density", "%"))
-"""What a price speaks of, and in what unit."""
+"""Sorts of defects in a price, with their units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZonesFacts:
-    """Zones of one job; trouble: why they cannot be read, and then nothing else is known of them."""
+    """Zones of one job; with ``trouble``, why they cannot be read, the other fields are empty."""
 
     job: str
     file: str
@@ -35,20 +35,20 @@ class ZonesFacts:
     zones: tuple[ZoneEntry, ...] = ()
     contested: tuple[str, ...] = ()
     prints: int | None = None
-    """Good prints by which they were priced; None: they are not in force."""
+    """Number of good prints from which they were priced; None if they are not in force."""
     told: tuple[dict[str, Any], ...] = ()
-    """The price, as ``PriceEntry.told``."""
+    """Rows of the price, as ``PriceEntry.told``."""
     digest: str = ""
 
 
-def zones_beside(job: Path) -> Path:
-    """Where the zones of a job lie."""
+def zones_path(job: Path) -> Path:
+    """Return the path of the zones of a job."""
     return job.with_name((job.name if job.is_dir() else job.stem) + SUFFIX)
 
 
 def zones_facts(job: Path) -> ZonesFacts | None:
-    """Of one job; None: no zones lie beside it."""
-    path = zones_beside(job)
+    """Return the zones of one job; None if no file of zones is next to it."""
+    path = zones_path(job)
     if not path.is_file():
         return None
     try:
@@ -68,8 +68,8 @@ def zones_facts(job: Path) -> ZonesFacts | None:
 
 
 def zones_drawing(job: Path) -> bytes | None:
-    """PNG of the first page that has zones; None: there are none, or they cannot be drawn."""
-    path = zones_beside(job)
+    """Return a PNG of the first page that has zones; None if there are none, or they cannot be drawn."""
+    path = zones_path(job)
     try:
         return _drawn(job, path, _stamps(job, path))
     except (OSError, ProoflightError):

@@ -1,1 +1,1 @@
-"""Zones drawn in the console: pages of a job to draw on, what they propose, the price, and saving."""
+"""Zones drawn in the console: pages of a job to draw on, proposals, prices, and saving."""

@@ -1,4 +1,4 @@
-"""Zones of the jobs that the console was given: read, priced, and saved only with a price of exactly what is saved."""
+"""Service for the zones of the console's jobs; it saves zones only with a price of exactly these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
 from prooflight.server.headers import etag
 from prooflight.server.problems import Problem, not_found
 from prooflight.server.reading.stations import content_stamp, digest_of, press_of
-from prooflight.server.reading.zones import zones_beside
+from prooflight.server.reading.zones import zones_path
 from prooflight.server.zones.pricing import PriceRequest
 
 if TYPE_CHECKING:
@@ -28,32 +28,32 @@ if TYPE_CHECKING:
     from prooflight.server.zones.prices import Prices, PriceTask
 
 DPI: Final = 72.0
-"""Where only the sizes of pages are asked."""
-TOLD: Final = 200
-"""Zones that a row of the audit names."""
+"""Resolution at which a job is opened for the sizes of its pages alone."""
+MOST_NAMED: Final = 200
+"""Largest number of zones that a row of the audit names."""
 NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenJob:
-    """A job that the console was given."""
+    """A job of the console."""
 
     number: int
-    """From 1, in the order in which they were given."""
+    """Number from 1, in the order in which the jobs were given."""
     path: Path
     sizes_mm: tuple[tuple[float, float], ...]
     digest: str
-    """Of its content."""
+    """Digest of the job's content."""
 
     @property
     def zones(self) -> Path:
-        """Where its zones lie, or will."""
-        return zones_beside(self.path)
+        """Path of the job's zones, which may not exist yet."""
+        return zones_path(self.path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenPress:
-    """A press that the console was given, and that can price zones."""
+    """A press of the console that can price zones."""
 
     path: Path
     name: str
@@ -62,17 +62,17 @@ class GivenPress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZonesAsSaved:
-    """What the file says."""
+    """Zones in the job's file."""
 
     tag: str
-    """Of the file as it stands, for If-Match."""
+    """Entity tag of the file's state, for If-Match."""
     zones: JobZones | None
-    """None: there is no file, or it cannot be read."""
+    """Zones; None if there is no file, or it cannot be read."""
     trouble: str = ""
 
 
-class ZonesDesk:
-    """Of one console. Its methods may be called from several threads."""
+class ZonesService:
+    """Zones of one console's jobs. The methods are thread-safe."""
 
     def __init__(
         self, *, jobs: Sequence[Path], presses: Sequence[Path], prices: Prices, accounts: Accounts
@@ -82,11 +82,11 @@ class ZonesDesk:
         self._saving = threading.Lock()
 
     def jobs(self) -> list[tuple[int, Path]]:
-        """Numbers and files of all jobs."""
+        """Return the numbers and files of all jobs."""
         return list(enumerate(self._jobs, start=1))
 
     def job(self, number: int) -> GivenJob:
-        """``Problem`` 404: there is none of that number; 409: it cannot be read."""
+        """Return a job; raises ``Problem`` 404 if there is none of that number, 409 if it cannot be read."""
         if not 1 <= number <= len(self._jobs):
             raise not_found(f"the console was given no job {number}")
         path = self._jobs[number - 1]
@@ -99,27 +99,27 @@ class ZonesDesk:
             raise Problem(409, "unusable", f"{path.name} cannot be read ({error.strerror})") from error
 
     def presses(self) -> list[GivenPress]:
-        """Those that were taught our detector, without which nothing can be priced."""
-        found = []
+        """Return the presses with a trained detector of our own, without which nothing can be priced."""
+        presses = []
         for path in self._presses:
             try:
-                known = _press(path, content_stamp(path))
+                press = _press(path, content_stamp(path))
             except (OSError, ProoflightError):
                 continue
-            if known is not None:
-                found.append(known)
-        return found
+            if press is not None:
+                presses.append(press)
+        return presses
 
     def press(self, digest: str | None) -> GivenPress:
-        """By its digest; None: the first. ``Problem`` 409: there is none."""
-        for known in self.presses():
-            if digest in (None, known.digest):
-                return known
+        """Return a press by its digest, or the first for None; raises ``Problem`` 409 if there is none."""
+        for press in self.presses():
+            if digest in (None, press.digest):
+                return press
         which = "of that digest" if digest else "that was taught our detector"
         raise Problem(409, "no-press", f"the console was given no press {which}; start it with --press")
 
     def saved(self, job: GivenJob) -> ZonesAsSaved:
-        """As the file stands."""
+        """Return the zones in the job's file."""
         try:
             content = job.zones.read_bytes()
         except FileNotFoundError:
@@ -135,7 +135,7 @@ class ZonesDesk:
     def drawn(
         self, job: GivenJob, entries: Sequence[ZoneEntry], careful_share: float = CAREFUL_SHARE
     ) -> JobZones:
-        """Zones as somebody drew them; ``Problem`` 422: they cannot be."""
+        """Return zones as a person drew them; raises ``Problem`` 422 if they are not valid."""
         try:
             return JobZones.made(entries, job.sizes_mm, careful_share=careful_share)
         except JobError as error:
@@ -144,12 +144,12 @@ class ZonesDesk:
     def price(
         self, job: GivenJob, zones: JobZones, press: GivenPress, *, prints: int, trials: int, by: str
     ) -> PriceTask:
-        """Begin a price; ``Problem`` 409: another is being made."""
-        asked = PriceRequest(
+        """Begin to compute a price; raises ``Problem`` 409 if another is being computed."""
+        request = PriceRequest(
             job=job.path, press=press.path, zones=zones.unpriced(), prints=prints, trials=trials
         )
         return self.prices.begin(
-            asked, job=job.number, job_digest=job.digest, press_digest=press.digest, by=by
+            request, job=job.number, job_digest=job.digest, press_digest=press.digest, by=by
         )
 
     def save(
@@ -163,16 +163,17 @@ class ZonesDesk:
         what: str = "zones.save",
         about: Mapping[str, Any] = NOTHING,
     ) -> ZonesAsSaved:
-        """Put zones in force, with the price that was made of exactly these. what, about: for the audit.
+        """Put zones in force, with the price that was computed of exactly these. what, about: for the audit.
 
-        ``Problem`` 409: there is none; 412: the file is not what it was; 503: it cannot be written.
+        Raises ``Problem`` 409 if there is no price, 412 if the file has changed, and 503 if it cannot be
+        written.
         """
-        made = self.prices.made(
+        task = self.prices.completed(
             job_digest=job.digest, zones_digest=zones.zones_digest, press_digest=press.digest
         )
-        if made is None or made.priced is None:
+        if task is None or task.priced is None:
             raise Problem(409, "unpriced", "these zones have no price on this press: ask for it first")
-        priced = zones.priced(made.priced.entry)
+        priced = zones.priced(task.priced.entry)
         return self._written(job, priced, tag=tag, who=who, what=what, about=about)
 
     def remove(
@@ -184,7 +185,7 @@ class ZonesDesk:
         what: str = "zones.remove",
         about: Mapping[str, Any] = NOTHING,
     ) -> ZonesAsSaved:
-        """Take all zones away: the press's promise needs no price. ``Problem`` as ``save``."""
+        """Remove all zones, for which no price is needed; raises ``Problem`` as ``save``."""
         return self._written(job, None, tag=tag, who=who, what=what, about=about)
 
     def _written(
@@ -203,9 +204,9 @@ class ZonesDesk:
                 raise Problem(
                     412, "changed", "somebody has saved zones of this job meanwhile: read them first"
                 )
-            # In the audit first: nothing is ever in force of which it does not know.
-            after = {**about, **_told(zones)}
-            self._accounts.note(who.name, what, job.zones.name, before=_told(before.zones), after=after)
+            # Record in the audit first, so that nothing is ever in force without a record.
+            after = {**about, **_summary(zones)}
+            self._accounts.note(who.name, what, job.zones.name, before=_summary(before.zones), after=after)
             try:
                 if zones is None:
                     job.zones.unlink(missing_ok=True)
@@ -219,8 +220,8 @@ class ZonesDesk:
             return self.saved(job)
 
 
-def _told(zones: JobZones | None) -> dict[str, Any]:
-    """For the audit."""
+def _summary(zones: JobZones | None) -> dict[str, Any]:
+    """Return a summary of zones for the audit."""
     if zones is None:
         return {"zones": [], "digest": ""}
     named = [
@@ -229,8 +230,8 @@ def _told(zones: JobZones | None) -> dict[str, Any]:
         else f"{one.name}: {one.kind}, {one.pages}, {len(one.polygon_mm or ())} corners"
         for one in zones.document.zones
     ]
-    rest = [] if len(named) <= TOLD else [f"and {len(named) - TOLD} more"]
-    return {"zones": [*named[:TOLD], *rest], "digest": zones.digest[:16]}
+    rest = [] if len(named) <= MOST_NAMED else [f"and {len(named) - MOST_NAMED} more"]
+    return {"zones": [*named[:MOST_NAMED], *rest], "digest": zones.digest[:16]}
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""Prices that are being made and were made, one at a time: begun, followed, cancelled."""
+"""Prices of zones, computed one at a time: begun, followed, cancelled."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
     from prooflight.server.zones.pricing import PriceRequest
 
 State = Literal["running", "done", "failed", "cancelled"]
-KEPT: Final = 16
-"""Prices that stay known; the oldest go first."""
+MOST_STORED: Final = 16
+"""Number of prices that are kept in memory; the oldest is dropped first."""
 END_S: Final = 10.0
-"""For a process to end; then it is killed."""
+"""Time that a process has to end before it is killed. [s]"""
 AGAIN: Final = "close what takes memory on this machine, and ask again"
-GONE: Final = (
+PROCESS_ENDED: Final = (
     f"the process that makes the price ended before it was done, perhaps for want of memory; {AGAIN}"
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriceTask:
-    """One price as it stands."""
+    """State of the computation of one price."""
 
     id: str
     job: int
     """Number of the job."""
     job_digest: str
-    """Of its content, on which the price rests."""
+    """Digest of the job's content, on which the price depends."""
     zones_digest: str
-    """Of exactly the zones that are priced."""
+    """Digest of exactly the zones that are priced."""
     press_digest: str
     prints: int
     trials: int
@@ -52,27 +52,34 @@ class PriceTask:
 
 
 class Prices:
-    """Of one console. Its methods may be called from several threads."""
+    """Prices of one console. The methods are thread-safe."""
 
     def __init__(self, work: Callable[[PriceRequest, Connection], None] = price_aside) -> None:
-        """work: called in the process; importable by its name."""
+        """Create the service. work: called in the process, and therefore importable by its name."""
         self._work = work
         self._guard = threading.Condition()
         self._tasks: OrderedDict[str, PriceTask] = OrderedDict()
         self._running: tuple[str, BaseProcess] | None = None
 
-    def begin(self, asked: PriceRequest, **facts: str | int) -> PriceTask:
-        """Begin; what is there or under way for exactly this is given instead. ``Problem`` 409: another is under way;
-        503: no process can be started.
+    def begin(self, request: PriceRequest, **facts: str | int) -> PriceTask:
+        """Begin a price, or return the one of exactly this request that exists or is being computed.
 
-        facts: of ``PriceTask``: job, job_digest, press_digest, by.
+        Parameters
+        ----------
+        facts
+            Fields of ``PriceTask``: job, job_digest, press_digest, by.
+
+        Raises
+        ------
+        Problem
+            409 if another price is being computed, 503 if no process can be started.
         """
         new = PriceTask(
             id=secrets.token_hex(8),
-            zones_digest=asked.zones.zones_digest,
-            prints=asked.prints,
-            trials=asked.trials,
-            progress=Progress(stage="starting", done=0, total=asked.prints),
+            zones_digest=request.zones.zones_digest,
+            prints=request.prints,
+            trials=request.trials,
+            progress=Progress(stage="starting", done=0, total=request.prints),
             **facts,  # type: ignore[arg-type]
         )
         with self._guard:
@@ -85,37 +92,39 @@ class Prices:
                 by = self._tasks[self._running[0]].by
                 raise Problem(409, "busy", f"a price that {by} asked for is being made; wait, or cancel it")
             context = multiprocessing.get_context("spawn")
-            heard, told = context.Pipe(duplex=False)
-            process = context.Process(target=self._work, args=(asked, told), name="zones-price", daemon=True)
+            receiver, sender = context.Pipe(duplex=False)
+            process = context.Process(
+                target=self._work, args=(request, sender), name="zones-price", daemon=True
+            )
             try:
                 process.start()
             except OSError as error:
-                heard.close()
-                told.close()
+                receiver.close()
+                sender.close()
                 why = f"no process can be started for the price ({error.strerror}); {AGAIN}"
                 raise Problem(503, "no-process", why) from error
-            told.close()  # of this side: where the process ends, reading ends
+            sender.close()  # so that reading ends when the process does
             self._tasks[new.id] = new
-            while len(self._tasks) > KEPT:
+            while len(self._tasks) > MOST_STORED:
                 self._tasks.popitem(last=False)
             self._running = new.id, process
-        threading.Thread(target=self._follow, args=(new.id, process, heard), daemon=True).start()
+        threading.Thread(target=self._follow, args=(new.id, process, receiver), daemon=True).start()
         return new
 
     def one(self, task_id: str) -> PriceTask:
-        """As it stands; ``Problem`` 404."""
+        """Return a price; raises ``Problem`` 404."""
         with self._guard:
             if (task := self._tasks.get(task_id)) is not None:
                 return task
         raise not_found(f"there is no price {task_id[:20]!r}")
 
     def of_job(self, number: int) -> list[PriceTask]:
-        """The latest first."""
+        """Return the prices of a job, the latest first."""
         with self._guard:
             return [task for task in reversed(self._tasks.values()) if task.job == number]
 
-    def made(self, *, job_digest: str, zones_digest: str, press_digest: str | None) -> PriceTask | None:
-        """A price of exactly these zones; None: there is none. press_digest: None: on any press."""
+    def completed(self, *, job_digest: str, zones_digest: str, press_digest: str | None) -> PriceTask | None:
+        """Return a price of exactly these zones; None if there is none. press_digest: None for any press."""
         with self._guard:
             for task in reversed(self._tasks.values()):
                 same = task.job_digest == job_digest and task.zones_digest == zones_digest
@@ -124,7 +133,7 @@ class Prices:
         return None
 
     def cancel(self, task_id: str) -> PriceTask:
-        """End it; one that has ended stays as it is. ``Problem`` 404."""
+        """Cancel a price; one that has ended stays as it is. Raises ``Problem`` 404."""
         with self._guard:
             task = self.one(task_id)
             if self._running is None or self._running[0] != task_id:
@@ -134,25 +143,25 @@ class Prices:
             return cancelled
 
     def close(self) -> None:
-        """End what is under way."""
+        """Cancel the price that is being computed."""
         with self._guard:
             running = self._running
         if running is not None:
             self.cancel(running[0])
             _ended(running[1])
 
-    def _follow(self, task_id: str, process: BaseProcess, heard: Connection) -> None:
-        last: Priced | Refused = Refused(why=GONE)
+    def _follow(self, task_id: str, process: BaseProcess, receiver: Connection) -> None:
+        last: Priced | Refused = Refused(why=PROCESS_ENDED)
         while True:
             try:
-                told = heard.recv()
+                message = receiver.recv()
             except (EOFError, OSError):
                 break
-            if isinstance(told, Progress):
-                self._now(task_id, progress=told)
+            if isinstance(message, Progress):
+                self._now(task_id, progress=message)
             else:
-                last = told
-        heard.close()
+                last = message
+        receiver.close()
         _ended(process)
         with self._guard:
             self._running = None

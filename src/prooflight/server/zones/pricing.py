@@ -1,4 +1,4 @@
-"""The price of zones, made by a process of its own that runs only where nothing else wants to."""
+"""The price of zones, computed in a process of the lowest priority."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ FULL: Final = (
 FAULT: Final = "the price could not be made, by a fault of Prooflight itself; the console's log says which"
 Stage = Literal["starting", "prints", "defects"]
 STAGES: Final[dict[str, Stage]] = {"printing good pages": "prints", "trying defects": "defects"}
-"""What ``price_of`` says of its progress, by the words of this room."""
+"""Stages of progress by the texts of ``price_of``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriceRequest:
-    """What is to be priced."""
+    """Inputs of a price."""
 
     job: Path
     press: Path
@@ -48,7 +48,7 @@ class PriceRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """How far it has come."""
+    """Progress of a price."""
 
     stage: Stage
     done: int
@@ -57,10 +57,10 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Priced:
-    """A price that was made."""
+    """A complete price."""
 
     entry: PriceEntry
-    """For the file of zones."""
+    """Entry for the file of zones."""
     promised: float
     good_prints: int
     alarmed_before: int
@@ -68,32 +68,35 @@ class Priced:
     extrapolated: bool
 
     def plain(self) -> dict[str, Any]:
-        """As ``prooflight zones price --json`` tells it."""
-        told = {name: value for name, value in asdict(self).items() if name != "entry"}
-        return {"zones": list(self.entry.told), **told}
+        """Return the price as ``prooflight zones price --json`` prints it."""
+        fields = {name: value for name, value in asdict(self).items() if name != "entry"}
+        return {"zones": list(self.entry.told), **fields}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refused:
-    """Why there is none."""
+    """Failure of a price."""
 
     why: str
 
 
-def price_aside(asked: PriceRequest, told: Connection) -> None:
-    """Called in a process of its own: sends ``Progress``, then ``Priced`` or ``Refused``; ends where nobody listens."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; whoever started it ends it
+def price_aside(request: PriceRequest, sender: Connection) -> None:
+    """Compute a price in a process of its own: sends ``Progress``, then ``Priced`` or ``Refused``.
+
+    Ends when nobody receives any more.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     yield_to_all()
     settle_process()
     try:
         with contextlib.suppress(BrokenPipeError):
-            told.send(_priced(asked, told))
+            sender.send(_priced(request, sender))
     finally:
-        told.close()
+        sender.close()
 
 
 def yield_to_all() -> None:
-    """Take only what time no other process wants, so that no verdict waits, however long a price takes then."""
+    """Run only while no other process wants to, so that no verdict is delayed; a price may take long."""
     if hasattr(os, "SCHED_IDLE"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
@@ -101,26 +104,26 @@ def yield_to_all() -> None:
         os.nice(LOWEST)
 
 
-def _priced(asked: PriceRequest, told: Connection) -> Priced | Refused:
+def _priced(request: PriceRequest, sender: Connection) -> Priced | Refused:
     def shown(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
         stage = STAGES[what]
         begun = done[stage]
-        whole = asked.prints if stage == "prints" else asked.trials
+        whole = request.prints if stage == "prints" else request.trials
         for at, one in enumerate(items, start=1):
             yield one
             done[stage] = begun + at
-            told.send(Progress(stage=stage, done=done[stage], total=whole))
+            sender.send(Progress(stage=stage, done=done[stage], total=whole))
 
     done = dict.fromkeys(STAGES.values(), 0)
     try:
-        press = Press.load(asked.press)
-        found: Price = price_of(
-            job_source(asked.job, press),
+        press = Press.load(request.press)
+        price: Price = price_of(
+            job_source(request.job, press),
             press,
-            asked.zones,
-            prints=asked.prints,
-            trials=asked.trials,
-            seed=asked.seed,
+            request.zones,
+            prints=request.prints,
+            trials=request.trials,
+            seed=request.seed,
             processes=1,
             shown=shown,
         )
@@ -135,13 +138,13 @@ def _priced(asked: PriceRequest, told: Connection) -> Priced | Refused:
             why=f"a file of the price cannot be read or written ({error.strerror}); see to it, and ask again"
         )
     except Exception:
-        _log.exception("the price of zones of %s", asked.job.name)
+        _log.exception("the price of zones of %s", request.job.name)
         return Refused(why=FAULT)
     return Priced(
-        entry=found.entry,
-        promised=found.promised,
-        good_prints=found.good,
-        alarmed_before=found.alarmed_before,
-        alarmed_after=found.alarmed_after,
-        extrapolated=found.extrapolated,
+        entry=price.entry,
+        promised=price.promised,
+        good_prints=price.good,
+        alarmed_before=price.alarmed_before,
+        alarmed_after=price.alarmed_after,
+        extrapolated=price.extrapolated,
     )

@@ -1,4 +1,4 @@
-"""What a page says of its own places, as zones that a person may accept or leave."""
+"""Zones that a page proposes, which a person may accept or leave."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ class Proposal:
 
 
 def proposals_of(job: Path, number: int, press: Path | None, dpi: float) -> list[Proposal]:
-    """Of page ``number``, from 1; called in a process of its own.
+    """Return the proposals of page ``number``, from 1; called in a process of its own.
 
-    What lies outside its BleedBox and under annotations is proposed to be ignored; layers and bar codes to be careful.
-    press: whose camera must read the codes; None: no codes. dpi: at which a page is read without a press. Errors as
-    ``Job.page`` and ``Press.load``.
+    The area outside the BleedBox and under annotations is proposed to be ignored; layers and bar codes to be
+    careful. press: whose camera must read the codes; None for no codes. dpi: resolution of a page without a
+    press. Raises the errors of ``Job.page`` and ``Press.load``.
     """
     loaded = None if press is None else Press.load(press)
     source = JobSource(path=job, dpi=dpi) if loaded is None else job_source(job, loaded)
     with source.open() as opened:
         size, marks = opened.page_size_mm(number), opened.marks(number)
-        found = [] if marks is None else _of_marks(marks, number, size)
+        proposals = [] if marks is None else _of_marks(marks, number, size)
         if loaded is None:
-            return found
-        with contextlib.suppress(ProoflightError):  # a page that this press cannot take has no codes for it
-            found += [Proposal(source="code", zone=zone) for zone in code_zones(opened, number, loaded)]
-    return found
+            return proposals
+        with contextlib.suppress(ProoflightError):  # this press cannot print the page: no codes
+            proposals += [Proposal(source="code", zone=zone) for zone in code_zones(opened, number, loaded)]
+    return proposals
 
 
 def _of_marks(marks: PageMarks, number: int, size_mm: tuple[float, float]) -> list[Proposal]:
     outside = Rules(outside_bleed="ignore").entries(marks, number, size_mm)
-    found = [Proposal(source="box", zone=zone) for zone in outside]
+    proposals = [Proposal(source="box", zone=zone) for zone in outside]
     named: list[tuple[Source, str, Box]] = [("layer", name, box) for name, box in marks.layers]
     named += [
         ("annotation", next(filter(None, reversed(names)), "annotation"), box)
@@ -60,5 +60,5 @@ def _of_marks(marks: PageMarks, number: int, size_mm: tuple[float, float]) -> li
     ]
     for source, name, box in named:
         zone = entry_of(name, "careful" if source == "layer" else "ignore", box, number, size_mm)
-        found += [] if zone is None else [Proposal(source=source, zone=zone)]
-    return found
+        proposals += [] if zone is None else [Proposal(source=source, zone=zone)]
+    return proposals

@@ -1,4 +1,4 @@
-"""Pages of a job to draw zones on: their raster in the colours of a screen, as tiles; and what they propose."""
+"""Pages of a job to draw zones on: their raster in the colours of a screen, as tiles, and their proposals."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ _log = logging.getLogger(__name__)
 Made = TypeVar("Made")
 
 DPI: Final = 150.0
-"""At which a PDF is drawn to draw zones on: a tenth of a millimetre is half a pixel."""
+"""Resolution of a PDF to draw zones on: a tenth of a millimetre is half a pixel."""
 MOST_PIXELS: Final = 6000
-"""Of the longer side: larger pages are drawn more coarsely."""
+"""Pixels along the longer side at most: larger pages are drawn more coarsely."""
 FACTS: Final = "raster.json"
 VERSION: Final = "1"
-KNOWN: Final = 256
-"""Pages whose proposals stay known."""
+MOST_CACHED: Final = 256
+"""Number of pages with cached proposals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raster:
-    """A page cut into tiles."""
+    """Size of a page that is cut into tiles."""
 
     width: int
     height: int
@@ -60,9 +60,9 @@ class Raster:
 
 
 def make_tiles(job: Path, number: int, folder: Path, dpi: float) -> None:
-    """Draw page ``number``, from 1, and write its tiles LEVEL-COLUMN-ROW.webp; called in a process of its own.
+    """Draw page ``number``, from 1, and write its tiles LEVEL-COLUMN-ROW.webp.
 
-    Errors as ``Job.page``.
+    It is called in a process of its own. Raises the errors of ``Job.page``.
     """
     with JobSource(path=job, dpi=dpi).open() as opened:
         page = opened.page(number)
@@ -78,11 +78,11 @@ def make_tiles(job: Path, number: int, folder: Path, dpi: float) -> None:
         _cut(picture, folder, level)
         half = max(-(-picture.shape[1] // 2), 1), max(-(-picture.shape[0] // 2), 1)
         picture = cv2.resize(picture, half, interpolation=cv2.INTER_AREA)
-    told = Raster(
+    raster = Raster(
         width=size[0], height=size[1], width_mm=page.width_mm, height_mm=page.height_mm, levels=levels
     )
     with whole_file(folder / FACTS) as unfinished:
-        unfinished.write_text(json.dumps(asdict(told)))
+        unfinished.write_text(json.dumps(asdict(raster)))
 
 
 def _cut(picture: NDArray[np.uint8], folder: Path, level: int) -> None:
@@ -94,7 +94,7 @@ def _cut(picture: NDArray[np.uint8], folder: Path, level: int) -> None:
 
 
 class Rasters:
-    """Of all jobs; what was made lies with the other pictures, within their bound."""
+    """Rasters of all jobs, stored with the other pictures and within their bound."""
 
     version = VERSION
     tile_size = TILE
@@ -102,46 +102,49 @@ class Rasters:
     def __init__(self, pictures: Pictures, folder: Path, *, bound_bytes: int) -> None:
         self._pictures, self._folder, self._bound_bytes = pictures, folder, bound_bytes
         self._making = threading.Lock()
-        self._proposals = lru_cache(maxsize=KNOWN)(self._proposed)
+        self._proposals = lru_cache(maxsize=MOST_CACHED)(self._proposed)
 
     def raster(self, job: Path, number: int, size_mm: tuple[float, float], job_digest: str) -> Raster:
-        """Of a page, made now if it was not. ``Problem`` 409: it cannot be drawn."""
+        """Return the raster of a page, made now if needed; raises ``Problem`` 409 if it cannot be drawn."""
         folder = self._of(job_digest, number)
-        with self._making:  # one page at a time: many browsers may ask for the same
-            found = _read(folder)
-            if found is None:
+        with self._making:  # one at a time, since browsers may request the same page
+            raster = _read(folder)
+            if raster is None:
                 dpi = min(DPI, MOST_PIXELS / (max(size_mm) / MM_PER_INCH))
-                self._done(make_tiles, job, number, folder, dpi)
+                self._run(make_tiles, job, number, folder, dpi)
                 tidy(self._folder, self._bound_bytes, keep=folder)
-                found = _read(folder)
+                raster = _read(folder)
             else:
                 os.utime(folder)
-        if found is None:
+        if raster is None:
             raise Problem(409, "unusable", f"page {number} of {job.name} could not be drawn")
-        return found
+        return raster
 
     def tile(self, job_digest: str, number: int, level: int, column: int, row: int) -> bytes:
-        """WebP; ``Problem`` 404: there is none, or the page was not drawn yet."""
+        """Return a tile as WebP; raises ``Problem`` 404 if there is none, or the page was not drawn yet."""
         try:
             return (self._of(job_digest, number) / f"{level}-{column}-{row}.webp").read_bytes()
         except OSError as error:
             raise not_found(f"page {number} has no tile {level}/{column}/{row}") from error
 
     def proposals(self, job: Path, number: int, press: Path | None, stamp: tuple[Any, ...]) -> list[Proposal]:
-        """See ``proposals_of``; stamp: of job and press, under which they are known. ``Problem`` 409."""
+        """Return ``proposals_of`` a page; raises ``Problem`` 409.
+
+        stamp: state of job and press, a part of the cache's key.
+        """
         return self._proposals(job, number, press, stamp)
 
     def _proposed(
         self, job: Path, number: int, press: Path | None, _stamp: tuple[Any, ...]
     ) -> list[Proposal]:
-        return self._done(proposals_of, job, number, press, DPI)
+        return self._run(proposals_of, job, number, press, DPI)
 
     def _of(self, job_digest: str, number: int) -> Path:
         named = f"raster {job_digest} {number} {VERSION}"
         return self._folder / hashlib.sha256(named.encode()).hexdigest()[:32]
 
-    def _done(self, work: Callable[..., Made], *given: Any) -> Made:
-        """In the process that makes pictures; job and page are given first."""
+    def _run(self, work: Callable[..., Made], *given: Any) -> Made:
+        """Run ``work`` in the process that makes pictures; its first arguments are job and page."""
         job, number = given[:2]
         try:
             return self._pictures.aside(work, *given)

@@ -1,4 +1,4 @@
-"""Tolerances of a job: what its false alarms propose, granted as an ignored zone with its price, and taken back."""
+"""Tolerances of a job: proposed by its false alarms, granted as ignored zones with a price, withdrawn."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.roles import Who
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.runs import Reading
-    from prooflight.server.zones.desk import GivenJob, GivenPress, ZonesAsSaved, ZonesDesk
+    from prooflight.server.zones.desk import GivenJob, GivenPress, ZonesAsSaved, ZonesService
 
 ID_LENGTH: Final = 16
 
@@ -27,80 +27,93 @@ class Proposed:
     """A tolerance that could be granted."""
 
     id: str
-    """Of its kind, place and pages: whoever grants it grants this zone and no other."""
+    """Digest of kind, place and pages: a grant by it applies to this zone and no other."""
     proposal: Proposal
     zone: ZoneEntry | None
-    """As it would lie in the job's zones; None: it cannot."""
+    """Zone that a grant would add to the job's zones; None if it cannot be added."""
     trouble: str = ""
 
 
 class Tolerances:
-    """Of the jobs that the console was given. Its methods may be called from several threads."""
+    """Tolerances of the console's jobs. The methods are thread-safe."""
 
-    def __init__(self, desk: ZonesDesk, reading: Reading, incidents: RunIncidents) -> None:
-        self._desk, self._reading, self._incidents = desk, reading, incidents
+    def __init__(self, zones_service: ZonesService, reading: Reading, incidents: RunIncidents) -> None:
+        self._zones, self._reading, self._incidents = zones_service, reading, incidents
 
     def proposed(self, job: GivenJob, *, last: int) -> list[Proposed]:
-        """By those of the last runs that printed this job; most false alarms first. JournalError."""
+        """Return proposals by the last runs that printed this job, most false alarms first.
+
+        Raises JournalError if the journal cannot be read.
+        """
         runs = self._reading.runs(before=None, limit=last, damaged=lambda _: None)
         own = [run for run in reversed(runs) if run.facts.job_digest == job.digest]
         return [_proposed(one, job) for one in self._incidents.proposals(own)]
 
     def granted(self, job: GivenJob) -> list[ZoneEntry]:
-        """As they lie in the job's zones, whether these are in force or not."""
-        known = self._desk.saved(job).zones
-        return [] if known is None else [one for one in known.document.zones if is_tolerance(one)]
+        """Return the tolerances among the job's zones, whether these are in force or not."""
+        stored = self._zones.saved(job).zones
+        return [] if stored is None else [one for one in stored.document.zones if is_tolerance(one)]
 
     def with_granted(self, job: GivenJob, wanted: str, *, last: int) -> tuple[JobZones, Proposal]:
-        """The job's zones and one more, and what proposed it; ``Problem`` 404: nothing of that id is proposed.
+        """Return the job's zones with one tolerance more, and the proposal of it.
 
-        RequestError: it was granted already, or cannot lie in this job.
+        Raises ``Problem`` 404 if nothing of that id is proposed, and RequestError if it was granted already
+        or does not fit this job.
         """
-        found = next((one for one in self.proposed(job, last=last) if one.id == wanted), None)
-        if found is None:
+        proposed = next((one for one in self.proposed(job, last=last) if one.id == wanted), None)
+        if proposed is None:
             raise not_found(f"no tolerance {wanted!r} is proposed, or no longer")
-        known = self._known(job)
-        entries = with_zone(known, granted(found.proposal, job.sizes_mm))
-        return self._drawn(job, known, entries), found.proposal
+        stored = self._stored(job)
+        entries = with_zone(stored, granted(proposed.proposal, job.sizes_mm))
+        return self._drawn(job, stored, entries), proposed.proposal
 
     def without(self, job: GivenJob, name: str) -> JobZones | None:
-        """The job's zones but that one; None: it is the last. ``Problem`` 404: no tolerance is called so."""
-        known = self._known(job)
-        if known is None or name not in {one.name for one in self.granted(job)}:
+        """Return the job's zones without one tolerance; None if it is the last zone.
+
+        Raises ``Problem`` 404 if there is no tolerance of that name.
+        """
+        stored = self._stored(job)
+        if stored is None or name not in {one.name for one in self.granted(job)}:
             raise not_found(f"no tolerance of this job is called {name[:80]!r}")
-        left = without_zone(known, name)
-        return self._drawn(job, known, left) if left else None
+        left = without_zone(stored, name)
+        return self._drawn(job, stored, left) if left else None
 
     def grant(
         self, job: GivenJob, wanted: str, press: GivenPress, *, last: int, tag: str, who: Who
     ) -> ZonesAsSaved:
-        """Put it in force; as ``with_granted`` and ``ZonesDesk.save``. The audit has what it was said to cost."""
+        """Grant a tolerance; the audit records the figures of its proposal.
+
+        Raises as ``with_granted`` and ``ZonesService.save``.
+        """
         zones, proposal = self.with_granted(job, wanted, last=last)
         about = {"tolerance": zones.document.zones[-1].name, "proposed": list(proposal.told)}
-        return self._desk.save(job, zones, press, tag=tag, who=who, what="tolerances.grant", about=about)
+        return self._zones.save(job, zones, press, tag=tag, who=who, what="tolerances.grant", about=about)
 
     def drop(self, job: GivenJob, name: str, press: str | None, *, tag: str, who: Who) -> ZonesAsSaved:
-        """Take it back; as ``without`` and ``ZonesDesk.save``: what is left needs a price, unless nothing is."""
+        """Withdraw a tolerance, after which zones that are left need a price.
+
+        Raises as ``without`` and ``ZonesService.save``.
+        """
         left, what, about = self.without(job, name), "tolerances.drop", {"tolerance": name}
         if left is None:
-            return self._desk.remove(job, tag=tag, who=who, what=what, about=about)
-        return self._desk.save(job, left, self._desk.press(press), tag=tag, who=who, what=what, about=about)
+            return self._zones.remove(job, tag=tag, who=who, what=what, about=about)
+        return self._zones.save(job, left, self._zones.press(press), tag=tag, who=who, what=what, about=about)
 
-    def _known(self, job: GivenJob) -> JobZones | None:
-        saved = self._desk.saved(job)
+    def _stored(self, job: GivenJob) -> JobZones | None:
+        saved = self._zones.saved(job)
         if saved.trouble:
             raise Problem(409, "unusable", saved.trouble)
         return saved.zones
 
-    def _drawn(self, job: GivenJob, known: JobZones | None, entries: tuple[ZoneEntry, ...]) -> JobZones:
-        share = {} if known is None else {"careful_share": known.document.careful_share}
-        return self._desk.drawn(job, entries, **share)
+    def _drawn(self, job: GivenJob, stored: JobZones | None, entries: tuple[ZoneEntry, ...]) -> JobZones:
+        share = {} if stored is None else {"careful_share": stored.document.careful_share}
+        return self._zones.drawn(job, entries, **share)
 
 
 def _proposed(proposal: Proposal, job: GivenJob) -> Proposed:
     named = json.dumps([proposal.kind, proposal.box_mm, proposal.pages])
-    made = hashlib.sha256(named.encode()).hexdigest()[:ID_LENGTH]
+    proposal_id = hashlib.sha256(named.encode()).hexdigest()[:ID_LENGTH]
     try:
-        return Proposed(id=made, proposal=proposal, zone=granted(proposal, job.sizes_mm))
+        return Proposed(id=proposal_id, proposal=proposal, zone=granted(proposal, job.sizes_mm))
     except RequestError as error:
-        return Proposed(id=made, proposal=proposal, zone=None, trouble=str(error))
+        return Proposed(id=proposal_id, proposal=proposal, zone=None, trouble=str(error))

@@ -1,4 +1,4 @@
-"""What answers of all that a press file says of the plant."""
+"""Check of every plant component that a press file names: the gate's controller and the outlets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One thing that was tried."""
+    """Result of trying one component of the plant."""
 
     what: str
     where: str
@@ -27,7 +27,10 @@ class Answer:
 
 
 def answers(plant: PressFile) -> list[Answer]:
-    """Of each thing that the press file names; none is left out because another does not answer."""
+    """Try each component that the press file names, and return one answer for each.
+
+    A component that does not answer does not keep the others from being tried.
+    """
     found = []
     settings = plant.gate_settings()
     if settings is not None:

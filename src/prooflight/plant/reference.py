@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code: ``python -m prooflight.plant.reference`` in the repository."""
+"""Generated pages of the reference: ``python -m prooflight.plant.reference`` in the repository writes them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ What stands in `body` is by its field `event`:
 
 
 def pages() -> Mapping[str, str]:
-    """What stands in each file, by its name under docs/reference."""
+    """Return the text of each file, by its name under docs/reference."""
     return {
         "events.schema.json": json.dumps(schema(), indent=2) + "\n",
         "outlets.md": outlets_page(),
@@ -44,7 +44,7 @@ def pages() -> Mapping[str, str]:
 
 
 def write(folder: Path) -> None:
-    """Write all of them."""
+    """Write all generated files."""
     for name, text in pages().items():
         with whole_file(folder / name) as unfinished:
             unfinished.write_text(text, encoding="utf-8")
@@ -118,7 +118,7 @@ def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
 
 
 def _kind(told: Mapping[str, Any]) -> str:
-    """A type of the schema, in words."""
+    """Describe a type of the schema in words."""
     if "const" in told:
         return f"`{told['const']}`"
     if "enum" in told:

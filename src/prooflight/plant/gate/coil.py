@@ -48,9 +48,7 @@ class CoilTalk(Waiting):
 
     @property
     def _rejects(self) -> bool:
-        """Whether a sheet without a result is rejected: always, because an unwritten output is off under any
-        policy.
-        """
+        """Whether a sheet without a result is rejected: always, because an unwritten output is off under any policy."""
         return True
 
     def _half_s(self) -> float:

@@ -110,9 +110,7 @@ class GateDecider:
         return disposition_of(self._own_result(own_code(record)) if came else Result.NONE)
 
     def lost(self, decision: SheetDecision) -> None:
-        """Note that an accepted sheet did not get to the good tray, so that the sheets that belong to it
-        follow it.
-        """
+        """Note that an accepted sheet did not get to the good tray, so that the sheets that belong to it follow it."""
         if decision.result is Result.ACCEPT:
             self._spoil(decision.set_number)
 

@@ -1,5 +1,4 @@
-"""The exchange with the controller, without a wire: the registers to write next, and the meaning of an
-answer.
+"""The exchange with the controller, without a wire: the registers to write next, and the meaning of an answer.
 
 One result is in the registers at a time, until the controller has acknowledged it by its number. Each
 connection is a session of its own: the controller forgets the results that it had, and receives again that of
@@ -31,9 +30,7 @@ POLICIES: Final = {"reject": 0, "accept": 1, "stop": 2}
 
 
 class Exchange(Waiting):
-    """Queue of results; the link takes registers to write and returns answers. It may be used by several
-    threads.
-    """
+    """Queue of results; the link takes registers to write and returns answers. It may be used by several threads."""
 
     def __init__(
         self,
@@ -167,9 +164,7 @@ class Exchange(Waiting):
             self._step(Event.LOST, why)
 
     def dropped(self, *, session: int) -> bool:
-        """Return whether the controller has forgotten this session after taking it; if so, begin another
-        session.
-        """
+        """Return whether the controller has forgotten this session after taking it; if so, begin another session."""
         with self._guard:
             if self._state is not State.JOINING or not self._was_taken:
                 return False

@@ -192,8 +192,7 @@ class Gate:
             self.talk.arrived(number + 1)
 
     def told(self, outcome: Outcome) -> Outcome:
-        """Decide the next sheet, or a page that did not come, in the order of the run; return it with the
-        decision.
+        """Decide the next sheet, or a page that did not come, in the order of the run; return it with the decision.
 
         A side that comes before its sheet is decided gets what the policy decides for it alone.
         """

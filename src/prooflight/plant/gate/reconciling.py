@@ -319,9 +319,7 @@ def _by_place(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions, tolera
 
 
 def _by_order(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions) -> None:
-    """Assign rows between known neighbours if all of them went into one tray, so that their order does not
-    matter.
-    """
+    """Assign rows between known neighbours if all of them went into one tray, so that their order does not matter."""
     came = {tag for tag, decided in kept.decisions.items() if decided["came"]}
     for since, until in _gaps(tags):
         low, high = _between(tags, since, until, kept)

@@ -1,5 +1,4 @@
-"""Positions of sheets between camera and gate, and the time at which each is due, by lines and encoder
-counts.
+"""Positions of sheets between camera and gate, and the time at which each is due, by lines and encoder counts.
 
 The camera's lines and the controller's count come from the same transport, so they differ by a constant. Each
 reading of the count bounds it: the count was read at some moment between question and answer, and lines

@@ -1,4 +1,4 @@
-"""Outlets as a press file asks for them."""
+"""Construction of the outlets that a press file configures."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ REMEDY: Final = "install prooflight[plant]"
 
 
 def outlets_of(file: PressFile, press: str | None = None) -> list[Outlet]:
-    """All outlets of ``[plant]``, not yet connected.
+    """Return all outlets of ``[plant]``, not yet connected.
 
-    press: the name that its events have; None: that of the press file, where there is no run.
+    ``press`` is the name of the press in the events; None: that of the press file, where there is no run.
 
-    PressFileError: a secret or a certificate is not to be had. RequestError: a library of the extra ``plant`` is not
-    there.
+    PressFileError: a secret or a certificate is not available. RequestError: a library of the extra ``plant``
+    is not installed.
     """
     plant, path = file.plant, file.path
     name = file.name if press is None else press
@@ -120,7 +120,7 @@ def _opcua(block: OpcuaBlock, path: Path, press: str) -> Outlet:
 
 
 def _trust(path: Path, where: str, ca_file: str | None) -> ssl.SSLContext:
-    """Whom to trust: a file's authorities, or the system's. PressFileError: the file is none of authorities."""
+    """Return the trusted authorities: those of a file, or the system's; PressFileError if the file has none."""
     try:
         return ssl.create_default_context(cafile=None if ca_file is None else str(path.parent / ca_file))
     except (OSError, ssl.SSLError) as error:
@@ -129,5 +129,5 @@ def _trust(path: Path, where: str, ca_file: str | None) -> ssl.SSLContext:
 
 
 def _level(name: str) -> str:
-    """One level of a topic."""
+    """Return a name as one level of a topic."""
     return "".join("_" if one in "+#/\x00" else one for one in name) or "_"

@@ -29,9 +29,7 @@ class CoilTalk(Waiting):
         self._went(State.READY, "")
 
     def turn(self, wire: Wire) -> None:
-        """Write the output; see ``Talk``. It is written in every exchange, because it falls off when nothing
-        is written.
-        """
+        """Write the output in every exchange, because it falls off when nothing is written; see ``Talk``."""
         asked_s = self._clock()
         wire.set_coil(self._wanted(asked_s))
         if self._clock() - asked_s > self._half_s():

@@ -180,9 +180,7 @@ class PlcLink:
         open_wire: Callable[[PlcSettings], Wire] = Wire,
         pace: float = 1.0,
     ) -> None:
-        """Prepare the link; ``pace`` is how many times faster than its settings it runs, for studies that
-        compress time.
-        """
+        """Prepare the link; with ``pace``, which studies use, it runs so many times faster than its settings."""
         self._plc, self._talk, self._open, self._pace = plc, talk, open_wire, pace
         self.closing = threading.Event()
         """Event that is set when the link is to end."""

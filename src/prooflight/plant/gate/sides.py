@@ -37,8 +37,9 @@ class SidesTogether:
     _first: OrderedDict[int, list[PageRecord]] = field(default_factory=OrderedDict)
 
     def is_due(self, job_page: int | None) -> bool:
-        """Return whether a sheet goes on to the gate with this side; one without a known position may be any,
-        and is due.
+        """Return whether a sheet goes on to the gate with this side.
+
+        A side without a known position may be any side, and its sheet is due.
         """
         return job_page is None or self.plan.sheet_at(job_page)[1] == self.plan.layout.sides - 1
 

@@ -126,9 +126,7 @@ class Tracker:
             return bool(self._stretches) and self._stretches[-1].agreed is not None
 
     def position(self, line: int) -> int | None:
-        """Return the controller's count at which the place now at ``line`` reaches the gate; None if it is
-        not known.
-        """
+        """Return the controller's count when ``line`` has moved on to the gate; None if it is not known."""
         with self._guard:
             stretch = self._stretch_of(line)
             if stretch is None or stretch.agreed is None:

@@ -113,9 +113,7 @@ class Waiting:
             self._tell(state, why)
 
     def _overdue(self, now_s: float, *, after_s: float = 0.0) -> list[tuple[int, Pending]]:
-        """Forget and return sheets that have passed the gate ``after_s`` after they were due; called with the
-        lock held.
-        """
+        """Forget and return sheets that were due at the gate ``after_s`` ago or more; called with the lock held."""
         gone = []
         for tag, one in list(self._sheets.items()):
             due_s = self._tracker.due_s(one.line)

@@ -90,10 +90,10 @@ class Mqtt:
             raise OutletError(_CODE.sub("", told(error))) from error
 
     def _witness(self) -> aiomqtt.Client:
-        """Return a second link, whose last will sets the retained state to a lost run, because a link has one
-        will only.
+        """Return a second link, whose last will sets the retained state to a lost run.
 
-        A will is fixed when a link is made, so this link is made again when a run begins.
+        It is needed because a link has only one will. A will is fixed when a link is made, so this link is
+        made again when a run begins.
         """
         lost = replace(self.state, running=False, ending="lost", incidents={})
         will = aiomqtt.Will(self.of(STATE), payload=lost.json(), qos=QOS, retain=True)

@@ -64,9 +64,7 @@ class Belt:
         self.sheets.append(sheet)
 
     def at_gate(self, now_s: float) -> Iterator[tuple[BeltSheet, int]]:
-        """Yield sheets whose leading edges have reached the gate's eye since the last call, with the
-        encoder's counts then.
-        """
+        """Yield sheets that have reached the gate's eye since the last call, with the encoder's counts then."""
         travelled_mm = self.travelled_mm(now_s)
         while self.sheets:
             one = self.sheets[0]

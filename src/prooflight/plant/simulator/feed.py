@@ -126,8 +126,9 @@ class FedDrum:
             self._source.close()
 
     def _leaves(self, turn: Turn) -> bool:
-        """Return whether a sheet goes on to the gate with this side; an unknown page is taken for the side
-        that is due.
+        """Return whether a sheet goes on to the gate with this side.
+
+        An unknown page is taken for the side that is due.
         """
         if turn.page is not None:
             self._last_side = turn.page % self._sides

@@ -1,4 +1,4 @@
-"""The command line: read, call, show. What exit codes say stands in ``exit_codes``."""
+"""The command line, which parses, calls and prints. Exit codes are documented in ``exit_codes``."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run a command; returns its exit code."""
+    """Run a command and return its exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     with faults.logged(words) as log:
         try:
@@ -78,7 +78,7 @@ def run(arguments: list[str] | None = None) -> int:
 
 
 def _called(words: list[str]) -> int:
-    """Not the program's own way to run, which says 1, a misprint, of much that is none."""
+    """Call the command, not by the program's own method, which exits with 1, a misprint, in many other cases."""
     try:
         with typer.main.get_command(app).make_context("prooflight", list(words)) as context:
             context.command.invoke(context)
@@ -91,7 +91,7 @@ def _called(words: list[str]) -> int:
 
 
 def _misused(error: TyperException) -> int:
-    """A command called as there is none; without any words it shows what there is."""
+    """Report a command that was called incorrectly; a call without arguments shows the help."""
     context = getattr(error, "ctx", None)
     said = error.format_message()
     if context is not None and said == context.get_help():

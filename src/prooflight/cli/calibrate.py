@@ -24,7 +24,7 @@ def register(program: typer.Typer) -> None:
 
 def calibrate(
     chart: Annotated[
-        Path, typer.Argument(metavar="CHART", help="Recipe file that `chart make` wrote beside the chart.")
+        Path, typer.Argument(metavar="CHART", help="Recipe file that `chart make` wrote next to the chart.")
     ],
     scans: Annotated[
         list[Path],
@@ -32,14 +32,14 @@ def calibrate(
     ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the artefact.")],
     encoding: Annotated[
-        str, typer.Option(help="What a picture's numbers are: auto, linear or srgb.")
+        str, typer.Option(help="Encoding of a picture's numbers: auto, linear or srgb.")
     ] = "auto",
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Draw residuals, noise and edges.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Tables from scans of a printed chart: no spectrometer, no data sheet."""
+    """Compute the press's tables from scans of a printed chart, without a spectrometer or a data sheet."""
     from prooflight.commissioning.chart.calibrate import calibrate as calibrated
 
     found = calibrated(chart, scans, name=out.stem, encoding=encoding, progress=show.steps(quiet=json))
@@ -64,7 +64,9 @@ def calibrate(
 
 
 def _facts(found: Calibration) -> dict[str, Any]:
-    """The JSON object: a summary of each sensor, where each scan's chart lies, and every patch's residual."""
+    """Return the JSON object: a summary of each sensor, the chart's position in each scan, and every patch's
+    residual.
+    """
     return {
         "sensors": _sensors(found),
         "scans": [

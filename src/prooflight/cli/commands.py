@@ -1,4 +1,4 @@
-"""The program's commands by name: what one needs is loaded when it is called, and nothing to list them."""
+"""The program's commands by name: a command's module is loaded when it is called, and none to list them."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ class Listed:
     """A command as the program lists it."""
 
     module: str
-    """Of ``prooflight.cli``; its ``register`` adds the command to a ``typer.Typer``. "": a package's."""
+    """Module of ``prooflight.cli`` whose ``register`` adds the command to a ``typer.Typer``; "": that of a
+    package."""
     what: str
-    """What it does, in less than a line."""
+    """Description of the command, shorter than a line."""
 
 
 LISTED: Final = {
@@ -59,13 +60,13 @@ class Commands(TyperGroup):
     """The group of all commands."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names in the order in which they are listed; those that packages add come last."""
+        """Return names in the order in which they are listed; those that packages add come last."""
         studies = STUDIES in entry_points(group=GROUP).names
         here = [name for name, one in LISTED.items() if one.module or studies]
         return here + [name for name in _of_packages() if name not in LISTED]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command; None: there is none."""
+        """Return the command; None if there is none."""
         listed = LISTED.get(cmd_name)
         if listed is None:
             return _of_packages().get(cmd_name)
@@ -76,7 +77,7 @@ class Commands(TyperGroup):
         return _without_studies(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """What ``LISTED`` says; only what packages add is loaded."""
+        """List the descriptions in ``LISTED``; only the commands of packages are loaded."""
         more = _of_packages()
         rows = [
             (name, LISTED[name].what if name in LISTED else more[name].get_short_help_str(60))
@@ -87,7 +88,7 @@ class Commands(TyperGroup):
 
 
 def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
-    """What a module or package adds to the program, by name."""
+    """Return the commands that a module or package adds to the program, by name."""
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     register(app)
     return dict(typer.main.get_group(app).commands)
@@ -95,7 +96,7 @@ def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
 
 @cache
 def _of_packages() -> dict[str, Any]:
-    """Commands of packages other than the studies."""
+    """Return the commands of packages other than the studies."""
     found: dict[str, Any] = {}
     for entry in entry_points(group=GROUP):
         if entry.name != STUDIES:

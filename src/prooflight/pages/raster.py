@@ -73,8 +73,7 @@ class Page:
         return self.cmyk.shape[0] * self.pixel_mm
 
     def _repr_png_(self) -> bytes:
-        """Return the picture for notebooks: at most ``SHOWN_PX`` a side, never enlarged, without the press's
-        colours.
+        """Return the picture for notebooks: at most ``SHOWN_PX`` a side, never enlarged, in generic colours.
 
         Each ink removes its share of red, green or blue, and black of all, as screens show CMYK without a
         profile.

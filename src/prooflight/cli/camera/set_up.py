@@ -1,4 +1,4 @@
-"""``prooflight camera set-up``: a line camera is set up step by step, and the press file says what was measured."""
+"""``prooflight camera set-up``: set-up of a line camera step by step, with the results written to the press file."""
 
 from __future__ import annotations
 
@@ -28,27 +28,29 @@ def set_up(
     name: CameraId,
     press_file: Annotated[
         Path,
-        typer.Argument(metavar="PRESS.toml", help="Press file; begun from the prototype's if there is none."),
+        typer.Argument(
+            metavar="PRESS.toml", help="Press file; copied from the prototype's if it does not exist."
+        ),
     ],
     like: Annotated[
         Path | None, typer.Option(metavar="OTHER.toml", help="Begin a new press file from this one.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Nobody answers: Enter to every question.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Run unattended, with Enter to every question.")] = False,
     answers: Annotated[
         Path | None,
         typer.Option(
-            metavar="A.toml", help='Nobody answers: key = "answer" a question; Enter to the others.'
+            metavar="A.toml", help='Run unattended: key = "answer" for a question; Enter to the others.'
         ),
     ] = None,
     again: Annotated[
-        bool, typer.Option("--again", help="Begin anew where a set-up was left unfinished.")
+        bool, typer.Option("--again", help="Start over instead of continuing an unfinished set-up.")
     ] = False,
     json: Json = False,
 ) -> None:
     """Set a line camera up step by step: dark, light, focus, width, encoder; and write the press file.
 
-    Each step says what to do, waits for Enter, measures, and says what it found. Comments of the press file stay. A
-    set-up that was stopped goes on where it was.
+    Each step shows what to do, waits for Enter, measures, and reports its result. Comments of the press file
+    stay. A set-up that was stopped continues where it was.
     """
     from prooflight.commissioning.line_camera import dialogue
     from prooflight.commissioning.line_camera.steps import QUESTIONS
@@ -89,14 +91,14 @@ def set_up(
 
 
 def _source(like: Path | None) -> PressFile:
-    """What a new press file is begun from."""
+    """Return the press file that a new one is copied from."""
     from prooflight.press.press_file import PressFile
 
     return PressFile.prototype() if like is None else PressFile.read(like)
 
 
 def _begin(path: Path, source: PressFile, *, sensors: int, camera: str) -> None:
-    """RequestError: it is of another kind of camera."""
+    """Copy the source to a new press file; RequestError if it describes another kind of camera."""
     from prooflight.files.atomic import whole_file
 
     described = len(source.camera().sensors)
@@ -121,7 +123,7 @@ def _answers(path: Path) -> dict[str, Any]:
 
 
 def _flat(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
-    """``sheet.across = "..."`` as well as ``"sheet.across" = "..."``."""
+    """Flatten a tree, so that ``sheet.across = "..."`` equals ``"sheet.across" = "..."``."""
     found: dict[str, Any] = {}
     for key, value in tree.items():
         found |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}

@@ -1,4 +1,4 @@
-"""``prooflight camera view``: what a line camera shows now, while a person turns the lens."""
+"""``prooflight camera view``: live view of a line camera's measurements, while a person turns the lens."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from prooflight.reporting.camera_live import CameraShown
 
 WINDOW_LINES: Final = 4096
-"""That are looked at: a group of a ruler page, 92 mm, at 0.022 mm a line."""
+"""Lines that are analysed: a group of a ruler page, 92 mm, at 0.022 mm a line."""
 FIRST_LINES: Final = 256
-"""Before the first look."""
+"""Lines before the first analysis."""
 LOOK_S: Final = 0.5
-"""Between two looks."""
+"""Time between two analyses."""
 
 
 def view(
@@ -33,15 +33,17 @@ def view(
     press: Annotated[
         Path | None, typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets it up.")
     ] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the last look.")] = None,
-    frames: Annotated[int | None, typer.Option(help="Looks; default until Ctrl-C.", min=1)] = None,
-    seconds: Annotated[float | None, typer.Option(help="How long; default until Ctrl-C.", min=0)] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the last view.")] = None,
+    frames: Annotated[int | None, typer.Option(help="Number of views; default until Ctrl-C.", min=1)] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Duration in seconds; default until Ctrl-C.", min=0)
+    ] = None,
     json: Json = False,
 ) -> None:
-    """What a camera shows now: profile along the line, saturation, black, light, focus, lines/s, loss, temperature.
+    """Show a camera live: profile along the line, saturation, black, light, focus, lines/s, loss, temperature.
 
-    Focus is the frequency at which half of the contrast is left (MTF50), from a ruler page (`chart make --ruler`) that
-    passes, or from edges that lie still.
+    Focus is the frequency at which half of the contrast is left (MTF50), from a ruler page (`chart make
+    --ruler`) that passes, or from edges that do not move.
     """
     from rich.live import Live
 
@@ -82,7 +84,7 @@ def view(
 def _looks(
     tap: CameraTap, file: PressFile | None, *, frames: int | None, seconds: float | None
 ) -> Iterator[CameraShown]:
-    """One look after another, as lines come."""
+    """Yield one analysis after another, as lines come."""
     begun_s = looked_s = time.monotonic()
     looks = 0
     for last in tap.endless(WINDOW_LINES, fresh=False):

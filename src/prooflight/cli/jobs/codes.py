@@ -29,8 +29,8 @@ def codes(
 ) -> None:
     """List the bar codes and matrix codes of a job that inspection reads on every sheet.
 
-    Each must read in the scan, to the same text, or the sheet is a misprint. Codes that this camera cannot be sure to
-    read are listed, and not asked of scans.
+    Each must read in the scan, to the same text, or the sheet is a misprint. Codes that this camera may fail
+    to read are listed, and not required in scans.
     """
     from prooflight.pages.files import page_name
     from prooflight.pages.job import parse_pages

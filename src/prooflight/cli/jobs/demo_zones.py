@@ -1,4 +1,4 @@
-"""Zones of the sample job's letter, priced and shown at work: a stamp that may come, and a name that must be right."""
+"""Zones of the sample job's letter, priced and in use: a stamp that may come, and a name that must be right."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 LETTER: Final = "Letter"
 """Title of the page of the sample job that gets zones."""
 ADDRESS_MM: Final = (18.0, 56.0, 52.0, 27.0)
-"""Where its address stands."""
+"""Rectangle of its address."""
 STAMP_MM: Final = (115.0, 228.0, 70.0, 45.0)
-"""Where whoever receives it will stamp it: blank as it is printed."""
+"""Rectangle where the recipient will stamp it; it is printed blank."""
 BLOT_MM: Final = 6.0
 SPOTS_MM: Final = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0)
 """Diameters of spots in the address, tried until one is caught with zones."""
 
 
 def zones_of_letter(number: int, sizes_mm: Sequence[tuple[float, float]]) -> JobZones:
-    """Zones of page ``number``, from 1, of a job with pages of these sizes."""
+    """Return zones of page ``number``, from 1, of a job with pages of these sizes."""
     return JobZones.made(
         [
             ZoneEntry(name="address", kind="careful", pages=str(number), rectangle_mm=ADDRESS_MM),
@@ -52,7 +52,7 @@ def zones_at_work(
     shown: Shown,
     processes: int | None = None,
 ) -> ZonesAtWork:
-    """Price the zones of page ``number`` by as few prints as may be, and look at three prints of it.
+    """Price the zones of page ``number`` by as few prints as possible, and inspect three prints of it.
 
     Errors as ``price_of``.
     """

@@ -1,4 +1,4 @@
-"""``--layout`` of commands on jobs: how pages lie on sheets."""
+"""The option ``--layout`` of commands on jobs: imposition of pages on sheets."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ if TYPE_CHECKING:
 def laid_out(
     job: JobSource, words: str | None, geometry: ScanGeometry, *, sheets: int | None = None
 ) -> tuple[JobSource, SheetPlan | None]:
-    """The job as sides, and how they lie on its sheets; None: no layout was said, and pages are printed as they are.
+    """Return the job as sides, and the plan of its sheets; None: no layout was given, and pages are printed
+    as they are.
 
-    sheets: of the run; None: the job once. Places that stay blank are told. Errors as ``planned``.
+    ``sheets`` is the number of sheets of the run; None: the job once. Places that stay blank are reported.
+    Errors as ``planned``.
     """
     if words is None:
         return job, None
@@ -47,7 +49,7 @@ def laid_out(
 
 
 def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | SetVerdict]:
-    """The sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
+    """Return the sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
     from prooflight.inspection.sheets import Assembling
     from prooflight.journal.records import PageRecord
 
@@ -62,7 +64,7 @@ def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | 
 
 
 def of_job_told(found: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
-    """Tell the sheets and sets of a job."""
+    """Print the sheets and sets of a job."""
     from prooflight.inspection.sheets import Counts
 
     if not json:
@@ -73,7 +75,7 @@ def of_job_told(found: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> No
 
 
 def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | None:
-    """A run's sheets and sets that somebody should look at, from its rows; None: it has none."""
+    """Return a run's sheets and sets that a person should examine, from its rows; None if it has none."""
     from prooflight.inspection.sheets import to_look_at
     from prooflight.pages.layout.plan import facts_plan
 
@@ -89,7 +91,7 @@ def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | Non
 
 
 def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
-    """For programs: all sheets and sets of a run; RequestError: it has none."""
+    """Print all sheets and sets of a run for programs; RequestError if it has none."""
     from prooflight.inspection.sheets import SheetVerdict, assembled
     from prooflight.pages.layout.plan import facts_plan
 
@@ -104,7 +106,7 @@ def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
 
 
 def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
-    """For programs: ``{"sheet": ...}`` or ``{"set": ...}``."""
+    """Return a sheet or a set for programs: ``{"sheet_verdict": ...}`` or ``{"set_verdict": ...}``."""
     from prooflight.inspection.sheets import SheetVerdict
 
     if isinstance(found, SheetVerdict):
@@ -117,7 +119,7 @@ def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
 def sheets_told(
     found: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
 ) -> None:
-    """For people: sheets and sets that are not as they should be, and how many there are. last: so many of each."""
+    """Print sheets and sets that are not clean, and the counts, for people; ``last`` limits the rows of each table."""
     from prooflight.inspection.sheets import SheetVerdict
 
     spoiled = [one for one in found if not one.clean]
@@ -147,7 +149,7 @@ def sheets_told(
 
 
 def sheets_line(counts: Counts) -> str:
-    """How many sheets and sets of each kind, in one line."""
+    """Return the number of sheets and sets of each kind, in one line."""
     parts = [_of("sheet", counts.sheets)]
     if any(counts.sets.values()):
         parts.append(f"{_of('set', counts.sets)}, {counts.spoiled:,} not to be delivered as they are")

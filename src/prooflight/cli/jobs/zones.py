@@ -1,4 +1,4 @@
-"""``prooflight job zones`` and ``prooflight zones``: zones on the pages of a job, what they cost, and how they lie."""
+"""``prooflight job zones`` and ``prooflight zones``: zones on the pages of a job, their price, and their pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 ANY_DPI: Final = 72.0
-"""Where only the sizes of pages are asked."""
+"""Resolution for jobs of which only the sizes of pages are needed."""
 MOST_PRINTS: Final = 100_000
 ZonesPath = Annotated[Path, typer.Argument(metavar="ZONES", help="job.zones.json.")]
 Picture = Annotated[
@@ -29,7 +29,7 @@ Picture = Annotated[
 
 
 def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None:
-    """Zones that a run is given; None: none. JobError, RequestError: see ``JobZones``; overlaps are told."""
+    """Return the zones of a run, and report overlaps; None without zones. JobError, RequestError: see ``JobZones``."""
     if path is None:
         return None
     from prooflight.pages.zones.zones_file import JobZones
@@ -51,7 +51,7 @@ def register(app: typer.Typer) -> None:
     from prooflight.cli.jobs.check import check
 
     job = typer.Typer(
-        help="Check a job before it is printed; zones from what it says of itself.", no_args_is_help=True
+        help="Check a job before it is printed, and make zones from its marked places.", no_args_is_help=True
     )
     job.callback()(_job)
     job.command("check")(check)
@@ -65,24 +65,26 @@ def register(app: typer.Typer) -> None:
 
 
 def _job() -> None:
-    """Check a job before it is printed; zones from what it says of itself."""
+    """Check a job before it is printed, and make zones from its marked places."""
 
 
 def job_zones(
     job: JobPath,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="F.json", help="Where to write them.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="F.json", help="File to write the zones to.")],
     layer: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=KIND", help="What an optional-content layer shows: ignore, normal or careful."
+            metavar="NAME=KIND", help="Kind of zone for an optional-content layer: ignore, normal or careful."
         ),
     ] = None,
     annotation: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=KIND", help="Annotations of this sort, field, title or subject."),
+        typer.Option(
+            metavar="NAME=KIND", help="Kind of zone for annotations of this sort, field, title or subject."
+        ),
     ] = None,
     outside_bleed: Annotated[
-        str | None, typer.Option(metavar="KIND", help="What is printed outside the BleedBox.")
+        str | None, typer.Option(metavar="KIND", help="Kind of zone for the area outside the BleedBox.")
     ] = None,
     edge_mm: Annotated[
         float,
@@ -90,7 +92,9 @@ def job_zones(
     ] = 0.0,
     press: Annotated[
         Path | None,
-        typer.Option("--press", metavar="X.press", help="Bar codes that its camera reads are careful."),
+        typer.Option(
+            "--press", metavar="X.press", help="Press whose readable bar codes become careful zones."
+        ),
     ] = None,
     pages: Pages = None,
     profile: Profile = None,
@@ -98,8 +102,8 @@ def job_zones(
 ) -> None:
     """Write zones of a job by rules: layers and annotations by name, boxes, bar codes.
 
-    What is printed is the TrimBox: nothing outside it is ever judged. The zones are in force once their price was seen
-    and saved: `prooflight zones price`.
+    The TrimBox is printed: nothing outside it is ever inspected. The zones are in force once their price was
+    shown and saved: `prooflight zones price`.
     """
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.pages.zones.rules import Rule, Rules, on_all_pages
@@ -144,7 +148,7 @@ def job_zones(
 
 
 def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple[list[ZoneEntry], list[str]]:
-    """Zones of pages, and which rules found nothing."""
+    """Return zones of pages, and the rules that matched nothing."""
     from prooflight.inspection.codes.zones import code_zones
 
     found, seen = [], []
@@ -176,15 +180,15 @@ def price(
     job: JobPath,
     press: PressArtefact,
     save: Annotated[
-        bool, typer.Option("--save", help="Put them in force: write the price into ZONES.")
+        bool, typer.Option("--save", help="Put the zones in force: write the price into ZONES.")
     ] = False,
     prints: Annotated[
-        int, typer.Option(help="Good prints that calibrate them.", min=12, max=MOST_PRINTS)
+        int, typer.Option(help="Number of good prints that calibrate the zones.", min=12, max=MOST_PRINTS)
     ] = 90,
     trials: Annotated[
         int,
         typer.Option(
-            help="Prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
+            help="Number of prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
         ),
     ] = 24,
     picture: Picture = None,
@@ -192,10 +196,10 @@ def price(
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """What zones cost: the smallest spot, streak and loss of density caught at 99 % with and without them.
+    """Price zones by the smallest spot, streak and loss of density caught at 99 % with and without them.
 
-    Good prints of the job's pages are simulated; they also calibrate the zones, so that the press's promise holds
-    page-wide with them in force. Nothing is written without --save.
+    Good prints of the job's pages are simulated; they also calibrate the zones, so that the press's
+    false-alarm rate holds page-wide with them in force. Nothing is written without --save.
     """
     from prooflight.commissioning.zones.price import price_of
     from prooflight.pages.zones.zones_file import JobZones
@@ -232,7 +236,7 @@ def price(
 
 
 def _say(price: Price) -> None:
-    """The price, for people."""
+    """Print the price, for people."""
     from prooflight.commissioning.zones.defects import SORTS
 
     words = ("zone", "kind", "what is caught at 99 %")
@@ -284,7 +288,7 @@ def _plain(price: Price, *, saved: bool) -> dict[str, Any]:
 def show_zones(
     zones: ZonesPath, job: JobPath, picture: Picture = None, profile: Profile = None, json: Json = False
 ) -> None:
-    """List the zones of a job's pages, with the price that was told when they were saved; draw them."""
+    """List the zones of a job's pages, with the price that was shown when they were saved; draw them."""
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
@@ -313,11 +317,11 @@ def show_zones(
 def drop(
     zones: ZonesPath,
     job: JobPath,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the zone, as `zones show` lists it.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the zone, as `zones show` lists it.")],
     profile: Profile = None,
     json: Json = False,
 ) -> None:
-    """Take a zone out of a job's zones; a file whose last zone goes is removed. The others are to be priced again."""
+    """Remove a zone from a job's zones; the others must be priced again. A file without zones is removed."""
     from prooflight.line.granting import without_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones

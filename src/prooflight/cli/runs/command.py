@@ -1,4 +1,4 @@
-"""What presses were watched: ``prooflight runs``, and one run: ``run show``, export, replay, reconcile, tidy."""
+"""Runs in the journal: ``prooflight runs``, and one run: ``run show``, export, replay, reconcile, tidy."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from prooflight.journal.schema import JournalError
 
 DAMAGED_SHOWN = 5
-"""So many damaged rows are named; the rest are counted."""
+"""Number of damaged rows that are named; the rest are counted."""
 DIFFERS = 1
-"""Exit code of ``run replay`` where a figure does not come out again."""
+"""Exit code of ``run replay`` if a figure differs."""
 STATE_STYLE = {
     "running": "cyan",
     "interrupted": "yellow",
@@ -48,10 +48,10 @@ COUNTS = {
     "faulty": "faults",
     "dropped_pages": "not recorded",
 }
-"""What is counted in a list of runs, where any of them has some."""
+"""Counts in a list of runs, shown if any of the runs has some."""
 
 app = typer.Typer(
-    help="One run of the journal: show, mark, export, replay, reconcile; tidy up.", no_args_is_help=True
+    help="Show, label, export, replay or reconcile one run of the journal; tidy up.", no_args_is_help=True
 )
 
 feedback.register_of_runs(app)
@@ -65,10 +65,10 @@ def register(program: typer.Typer) -> None:
 
 def runs(
     journal: JournalUrl = None,
-    last: Annotated[int | None, typer.Option(metavar="N", help="The last N only.", min=1)] = None,
+    last: Annotated[int | None, typer.Option(metavar="N", help="Show the last N runs only.", min=1)] = None,
     json: Json = False,
 ) -> None:
-    """All runs in the journal, oldest first."""
+    """List all runs in the journal, oldest first."""
     from prooflight.journal.exporting import run_facts
 
     damaged = Damaged()
@@ -108,17 +108,15 @@ def _runs_table(found: list[RunRow], path: Path) -> Table:
 def show_run(
     run: RunNumber = "last",
     journal: JournalUrl = None,
-    every: Annotated[
-        bool, typer.Option("--all", help="Good pages as well, which a person need not see.")
-    ] = False,
-    last: Annotated[int, typer.Option(metavar="N", help="Of the pages, the last N.", min=1)] = 40,
+    every: Annotated[bool, typer.Option("--all", help="Show good pages as well.")] = False,
+    last: Annotated[int, typer.Option(metavar="N", help="Show the last N of the pages.", min=1)] = 40,
     csv: Annotated[bool, typer.Option("--csv", help="Print all pages as CSV.")] = False,
     sheets: Annotated[
-        bool, typer.Option("--sheets", help="With --json: its sheets and sets in place of its pages.")
+        bool, typer.Option("--sheets", help="With --json, print its sheets and sets instead of its pages.")
     ] = False,
     json: Json = False,
 ) -> None:
-    """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
+    """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
     from prooflight.journal.exporting import job_warnings, page_facts, write_csv
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run
@@ -177,14 +175,16 @@ def pair(
     journal: JournalUrl = None,
     backs_journal: Annotated[
         str | None,
-        typer.Option("--backs-journal", metavar="URL", help="Where the backs are; default there too."),
+        typer.Option(
+            "--backs-journal", metavar="URL", help="Journal of the backs; default that of the fronts."
+        ),
     ] = None,
     pages_a_set: Annotated[
-        int | None, typer.Option(metavar="N", help="Pages, of both sides, that belong together.", min=2)
+        int | None, typer.Option(metavar="N", help="Number of pages, of both sides, in a set.", min=2)
     ] = None,
     json: Json = False,
 ) -> None:
-    """Sheets of a press with a camera a side: two runs put together; exits 1 for a misprint, 3 for a missing side."""
+    """Pair two runs of a press with a camera a side into sheets; exits 1 for a misprint, 3 for a missing side."""
     from prooflight.cli.runs import pairing
 
     damaged = Damaged()
@@ -206,10 +206,11 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Write JSON, one object a line.")] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: print it.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="File to write; default standard output."),
     ] = None,
 ) -> None:
-    """All pages of one run as CSV or JSON."""
+    """Export all pages of one run as CSV or JSON."""
     from prooflight.files.atomic import whole_file
 
     if csv and json:
@@ -233,7 +234,7 @@ def replay(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Make a verdict again from the evidence that was kept; exits 1 if a figure differs."""
+    """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
     from prooflight.press.artefact import Press
 
@@ -282,8 +283,8 @@ def reconcile(
 ) -> None:
     """Account for every sheet of a run with a gate, in the journal and in the trays alike.
 
-    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate, or if the
-    controller's log differs from what the controller said over the wire.
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate,
+    or if the controller's log differs from what the controller reported over the wire.
     """
     with reading(journal) as opened:
         run_gate.reconcile(opened, run_of(opened, run), trays=trays, json=json)
@@ -295,13 +296,15 @@ def reprint_list(
     trays: TraysFile = None,
     journal: JournalUrl = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE.json", help="Write it; default print it.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE.json", help="File to write; default standard output."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Every sheet that the job needs and that does not lie in the good tray, where it goes in the stack, and why.
+    """List every sheet that the job needs and that is not in the good tray, its position in the stack, and why.
 
-    Of a run without a gate: every sheet that was not judged good, nor called a false alarm, nor vouched for.
+    For a run without a gate, list every sheet that was not judged good, nor labelled a false alarm, nor
+    vouched for.
     """
     with reading(journal) as opened:
         run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
@@ -309,16 +312,17 @@ def reprint_list(
 
 @app.command()
 def tidy(
-    days: Annotated[float, typer.Option(help="Keep runs so long after they ended.", min=0.001)] = float(
+    days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
         "inf"
     ),
     megabytes: Annotated[
-        float, typer.Option(help="Keep so much: the oldest evidence goes first, then runs.", min=0.001)
+        float,
+        typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
     ] = float("inf"),
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Remove what is older or larger than wanted; the last run stays. Exits 2 if something had to stay."""
+    """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay."""
     from prooflight.journal.journal import Journal
     from prooflight.journal.records import Retention
     from prooflight.plant.gate.log import log_path
@@ -369,13 +373,13 @@ class Damaged:
         self._first: list[JournalError] = []
 
     def add(self, error: JournalError) -> None:
-        """One more."""
+        """Add one damaged row."""
         self.count += 1
         if len(self._first) < DAMAGED_SHOWN:
             self._first.append(error)
 
     def told(self) -> None:
-        """Name them and exit, if there are any."""
+        """Name the rows and exit, if there are any."""
         for error in self._first:
             faults.told(error)
         if more := self.count - len(self._first):

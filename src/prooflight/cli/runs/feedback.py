@@ -1,5 +1,5 @@
-"""What people say of sheets, and what follows: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``
-and ``press go-back``.
+"""Labels of sheets, and their use: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``,
+``go-back``.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 REPLAYED_RUNS: Final = 5
 ANY_DPI: Final = 72.0
-"""Where only the sizes of pages are asked."""
+"""Resolution for jobs of which only the sizes of pages are needed."""
 SHOWN: Final = 40
-"""Sheets that are listed."""
+"""Number of sheets that are listed."""
 MARKS: Final = ("misprint", "good", "unknown")
 UNDO: Final = "undo"
 
@@ -51,14 +51,16 @@ def mark(
     sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.", min=0)],
     word: Annotated[
         str,
-        typer.Argument(metavar="WORD", help="What it was: misprint, good or unknown; undo: the last word."),
+        typer.Argument(
+            metavar="WORD", help="Label: misprint, good or unknown; undo: removes the last label."
+        ),
     ],
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who says so.")],
-    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Anything else.")] = "",
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Name of the person who labels.")],
+    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Note to the label.")] = "",
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Say what a sheet was, also while its run goes on. Words are added, none is replaced; the last one counts."""
+    """Label a sheet, also while its run goes on. Labels are added, none is replaced; the last one counts."""
     from prooflight.journal.words import GOOD, MOST_NOTE, Labels, Words, run_key
 
     if word not in (*MARKS, UNDO):
@@ -91,10 +93,10 @@ def mark(
 def asked(
     run: RunNumber = "last",
     journal: JournalUrl = None,
-    every: Annotated[bool, typer.Option("--all", help="Those that were told as well.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="List labelled sheets as well.")] = False,
     json: Json = False,
 ) -> None:
-    """Sheets about which people are asked and have not told, and what those that were told say of the run."""
+    """List the sheets that await a label, and the rates that the labelled sheets of the run show."""
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run, counts_of
 
@@ -134,7 +136,7 @@ def asked(
 
 
 def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
-    """What the asked sheets of a run say of it, for people."""
+    """Return the rates that the sheets sampled for review show, for people."""
     from prooflight.line.told import counts_of
 
     counts = counts_of(run, sheets)
@@ -155,20 +157,22 @@ def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
 
 def tolerances(
     journal: JournalUrl = None,
-    runs: Annotated[int, typer.Option(metavar="N", help="Look at the last N runs.", min=1)] = 20,
+    runs: Annotated[int, typer.Option(metavar="N", help="Number of last runs to analyse.", min=1)] = 20,
     grant: Annotated[
         int | None, typer.Option(metavar="N", help="Put proposal N into --zones.", min=1)
     ] = None,
     zones: Annotated[
-        Path | None, typer.Option(metavar="F.json", help="Zones of the job; made where there are none.")
+        Path | None,
+        typer.Option(metavar="F.json", help="Zones of the job; the file is created if it does not exist."),
     ] = None,
     job: Annotated[Path | None, typer.Option(metavar="JOB", help="The job that was printed.")] = None,
     json: Json = False,
 ) -> None:
-    """False alarms that come again and again at one place, each as a tolerance that could be granted, with its price.
+    """List false alarms that recur at one place, each as a tolerance that could be granted, with its price.
 
-    Nothing is applied but what --grant names: its place becomes an ignored zone of the job, in force once its price was
-    seen and saved (`prooflight zones price --save`). `prooflight zones drop` takes it back.
+    Nothing is applied but the proposal that --grant names: its place becomes an ignored zone of the job, in
+    force once its price was shown and saved (`prooflight zones price --save`). `prooflight zones drop`
+    revokes it.
     """
     from prooflight.journal.words import Words
     from prooflight.line.tolerances import proposals
@@ -192,7 +196,7 @@ def tolerances(
 
 
 def _grant(found: list[Proposal], number: int, *, zones: Path | None, job: Path | None, json: bool) -> None:
-    """Write one proposal's zone into a job's zones, whose price is void by it."""
+    """Write one proposal's zone into a job's zones, which makes their price invalid."""
     from prooflight.line.granting import granted, with_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
@@ -226,21 +230,26 @@ def _grant(found: list[Proposal], number: int, *, zones: Path | None, job: Path 
 
 def recalibrate(
     artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="Y.press", help="Where to write the new one.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="Y.press", help="Where to write the new artefact.")
+    ],
     journal: Annotated[
         list[str] | None,
         typer.Option(
-            "--journal", metavar="URL", help="Journal with words on its sheets; may be given again."
+            "--journal", metavar="URL", help="Journal with labels of its sheets; may be given repeatedly."
         ),
     ] = None,
     promise: Annotated[
         float | None,
-        typer.Option(metavar="N", help="One good page in N may alarm; default what X.press promises.", min=2),
+        typer.Option(metavar="N", help="One good page in N may alarm; default the rate of X.press.", min=2),
     ] = None,
     half_life: Annotated[
         float | None,
         typer.Option(
-            "--half-life", metavar="DAYS", help="Pages count half after so long; default all alike.", min=0.01
+            "--half-life",
+            metavar="DAYS",
+            help="Age in days at which pages count half; default no decay.",
+            min=0.01,
         ),
     ] = None,
     replay: Annotated[
@@ -248,7 +257,7 @@ def recalibrate(
     ] = REPLAYED_RUNS,
     json: Json = False,
 ) -> None:
-    """Set the threshold anew by what people told of alarms and of the random sample; X.press stays as it is."""
+    """Set the threshold again by the labels of alarms and of the random sample; X.press stays as it is."""
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run, replayed_run, told_pages
     from prooflight.press.artefact import Press
@@ -306,7 +315,7 @@ def recalibrate(
 
 
 def _show_replays(replays: list[Replayed]) -> None:
-    """Which alarms of runs would go and come at another threshold."""
+    """Print which alarms of runs would vanish and which would appear at another threshold."""
     if not replays:
         return
     headings = ("run", "sheets", "alarms", "would go", "of these told", "would come")
@@ -326,14 +335,14 @@ def _show_replays(replays: list[Replayed]) -> None:
 
 def go_back(
     artefact: Annotated[
-        Path, typer.Argument(metavar="Y.press", help="Press artefact that was calibrated anew.")
+        Path, typer.Argument(metavar="Y.press", help="Press artefact that was recalibrated.")
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the one before.")
+        Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the previous artefact.")
     ],
     json: Json = False,
 ) -> None:
-    """The press artefact that `press recalibrate` replaced, of the same digest: it stands in the new one."""
+    """Restore the press artefact that `press recalibrate` replaced, with the same digest; the new one contains it."""
     from prooflight.press.artefact import Press
 
     before = before_recalibration(Press.load(artefact), artefact)
@@ -345,7 +354,7 @@ def go_back(
 
 
 def before_recalibration(press: Press, where: Path) -> Press:
-    """The press that this one replaced; RequestError: it replaced none, or another one than it names."""
+    """Return the press that this one replaced; RequestError if it replaced none, or another one than it names."""
     ours = None if press.ours is None else press.ours.before_told()
     if press.ours is None or ours is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")

@@ -33,7 +33,7 @@ TraysFile = Annotated[
     typer.Option(
         "--trays",
         metavar="FILE",
-        help="The controller's log: JSON lines or CSV of session, tag, tray, count; default what it told us.",
+        help="The controller's log: JSON lines or CSV of session, tag, tray, count; default its reports over the wire.",
     ),
 ]
 WORDS: Final = {

@@ -1,4 +1,4 @@
-"""``prooflight run reconcile`` and ``reprint-list``: what became of every sheet, and what must be printed again."""
+"""``prooflight run reconcile`` and ``reprint-list``: the account of every sheet, and the sheets to print again."""
 
 from __future__ import annotations
 
@@ -50,7 +50,8 @@ WORDS: Final = {
 def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -> None:
     """Account for every sheet of a run.
 
-    Exits 1 if one is in the good tray that must not be, 3 if one is open or the controller's log and the wire differ.
+    Exits 1 if one is in the good tray that must not be, 3 if one is open or the controller's log and the wire
+    differ.
     """
     from prooflight.plant.gate.log import REMEDY, PlantError, log_path
 
@@ -84,7 +85,7 @@ def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -
 
 
 def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path | None, json: bool) -> None:
-    """What must be printed again, where it goes, and why."""
+    """List the sheets to print again, their positions in the stack, and why."""
     from prooflight.files.atomic import whole_file
     from prooflight.journal.schema import json_text
     from prooflight.plant.reprinting import NOT_PRINTED
@@ -125,7 +126,7 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
 
 
 def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintList, Reconciliation | None]:
-    """What of a run is to be printed again, and what became of its sheets; None: it had no gate.
+    """Return the sheets of a run to print again, and the account of its sheets; None if it had no gate.
 
     PlantError: the gate's log is damaged. RequestError: the controller's log is none, or is not of this run.
     """
@@ -185,7 +186,7 @@ def _told(found: Reconciliation, run: RunRow) -> None:
 
 
 def _off_facts(found: Reconciliation) -> dict[str, float]:
-    """How far from their places sheets reached the gate; empty: nobody knows."""
+    """Return the offsets at which sheets reached the gate; empty if they are not known."""
     if not found.off_mm:
         return {}
     greatest = max(map(abs, found.off_mm))

@@ -25,7 +25,7 @@ def pair(
     damaged: Damaged,
     json: bool,
 ) -> None:
-    """Tell the sheets and sets of two runs; exits 1 if one is a misprint, 3 if one was not inspected whole."""
+    """Print the sheets and sets of two runs; exits 1 if one is a misprint, 3 if one was not inspected whole."""
     of_job = max(_pages_of(*fronts, damaged=damaged), _pages_of(*backs, damaged=damaged))
     plan = pair_plan(fronts[1], backs[1], sheets_a_job=of_job, pages_a_set=pages_a_set)
     rows = (journal.pages(run.id, damaged=damaged) for journal, run in (fronts, backs))
@@ -49,7 +49,10 @@ def pair(
 
 
 def _pages_of(journal: Journal, run: RunRow, *, damaged: Damaged) -> int:
-    """Pages of one copy of a run's job, by the names of those that came: a page is called by its number in the job."""
+    """Return the number of pages of one copy of a run's job, from the names of the pages that came.
+
+    A page's name is its number in the job.
+    """
     names = (
         re.fullmatch(r"p(\d{4,7})", page.verdict.page) for page in journal.pages(run.id, damaged=damaged)
     )

@@ -19,12 +19,12 @@ MISPRINTS: Final = "streak:0.9,spots-voids:0.9,missing-content:0.9,ghost-smear:0
 EVERY: Final = 7
 FAULT_EVERY: Final = 60
 SHEETS: Final = 100_000
-"""A day at one a second."""
+"""Number of sheets: a day at one a second."""
 SEED: Final = 1
 
 
 def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float = 1.0) -> None:
-    """Make job and press where they are not there yet, and watch the press print until Ctrl-C."""
+    """Create job and press if they do not exist yet, and watch the press print until Ctrl-C."""
     from prooflight.cli.watch.command import watch
 
     job, press = FOLDER / JOB, FOLDER / PRESS
@@ -78,5 +78,5 @@ def _made_ready(job: Path, press: Path) -> None:
 
 
 def ended(error: typer.Exit) -> int:
-    """What a demonstration comes to: its misprints are meant."""
+    """Return the exit code of a demonstration, whose misprints are intended."""
     return 0 if error.exit_code in (1, 3) else error.exit_code

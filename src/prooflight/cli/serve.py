@@ -26,7 +26,9 @@ app.add_typer(user, name="user")
 
 JournalUrl = Annotated[
     str | None,
-    typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
+    typer.Option(
+        "--journal", metavar="URL", help="Journal: sqlite:///FILE, or the file; default in the user's data."
+    ),
 ]
 Data = Annotated[
     Path | None,

@@ -42,8 +42,8 @@ WIDE: int = 200
 
 
 class PlainConsole(Console):
-    """Console that prints strings as they are: no markup, no escape sequences, whatever a path holds. Style
-    comes as ``Text``.
+    """Console that prints strings without markup or escape sequences, whatever a path holds; style comes as
+    ``Text``.
     """
 
     def __init__(self, *, stderr: bool = False) -> None:

@@ -168,7 +168,7 @@ class RunEnded(Part):
     ending: Literal["finished", "stopped", "fault"]
     """How the run ended. stopped: by a person, before all sheets had come."""
     detail: str
-    """What keeps the run from being complete, in one line."""
+    """Reason why the run is incomplete, in one line; empty if it is complete."""
     counts: Mapping[str, int]
     """Counts of sheets (good, misprint, not-inspected, late) and of alarms (incidents)."""
 

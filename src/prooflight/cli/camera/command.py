@@ -122,7 +122,10 @@ def explore(
     press_file: PressFileArgument,
     vary: Annotated[
         list[str],
-        typer.Option(metavar="FIELD=a,b,c", help="e.g. lens.f_number=2.8,4; several make a grid."),
+        typer.Option(
+            metavar="FIELD=a,b,c",
+            help="Values of a field, e.g. lens.f_number=2.8,4; several options make a grid.",
+        ),
     ],
     picture: Picture = None,
     json: Json = False,

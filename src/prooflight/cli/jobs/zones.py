@@ -56,7 +56,7 @@ def register(app: typer.Typer) -> None:
     job.callback()(_job)
     job.command("check")(check)
     job.command("zones")(job_zones)
-    zones = typer.Typer(help="Zones: their price, and a picture.", no_args_is_help=True)
+    zones = typer.Typer(help="Price and draw zones.", no_args_is_help=True)
     zones.command("price")(price)
     zones.command("show")(show_zones)
     zones.command("drop")(drop)

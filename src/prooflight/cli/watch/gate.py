@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 
 def gate_settings(plant: PressFile | None) -> GateSettings | None:
-    """Return ``[gate]``, if its controller answers as it should; None without a gate. PlantError: it does not
-    answer.
+    """Return ``[gate]`` of a press file; None if there is none.
+
+    PlantError: its controller does not answer as it should.
     """
     settings = None if plant is None else plant.gate_settings()
     if settings is not None:

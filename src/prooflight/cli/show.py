@@ -42,9 +42,7 @@ WIDE: int = 200
 
 
 class PlainConsole(Console):
-    """Console that prints strings without markup or escape sequences, whatever a path holds; style comes as
-    ``Text``.
-    """
+    """Console that prints strings without markup or escape sequences; style comes as ``Text``."""
 
     def __init__(self, *, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False)

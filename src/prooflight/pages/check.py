@@ -57,9 +57,9 @@ def checked_page(job: Job, number: int) -> tuple[CheckedPage, Page | None]:
     refused = ""
     try:
         size = job.page_size_mm(number)
-        known = job.facts(number)
-        if known is not None:
-            facts, spots = known
+        page_facts = job.facts(number)
+        if page_facts is not None:
+            facts, spots = page_facts
         page = job.page(number)
     except JobError as error:
         refused = f"{sentence(error.what)}; {sentence(error.remedy)}"
@@ -119,19 +119,19 @@ def early_warnings(
 
     ``shown`` shows the progress of page numbers; its second argument is their count.
     """
-    until, found, pages = clock() + seconds, dict[PageWarning, None](), 0
+    until, warnings, pages = clock() + seconds, dict[PageWarning, None](), 0
     for number in shown(range(1, job.own_pages + 1), job.own_pages):
         if pages and clock() >= until:
             break
         try:
-            found |= dict.fromkeys(job.coarse_warnings(number))
+            warnings |= dict.fromkeys(job.coarse_warnings(number))
         except JobError as error:
             what = sentence(error.what)
             message = f"cannot be used, its sheets will not be inspected: {what}"
-            found[PageWarning(page=number - 1, kind=REFUSED, message=message)] = None
+            warnings[PageWarning(page=number - 1, kind=REFUSED, message=message)] = None
         pages = number
     of_files = dict.fromkeys(warning for warning in job.warnings if warning.page < 0)
-    every = tuple(of_files | found)
+    every = tuple(of_files | warnings)
     return EarlyWarnings(warnings=every, pages=pages, of=job.own_pages, known=frozenset(every))
 
 

@@ -103,13 +103,13 @@ def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
 
 def flaws(path: Path) -> dict[int, JobError]:
     """Return the pages, from 1, that are known without decoding to be unusable, and why."""
-    found = {}
+    flawed = {}
     for number in range(1, page_count(path) + 1):
         try:
             page_size_mm(path, number)
         except JobError as error:
-            found[number] = error
-    return found
+            flawed[number] = error
+    return flawed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -145,19 +145,19 @@ class Job:
     def flaws(self) -> dict[int, JobError]:
         """Return the pages that are cheaply known to be unusable, and why; others may turn out to be unusable too."""
         of_files = {path: files.flaws(path) for path, _ in self._places if path not in self._pdfs}
-        found = {
+        flawed = {
             number: of_files[path][place]
             for number, (path, place) in enumerate(self._places, start=1)
             if place in of_files.get(path, {})
         }
         layout = self.source.layout
         if layout is None:
-            return found
+            return flawed
         return {
-            number: found[page]
+            number: flawed[page]
             for number in range(1, len(self) + 1)
             for page in (_sizing_page(layout, number), *layout.pages_on(number))
-            if page in found
+            if page in flawed
         }
 
     def page_size_mm(self, number: int) -> tuple[float, float]:
@@ -218,8 +218,8 @@ class Job:
         pdf = self._pdfs.get(path)
         if pdf is None:
             return ()
-        found = pdf.page(place, COARSE_DPI).warnings
-        return tuple(replace(warning, page=number - 1) for warning in found)
+        warnings = pdf.page(place, COARSE_DPI).warnings
+        return tuple(replace(warning, page=number - 1) for warning in warnings)
 
     def page(self, number: int) -> Page:
         """Return page ``number`` of the job, from 1.

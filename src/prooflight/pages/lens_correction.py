@@ -68,7 +68,7 @@ def correction_frequencies() -> NDArray[np.float64]:
     return np.arange(_PERIOD // 2 + 1) / _PERIOD
 
 
-def correction_to(exact: NDArray[np.float64], ours: NDArray[np.float64]) -> LensCorrection:
+def correction_to(exact: NDArray[np.float64], separable: NDArray[np.float64]) -> LensCorrection:
     """Fit the correction that makes a footprint's transfer function the exact one, by least squares.
 
     Errors are weighted by 1 / f, which is the spectrum of edges. Both functions are (along, across) at
@@ -81,13 +81,13 @@ def correction_to(exact: NDArray[np.float64], ours: NDArray[np.float64]) -> Lens
     weight[0, 0] *= _EVEN_LIGHT
     parts = [_cosines(NEAR_REACH, 1, frequency), _cosines(FAR_REACH, FAR_BLOCK, frequency)]
     parts.append(_cosines(FARTHER_REACH, FARTHER_BLOCK, frequency))
-    basis = np.concatenate([part.reshape(-1, exact.size) for part in parts]) * (ours * weight).ravel()
+    basis = np.concatenate([part.reshape(-1, exact.size) for part in parts]) * (separable * weight).ravel()
     sizes = np.concatenate([_multiplicity(part.shape[0]).ravel() for part in parts])
     normal = basis @ basis.T + np.diag(_RIDGE * exact.size * sizes)
-    found = np.linalg.solve(normal, basis @ ((exact - ours) * weight).ravel())
+    weights = np.linalg.solve(normal, basis @ ((exact - separable) * weight).ravel())
     ends = np.cumsum([part.shape[0] ** 2 for part in parts])[:-1]
     near, far, farther = (
-        _unfolded(quadrant.reshape((round(quadrant.size**0.5),) * 2)) for quadrant in np.split(found, ends)
+        _unfolded(quadrant.reshape((round(quadrant.size**0.5),) * 2)) for quadrant in np.split(weights, ends)
     )
     near[NEAR_REACH, NEAR_REACH] -= near.sum() + far.sum() + farther.sum() - 1
     return LensCorrection(

@@ -31,7 +31,7 @@ FEWEST_FOR_PROCESSES = 6
 KILLED = "its worker process was killed, perhaps for want of memory"
 
 
-class _Crew:
+class _WorkerPool:
     """Pool of processors for all pages under way.
 
     A thread that works on a page needs a processor, and the page that is due first gets the next free one. No
@@ -96,14 +96,14 @@ class _Crew:
             self.leave()
 
 
-_made = cache(_Crew)
+_made = cache(_WorkerPool)
 _making = threading.Lock()
 
 
 class _Page(threading.local):
     """The page on which each thread works."""
 
-    crew: _Crew | None = None
+    pool: _WorkerPool | None = None
     """Pool that its processor belongs to; None: the thread works without a processor of the pool."""
 
     def due_s(self) -> float:
@@ -114,7 +114,7 @@ class _Page(threading.local):
 _page = _Page()
 
 
-def _crew_of(processors: int) -> _Crew:
+def _pool_of(processors: int) -> _WorkerPool:
     with _making:  # or two threads that are the first would have a crew each
         return _made(processors)
 
@@ -127,13 +127,13 @@ def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterat
     well.
     """
     _page.due_s = lambda: time_s if clock() <= time_s else math.inf  # type: ignore[method-assign]
-    _page.crew = _crew_of(processors)
-    _page.crew.wait(_page.due_s())
+    _page.pool = _pool_of(processors)
+    _page.pool.wait(_page.due_s())
     try:
         yield
     finally:
-        _page.crew.leave()
-        del _page.crew, _page.due_s
+        _page.pool.leave()
+        del _page.pool, _page.due_s
 
 
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
@@ -144,9 +144,9 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
     tasks = list(tasks)
     if threads == 1 or len(tasks) <= 1 or _held:
         return [task() for task in tasks]
-    own, due_s, ended = _page.crew, _page.due_s(), threading.Event()
+    own, due_s, ended = _page.pool, _page.due_s(), threading.Event()
     goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
-    done = _crew_of(threads).do(tasks, due_s, goes_on)
+    done = _pool_of(threads).do(tasks, due_s, goes_on)
     if own is not None:
         own.leave()
     ended.wait()

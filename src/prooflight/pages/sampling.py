@@ -131,5 +131,5 @@ def _kept_inside(first: NDArray[np.int64], weights: NDArray[np.float64], raster_
     start = np.clip(first, 0, raster_pixels - count)
     source = start[:, None] + np.arange(count) - first[:, None]
     valid = (source >= 0) & (source < weights.shape[1])
-    kept = np.take_along_axis(weights, np.clip(source, 0, weights.shape[1] - 1), axis=1)
-    return Taps(first=start.astype(np.int32), weights=np.where(valid, kept, 0.0).astype(np.float32))
+    inside = np.take_along_axis(weights, np.clip(source, 0, weights.shape[1] - 1), axis=1)
+    return Taps(first=start.astype(np.int32), weights=np.where(valid, inside, 0.0).astype(np.float32))

@@ -150,8 +150,8 @@ def decode_into(
 def _unreadable(page: Any, file_bytes: int) -> str:
     """Return why an image is not decoded; empty: it may be."""
     if page.compression not in COMPRESSIONS:
-        known = ", ".join(dict.fromkeys(COMPRESSIONS.values()))
-        return f"its compression {int(page.compression)} is not read, only {known}"
+        supported = ", ".join(dict.fromkeys(COMPRESSIONS.values()))
+        return f"its compression {int(page.compression)} is not read, only {supported}"
     if min(page.imagewidth, page.imagelength, page.samplesperpixel) < 1 or page.dtype is None:
         return f"the image is {page.imagewidth} x {page.imagelength} pixels of {page.bitspersample} bits"
     subsampled = page.is_subsampled and page.compression != _JPEG
@@ -188,7 +188,7 @@ def _check_jpegs(page: Any) -> None:
     allowed = 2 * _chunk_bytes(page) // page.dtype.itemsize + _JPEG_SLACK
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         file.seek(offset)
-        found = jpeg_frames.frame(file.read(size))
-        if found.rows * found.columns * found.components > allowed:
-            message = f"a JPEG of {found.columns} x {found.rows} pixels lies in a smaller strip or tile"
+        header = jpeg_frames.frame(file.read(size))
+        if header.rows * header.columns * header.components > allowed:
+            message = f"a JPEG of {header.columns} x {header.rows} pixels lies in a smaller strip or tile"
             raise ValueError(message)

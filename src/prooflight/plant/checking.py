@@ -31,15 +31,15 @@ def answers(plant: PressFile) -> list[Answer]:
 
     A component that does not answer does not keep the others from being tried.
     """
-    found = []
+    results = []
     settings = plant.gate_settings()
     if settings is not None:
-        found.append(_of_gate(settings))
+        results.append(_of_gate(settings))
     for outlet in outlets_of(plant):
         tried = check(outlet)
-        says = f"{tried.said} ({tried.milliseconds:.0f} ms)"
-        found.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=says))
-    return found
+        report = f"{tried.said} ({tried.milliseconds:.0f} ms)"
+        results.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=report))
+    return results
 
 
 def _of_gate(settings: GateSettings) -> Answer:
@@ -52,10 +52,10 @@ def _of_gate(settings: GateSettings) -> Answer:
         )
     ms = f"a result takes {1e3 * exchange_s(settings):.0f} ms at most"
     if "coil" in shown:
-        says = f"the output is {'on' if shown['coil'] else 'off'}; {ms}"
-        return Answer(what=what, where=settings.plc.where, answers=True, says=says)
+        report = f"the output is {'on' if shown['coil'] else 'off'}; {ms}"
+        return Answer(what=what, where=settings.plc.where, answers=True, says=report)
     status = PlcStatus(shown["plc_status"] & 7)
     ready = "ready" if PlcStatus.READY in status else "not ready"
     trays = f"{shown['in_good']:,} in the good tray, {shown['in_reject']:,} rejected"
-    says = f"{ready}, encoder at {shown['encoder']:,}, {trays}; {ms}"
-    return Answer(what=what, where=settings.plc.where, answers=True, says=says)
+    report = f"{ready}, encoder at {shown['encoder']:,}, {trays}; {ms}"
+    return Answer(what=what, where=settings.plc.where, answers=True, says=report)

@@ -391,19 +391,21 @@ def parsed(text: str | bytes) -> Event:
 
 def schema() -> dict[str, Any]:
     """Return the JSON schema (2020-12) of an event."""
-    found = _adapter().json_schema(mode="serialization")
-    for part in (found, *found["$defs"].values()):
+    document = _adapter().json_schema(mode="serialization")
+    for part in (document, *document["$defs"].values()):
         part["required"] = list(part["properties"])  # every field is always sent
-        for told in part["properties"].values():
-            told.pop("title", None)
-            if "description" in told:
-                told["description"] = " ".join(told["description"].replace("None:", "null:").split())
+        for field_schema in part["properties"].values():
+            field_schema.pop("title", None)
+            if "description" in field_schema:
+                field_schema["description"] = " ".join(
+                    field_schema["description"].replace("None:", "null:").split()
+                )
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
         "title": "Event of Prooflight",
     }
-    return head | {name: value for name, value in found.items() if name != "title"}
+    return head | {name: value for name, value in document.items() if name != "title"}
 
 
 def finite(value: Any) -> Any:

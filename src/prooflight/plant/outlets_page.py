@@ -148,21 +148,23 @@ def _judged(record: PageRecord) -> SheetMessages:
     return SheetMessages(judged=judged, at_gate=None, decision=None)
 
 
-def _row(code: Code, found: SheetMessages, *, name: str = "") -> list[str]:
-    sheet = found.sheet
+def _row(code: Code, messages: SheetMessages, *, name: str = "") -> list[str]:
+    sheet = messages.sheet
     row = [
         name or (f"`{NAMES[code]}`: {SAID[code]}" if code is not Code.GOOD else "`good`"),
         f"`{sheet.verdict}`",
         f"`{sheet.disposition}` by `{sheet.decided_by}`",
         str(_exit_code(code)),
-        _xjmf(found.judged),
+        _xjmf(messages.judged),
         _opcua(sheet),
     ]
-    if found.decision is None or found.at_gate is None:
+    if messages.decision is None or messages.at_gate is None:
         return row
-    gate = found.at_gate
+    gate = messages.at_gate
     late = "" if gate.in_time else ", not in time"
-    result = f"{int(found.decision.result)}, {int(found.decision.code)}" if gate.in_time else "none in time"
+    result = (
+        f"{int(messages.decision.result)}, {int(messages.decision.code)}" if gate.in_time else "none in time"
+    )
     return [*row, result, f"`{gate.code}`{late}; tray `{gate.tray}`"]
 
 
@@ -172,9 +174,11 @@ def _xjmf(judged: Event) -> str:
     root = xjmf.read(xjmf.signals([judged], device_id="press", job="job"))
     names = {"x": xjmf.NAMESPACE}
     result = root.find(".//x:QualityControlResult", names)
-    said = [f"{name} {result.get(name)}" for name in ("Passed", "Failed", "Measurements") if result.get(name)]
+    attributes = [
+        f"{name} {result.get(name)}" for name in ("Passed", "Failed", "Measurements") if result.get(name)
+    ]
     comments = [one.text for one in root.findall(".//x:Resource/x:Comment", names)]
-    return ", ".join([*said, comments[-1]])
+    return ", ".join([*attributes, comments[-1]])
 
 
 def _opcua(sheet: SheetJudged) -> str:

@@ -96,7 +96,7 @@ class ReprintList:
     def all(self) -> Iterator[Reprint]:
         """Yield all sheets, including those that were not printed."""
         yield from self.sheets
-        behind = _behind(self)
+        behind = _name_below(self)
         for sheet in self.unprinted:
             yield _reprint(self.plan, sheet, _Lacking(why=NOT_PRINTED), behind=behind)
 
@@ -415,7 +415,7 @@ def _reprint(
     )
 
 
-def _behind(listed: ReprintList) -> str:
+def _name_below(listed: ReprintList) -> str:
     """Return the name of the sheet below those that were not printed."""
     first = listed.unprinted.start
     if listed.sheets and listed.sheets[-1].run_sheet == first - 1:

@@ -117,5 +117,5 @@ class PlantState:
 
     def json(self) -> str:
         """Return the state as JSON, with the open incidents as a list."""
-        told = asdict(self) | {"incidents": [asdict(one) for one in self.incidents.values()]}
-        return json.dumps(finite(told), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        document = asdict(self) | {"incidents": [asdict(one) for one in self.incidents.values()]}
+        return json.dumps(finite(document), ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -75,17 +75,17 @@ class Place:
 
     def turned(self, width: float, height: float, turns: int = 1) -> Place:
         """Return the place on a side of this width and height after the side is turned by quarter turns, clockwise."""
-        found = self
+        place = self
         for _ in range(turns % 4):
-            found = Place(
-                x=height - found.y - found.height,
-                y=found.x,
-                width=found.height,
-                height=found.width,
-                turns=(found.turns + 1) % 4,
+            place = Place(
+                x=height - place.y - place.height,
+                y=place.x,
+                width=place.height,
+                height=place.width,
+                turns=(place.turns + 1) % 4,
             )
             width, height = height, width
-        return found
+        return place
 
 
 def side_size(page: tuple[float, float], layout: Layout) -> tuple[float, float]:
@@ -130,7 +130,7 @@ def places_on(
     top = (side[1] - layout.rows * height - (layout.rows - 1) * gutter[1]) / 2
     if all(isinstance(one, int) for one in (*page, *side, *gutter)):
         left, top = int(left // 1), int(top // 1)
-    found = [
+    places = [
         Place(
             x=left + column * (width + gutter[0]),
             y=top + row * (height + gutter[1]),
@@ -142,8 +142,8 @@ def places_on(
         for column in range(layout.columns)
     ]
     if back and layout.backs == "turned":
-        return [place.turned(*side, turns=2) for place in found]
-    return found
+        return [place.turned(*side, turns=2) for place in places]
+    return places
 
 
 def refuse_other_size(

@@ -71,7 +71,7 @@ class Layout:
 
         >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm (4.0, 4.0)
         """
-        told: dict[str, object] = {}
+        given: dict[str, object] = {}
         for part in text.split(","):
             word, _, value = (one.strip() for one in part.partition("="))
             if word not in _WORDS:
@@ -81,16 +81,16 @@ class Layout:
             values = read(value)
             if values is None:
                 raise RequestError(WHERE, f"{word} is {shortly(value)!r}", remedy=f"write {word}={example}")
-            if fields[0] in told:
+            if fields[0] in given:
                 raise RequestError(WHERE, f"{word} is said twice", remedy="say it once")
-            told.update(zip(fields, values, strict=True))
-        return _checked(cls(**told))  # type: ignore[arg-type]
+            given.update(zip(fields, values, strict=True))
+        return _checked(cls(**given))  # type: ignore[arg-type]
 
     @property
     def words(self) -> str:
         """Text of the layout for ``parse``, without values that are the default."""
         gutter, sheet = self.gutter_mm, self.sheet_mm
-        said = {
+        texts = {
             "sides": str(self.sides) if self.sides > 1 else "",
             "order": "" if self.order == "alternate" else f"{self.order}:{self.depth}",
             "backs": "" if self.backs == "upright" else self.backs,
@@ -102,7 +102,7 @@ class Layout:
             "rotate": str(self.rotate) if self.rotate else "",
             "pages-a-set": "" if self.pages_a_set is None else str(self.pages_a_set),
         }
-        return ",".join(f"{word}={value}" for word, value in said.items() if value) or "sides=1"
+        return ",".join(f"{word}={value}" for word, value in texts.items() if value) or "sides=1"
 
     @property
     def places_a_side(self) -> int:
@@ -268,8 +268,8 @@ def _order(text: str) -> tuple[str, int] | None:
     if text == "alternate":
         return text, 1
     kind, _, depth = text.partition(":")
-    found = _whole(1, MOST_DEPTH)(depth)
-    return (kind, found[0]) if kind in ("batch", "loop") and found else None
+    parsed = _whole(1, MOST_DEPTH)(depth)
+    return (kind, parsed[0]) if kind in ("batch", "loop") and parsed else None
 
 
 def _grid(text: str) -> tuple[int, int] | None:
@@ -288,8 +288,8 @@ def _lengths(*, one: bool, least: float) -> Callable[[str], tuple[tuple[float, f
         match = re.fullmatch(f"{number}x{number}", text) or (re.fullmatch(number, text) if one else None)
         if not match:
             return None
-        found = float(match[1]), float(match[match.lastindex or 1])
-        return (found,) if all(least <= length <= MOST_MM for length in found) else None
+        lengths = float(match[1]), float(match[match.lastindex or 1])
+        return (lengths,) if all(least <= length <= MOST_MM for length in lengths) else None
 
     return read
 

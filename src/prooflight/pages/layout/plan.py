@@ -34,7 +34,7 @@ class SheetPlan:
             return None
         try:
             size, pages = facts["page_mm"], facts.get("job_pages")
-            found = cls(
+            plan = cls(
                 layout=replace(Layout.parse(facts["words"]), job_pages=None if pages is None else int(pages)),
                 sides=int(facts["sides"]),
                 sheets=int(facts["sheets"]),
@@ -43,7 +43,7 @@ class SheetPlan:
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError):
             return None
-        return found if found.sides > 0 and found.sheets > 0 else None
+        return plan if plan.sides > 0 and plan.sheets > 0 else None
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -91,8 +91,8 @@ class SheetPlan:
     def pages(self, sheet: int) -> tuple[int, ...]:
         """Return the numbers of the job's pages on a sheet, from 1, each once."""
         sides, first = self.layout.sides, sheet % self.sheets_a_job * self.layout.sides
-        found = [page for side in range(sides) for page in self.layout.pages_on(first + side + 1)]
-        return tuple(dict.fromkeys(page for page in found if page is not None))
+        numbers = [page for side in range(sides) for page in self.layout.pages_on(first + side + 1)]
+        return tuple(dict.fromkeys(page for page in numbers if page is not None))
 
     def set_of(self, sheet: int) -> int | None:
         """Return the set of a sheet; None if the job has no sets."""
@@ -112,8 +112,8 @@ class SheetPlan:
         if self.page_mm is None:
             return []
         side_mm = side_size(self.page_mm, self.layout)
-        found = places_on(self.page_mm, side_mm, self.layout.gutter_mm, self.layout, back=back)
-        return [place.turned(*side_mm) for place in found] if self.laid_turned else found
+        places = places_on(self.page_mm, side_mm, self.layout.gutter_mm, self.layout, back=back)
+        return [place.turned(*side_mm) for place in places] if self.laid_turned else places
 
 
 def facts_plan(settings: Mapping[str, Any]) -> SheetPlan | None:

@@ -55,19 +55,19 @@ class Rules:
 
     def entries(self, marks: PageMarks | None, number: int, size_mm: tuple[float, float]) -> list[ZoneEntry]:
         """Return the zones of one page; ``marks`` is None if the page is of no PDF."""
-        found = list(_frames("edge", "ignore", self._inner(size_mm), number, size_mm))
+        zones = list(_frames("edge", "ignore", self._inner(size_mm), number, size_mm))
         if marks is None:
-            return found
+            return zones
         if marks.bleed is not None and self.outside_bleed is not None:
-            found += _frames("outside BleedBox", self.outside_bleed, marks.bleed, number, size_mm)
+            zones += _frames("outside BleedBox", self.outside_bleed, marks.bleed, number, size_mm)
         for rule in self.layers:
-            found += _boxes(
+            zones += _boxes(
                 rule, ((name,) for name, _ in marks.layers), (box for _, box in marks.layers), number, size_mm
             )
         for rule in self.annotations:
             names, boxes = ((one for one, _ in marks.annotations), (box for _, box in marks.annotations))
-            found += _boxes(rule, names, boxes, number, size_mm)
-        return found
+            zones += _boxes(rule, names, boxes, number, size_mm)
+        return zones
 
     def _inner(self, size_mm: tuple[float, float]) -> Box:
         edge = self.edge_mm
@@ -106,8 +106,8 @@ def _boxes(
     number: int,
     size_mm: tuple[float, float],
 ) -> Iterator[ZoneEntry]:
-    for known, box in zip(names, boxes, strict=True):
-        if rule.of(known) and (entry := entry_of(rule.name, rule.kind, box, number, size_mm)):
+    for own_names, box in zip(names, boxes, strict=True):
+        if rule.of(own_names) and (entry := entry_of(rule.name, rule.kind, box, number, size_mm)):
             yield entry
 
 

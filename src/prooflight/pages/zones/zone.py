@@ -108,13 +108,13 @@ class PageZones:
 
     def holds(self, kind: Kind, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Return which points of a grid (n,) x (m,) count as of this kind, (m, n); see the module."""
-        found = np.zeros((y_mm.size, x_mm.size), bool)
+        inside = np.zeros((y_mm.size, x_mm.size), bool)
         for other in KINDS[KINDS.index(kind) :]:
             for zone in self.zones:
                 if zone.kind == other:
-                    held = zone.holds(x_mm, y_mm)
-                    found = found | held if other == kind else found & ~held
-        return found
+                    within = zone.holds(x_mm, y_mm)
+                    inside = inside | within if other == kind else inside & ~within
+        return inside
 
     def ignores(self, box: Box) -> bool:
         """Return whether all of a rectangle is ignored."""
@@ -140,12 +140,12 @@ def share_ignored(zones: PageZones, width_mm: float, height_mm: float) -> float:
 
 def contested(zones: Sequence[Zone]) -> list[tuple[Zone, Zone]]:
     """Return pairs of a careful zone and an ignored one that overlap; the careful one counts."""
-    found = []
+    pairs = []
     for one in zones:
         for other in zones:
             if one.kind == "careful" and other.kind == "ignore" and _overlap(one, other):
-                found.append((one, other))
-    return found
+                pairs.append((one, other))
+    return pairs
 
 
 def _overlap(one: Zone, other: Zone) -> bool:

@@ -30,9 +30,9 @@ class CoilTalk(Waiting):
 
     def turn(self, wire: Wire) -> None:
         """Write the output in every exchange, because it falls off when nothing is written; see ``Talk``."""
-        asked_s = self._clock()
-        wire.set_coil(self._wanted(asked_s))
-        if self._clock() - asked_s > self._half_s():
+        started_s = self._clock()
+        wire.set_coil(self._wanted(started_s))
+        if self._clock() - started_s > self._half_s():
             # What was written may have come while another sheet passed.
             raise PlantError("PLC", "it answers too slowly for an output", remedy="use style = 'registers'")
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord
     from prooflight.press.gate import GateSettings
 
-STRANGE: Final = frozenset({"unknown", "blank"})
+UNKNOWN_PAGES: Final = frozenset({"unknown", "blank"})
 DOUBTS: Final = frozenset({Code.NOT_INSPECTED, Code.LOST_LINES, Code.TOO_LATE, Code.PLACE_UNKNOWN})
 """Codes to which the policy applies; for all other codes the decision is fixed."""
 SAID: Final = {
@@ -90,7 +90,7 @@ class GateDecider:
         own_set = max(place, 0) // self.settings.pages_a_set
         if not came:
             self._spoil(own_set)
-            return self._made(record, Result.NONE, Code.NONE, own_set, came=False)
+            return self._decision(record, Result.NONE, Code.NONE, own_set, came=False)
         code = own_code(record)
         result = self._own_result(code)
         if result is Result.ACCEPT:
@@ -103,7 +103,7 @@ class GateDecider:
             self._last_page = max(self._last_page, shown)
         if self._to_stop(code):
             self._stopped, result = True, Result.STOP
-        return self._made(record, result, code, own_set)
+        return self._decision(record, result, code, own_set)
 
     def alone(self, record: PageRecord, *, came: bool = True) -> Disposition:
         """Return what the policy decides for one side by itself, before its sheet is decided."""
@@ -164,7 +164,7 @@ class GateDecider:
             return True
         return share is not None and sum(recent[-share[1] :]) >= share[0]
 
-    def _made(
+    def _decision(
         self, record: PageRecord, result: Result, code: Code, own_set: int, *, came: bool = True
     ) -> SheetDecision:
         return SheetDecision(
@@ -196,7 +196,7 @@ def own_code(record: PageRecord) -> Code:
     """Return the code of a sheet by itself."""
     faults = set(record.faults)
     if record.verdict.verdict == "misprint":
-        return Code.UNKNOWN_SHEET if faults & STRANGE else Code.MISPRINT
+        return Code.UNKNOWN_SHEET if faults & UNKNOWN_PAGES else Code.MISPRINT
     if faults & NOT_WHOLE:
         return Code.LOST_LINES
     if record.verdict.verdict != "good" or record.job_page is None:

@@ -155,7 +155,7 @@ class Exchange(Waiting):
                 self._state, Fault.NONE
             )
             self._acknowledge(values["result_taken"], answered_s)
-            self._gate_says(values)
+            self._log_tray(values)
         return True
 
     def lost(self, why: str) -> None:
@@ -211,7 +211,7 @@ class Exchange(Waiting):
         if any(not sheet.taken for sheet in self._sheets.values()):
             self.wake.set()
 
-    def _gate_says(self, values: dict[str, int]) -> None:
+    def _log_tray(self, values: dict[str, int]) -> None:
         """Log the tray of the last sheet, if no sheet was missed since the last exchange."""
         count = values["sheets_at_gate"]
         if self._at_gate is not None and count - self._at_gate == 1 and values["last_tag"]:

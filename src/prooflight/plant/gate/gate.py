@@ -198,10 +198,10 @@ class Gate:
         """
         record, came, more = outcome.record, outcome.came, dict[str, Any]()
         if self._sides is not None:
-            found = self._sides.add(record, came=came)
-            if found is None:
+            combined = self._sides.add(record, came=came)
+            if combined is None:
                 return _decided(outcome, self.decider.alone(record, came=came))
-            record, came, more = found.record, found.came, {"rows": found.rows}
+            record, came, more = combined.record, combined.came, {"rows": combined.rows}
         while self.talk.lost_sheets:
             self.decider.lost(self.talk.lost_sheets.popleft())
         decision = self.decider.decide(record, came=came)

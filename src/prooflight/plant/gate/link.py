@@ -58,15 +58,15 @@ class Wire:
 
     def write(self, words: list[int]) -> None:
         """Write Prooflight's block of registers in one request."""
-        self._asked(self._client.write_registers, self._plc.first_register, words)
+        self._request(self._client.write_registers, self._plc.first_register, words)
 
     def set_coil(self, on: bool) -> None:
         """Switch the single output."""
-        self._asked(self._client.write_coil, self._plc.coil, on)
+        self._request(self._client.write_coil, self._plc.coil, on)
 
     def coil(self) -> bool:
         """Return whether the single output is on."""
-        return bool(self._asked(self._client.read_coils, self._plc.coil, count=1).bits[0])
+        return bool(self._request(self._client.read_coils, self._plc.coil, count=1).bits[0])
 
     def read(self) -> dict[str, int]:
         """Return the values that the controller shows."""
@@ -77,12 +77,14 @@ class Wire:
 
     def words(self, at: int, count: int) -> list[int]:
         """Return ``count`` registers from ``at``, counted as in the map."""
-        answer = self._asked(self._client.read_holding_registers, self._plc.first_register + at, count=count)
+        answer = self._request(
+            self._client.read_holding_registers, self._plc.first_register + at, count=count
+        )
         return list(answer.registers)
 
     def feed(self, at: int, words: list[int]) -> None:
         """Write registers outside any plant's map, which only the simulated controller has."""
-        self._asked(self._client.write_registers, self._plc.first_register + at, words)
+        self._request(self._client.write_registers, self._plc.first_register + at, words)
 
     def checked(self) -> dict[str, int]:
         """Return the values that the controller shows; PlantError if it does not have the register map."""
@@ -94,7 +96,7 @@ class Wire:
             raise self._wrong(f"its map has version {values['map_version']}, this program's {MAP_VERSION}")
         return values
 
-    def _asked(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
+    def _request(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
         try:
             answer = ask(*what, device_id=self._plc.unit, **more)
         except self._broken as error:

@@ -48,7 +48,7 @@ def set_aside(journal: Path, run_id: int) -> Path | None:
     if not path.exists():
         return None
     aside = next(
-        found for at in count(1) if not (found := path.with_name(f"{path.name}.before{at}")).exists()
+        unused for at in count(1) if not (unused := path.with_name(f"{path.name}.before{at}")).exists()
     )
     return path.rename(aside)
 
@@ -149,13 +149,13 @@ class KeptDecisions:
     @classmethod
     def read(cls, path: Path) -> KeptDecisions:
         """Read a log; PlantError as for ``rows_of``, or if a line lacks a field."""
-        kept = cls()
+        decisions = cls()
         for row in rows_of(path):
             try:
-                kept._add(row)
+                decisions._add(row)
             except (KeyError, TypeError) as error:
                 raise PlantError(path, f"a line lacks {error}", remedy="take it out") from error
-        return kept
+        return decisions
 
     def _add(self, row: dict[str, Any]) -> None:
         lacking = [name for name in NEEDED.get(row["kind"], ()) if name not in row]

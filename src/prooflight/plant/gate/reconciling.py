@@ -126,7 +126,7 @@ def read_trays(path: Path) -> list[Tray]:
         text = TRAY_FILES.read_text(path)
     except OSError as error:
         raise RequestError(path, "cannot be read", remedy=TRAY_FILES.remedy) from error
-    found = []
+    trays = []
     for number, row in enumerate(_rows(text, path), start=1):
         try:
             tray = str(row["tray"])
@@ -136,8 +136,8 @@ def read_trays(path: Path) -> list[Tray]:
             raise RequestError(path, f"row {number}: {error}", remedy=TRAY_FILES.remedy) from error
         if tray not in ("good", "reject"):
             raise RequestError(path, f"row {number}: tray is {tray!r}", remedy="good or reject are known")
-        found.append(Tray(session=session, tag=tag, tray=tray, count=count, why=why))
-    return found
+        trays.append(Tray(session=session, tag=tag, tray=tray, count=count, why=why))
+    return trays
 
 
 def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
@@ -159,7 +159,7 @@ def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
 
 
 def reconciled(
-    pages: Iterable[PageRecord], kept: KeptDecisions, trays: Sequence[Tray] | None
+    pages: Iterable[PageRecord], gate_log: KeptDecisions, trays: Sequence[Tray] | None
 ) -> Reconciliation:
     """Account for a run's sheets.
 
@@ -167,47 +167,49 @@ def reconciled(
     the wire are used, which may have gaps.
     """
     journal = {page.sheet + 1: page for page in pages}
-    settings = kept.began.get("settings", {})
+    settings = gate_log.began.get("settings", {})
     tolerance = settings.get("tolerance_mm", 0.0) * settings.get("plc", {}).get("counts_per_mm", 0.0)
     tolerated = settings.get("policy") == "accept"
-    plan = SheetPlan.of(kept.began.get("layout"))
-    rows = of_run([row for row in trays or () if _fits(row, kept, tolerance)], kept.sessions)
-    at_gate, strangers = _laid(kept, rows, tolerance)
-    disagreements = _disagreements(kept, at_gate) if rows else ()
+    plan = SheetPlan.of(gate_log.began.get("layout"))
+    rows = of_run([row for row in trays or () if _fits(row, gate_log, tolerance)], gate_log.sessions)
+    at_gate, unknown_rows = _assigned(gate_log, rows, tolerance)
+    disagreements = _disagreements(gate_log, at_gate) if rows else ()
     contested = {one.sheet + 1 for one in disagreements if one.file}
-    contested |= {tag for tag, found in at_gate.items() if len({row.tray for row in found}) > 1}
-    for tag, one in _wire_trays(kept).items():
+    contested |= {tag for tag, logged in at_gate.items() if len({row.tray for row in logged}) > 1}
+    for tag, one in _wire_trays(gate_log).items():
         at_gate.setdefault(tag, [one])
-    rows_of = {tag: [row + 1 for row in decided.get("rows", ())] for tag, decided in kept.decisions.items()}
-    with_others = {row for tag, rows in rows_of.items() for row in rows} - kept.decisions.keys()
+    rows_of = {
+        tag: [row + 1 for row in decided.get("rows", ())] for tag, decided in gate_log.decisions.items()
+    }
+    with_others = {row for tag, rows in rows_of.items() for row in rows} - gate_log.decisions.keys()
     sheets = [
         _of_sheet(
             tag,
             journal.get(tag),
             worst(journal[row].verdict.verdict for row in {tag, *rows_of.get(tag, ())} if row in journal),
-            kept,
+            gate_log,
             at_gate.get(tag, []),
             tolerated=tolerated,
             contested=tag in contested,
         )
-        for tag in sorted((journal.keys() - with_others) | kept.decisions.keys())
+        for tag in sorted((journal.keys() - with_others) | gate_log.decisions.keys())
     ]
     if plan is not None and plan.layout.sides > 1:
         # What was decided is known by its sheet; what was not, as yet by its side.
         sheets = [
             one
-            if one.job_page is None or one.sheet is None or one.sheet + 1 in kept.decisions
+            if one.job_page is None or one.sheet is None or one.sheet + 1 in gate_log.decisions
             else replace(one, job_page=plan.sheet_at(one.job_page)[0])
             for one in sheets
         ]
-    sheets += [_stranger(tray, tolerated=tolerated) for tray in strangers]
+    sheets += [_unknown_sheet(tray, tolerated=tolerated) for tray in unknown_rows]
     for tag, more in at_gate.items():  # what stuck below a sheet
-        sheets += [_stranger(tray, tolerated=tolerated) for tray in more[1:] if tag]
+        sheets += [_unknown_sheet(tray, tolerated=tolerated) for tray in more[1:] if tag]
     return Reconciliation(
         sheets=tuple(sheets),
         tolerated=tolerated,
         counts=Counter(one.account for one in sheets),
-        off_mm=_off_mm(kept, rows),
+        off_mm=_off_mm(gate_log, rows),
         source="file" if rows else "wire",
         disagreements=disagreements,
     )
@@ -235,44 +237,47 @@ def _rows(text: str, path: Path) -> Iterable[Any]:
     if not text.lstrip().startswith("{"):
         return csv.DictReader(io.StringIO(text))
     lines = [line for line in text.splitlines() if line.strip()]
-    found = []
+    rows = []
     for number, line in enumerate(lines, start=1):
         try:
-            found.append(json.loads(line))
+            rows.append(json.loads(line))
         except (ValueError, RecursionError) as error:
             if number == len(lines) > 1 and not text.endswith("\n"):
                 break  # the controller is writing it
             raise RequestError(path, f"is no JSON ({error})", remedy=TRAY_FILES.remedy) from error
-    return found
+    return rows
 
 
-def _off_mm(kept: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
+def _off_mm(gate_log: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
     """Return the offsets of the sheets for which the controller found a result."""
-    own, per_mm = set(kept.sessions), kept.began.get("settings", {}).get("plc", {}).get("counts_per_mm", 1.0)
+    own, per_mm = (
+        set(gate_log.sessions),
+        gate_log.began.get("settings", {}).get("plc", {}).get("counts_per_mm", 1.0),
+    )
     return tuple(
-        apart(tray.count, kept.written[tray.tag]["position"]) / per_mm
+        apart(tray.count, gate_log.written[tray.tag]["position"]) / per_mm
         for tray in trays
-        if tray.session in own and tray.tag in kept.written
+        if tray.session in own and tray.tag in gate_log.written
     )
 
 
-def _fits(row: Tray, kept: KeptDecisions, tolerance: float) -> bool:
+def _fits(row: Tray, gate_log: KeptDecisions, tolerance: float) -> bool:
     """Return whether a row can be the run's: a sheet that it names came to the gate where it was expected.
 
     Sessions are numbers of 16 bits, so a long log may contain the same number for another run.
     """
-    places = kept.places.get(row.tag, ()) if row.session in kept.sessions else ()
+    places = gate_log.places.get(row.tag, ()) if row.session in gate_log.sessions else ()
     return not tolerance or not places or any(abs(apart(place, row.count)) <= tolerance for place in places)
 
 
-def _laid(
-    kept: KeptDecisions, rows: Sequence[Tray], tolerance: float
+def _assigned(
+    gate_log: KeptDecisions, rows: Sequence[Tray], tolerance: float
 ) -> tuple[dict[int, list[Tray]], list[Tray]]:
     """Return the rows by tag, and those that belong to no sheet of the run."""
-    own = set(kept.sessions)
+    own = set(gate_log.sessions)
     tags = [tray.tag if tray.session in own else 0 for tray in rows]
-    _by_place(tags, rows, kept, tolerance)
-    _by_order(tags, rows, kept)
+    _by_place(tags, rows, gate_log, tolerance)
+    _by_order(tags, rows, gate_log)
     by_tag: dict[int, list[Tray]] = {}
     for tag, tray in zip(tags, rows, strict=True):
         if tag:
@@ -280,34 +285,34 @@ def _laid(
     return by_tag, [tray for tag, tray in zip(tags, rows, strict=True) if not tag]
 
 
-def _wire_trays(kept: KeptDecisions) -> dict[int, Tray]:
+def _wire_trays(gate_log: KeptDecisions) -> dict[int, Tray]:
     """Return the trays that the controller reported over the wire, by tag."""
     return {
         tag: Tray(session=one["session"], tag=tag, tray=one["tray"], count=0)
-        for tag, one in kept.trays.items()
+        for tag, one in gate_log.trays.items()
         if one["tray"] in ("good", "reject")
     }
 
 
-def _disagreements(kept: KeptDecisions, by_tag: dict[int, list[Tray]]) -> tuple[Disagreement, ...]:
+def _disagreements(gate_log: KeptDecisions, by_tag: dict[int, list[Tray]]) -> tuple[Disagreement, ...]:
     """Return the differences between the controller's log, by tag, and the wire."""
-    found = []
-    for tag, wire in sorted(_wire_trays(kept).items()):
+    differing = []
+    for tag, wire in sorted(_wire_trays(gate_log).items()):
         file = by_tag[tag][0].tray if tag in by_tag else ""
         if file != wire.tray:
-            found.append(Disagreement(sheet=tag - 1, wire=wire.tray, file=file))
-    return tuple(found)
+            differing.append(Disagreement(sheet=tag - 1, wire=wire.tray, file=file))
+    return tuple(differing)
 
 
-def _by_place(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions, tolerance: float) -> None:
+def _by_place(tags: list[int], rows: Sequence[Tray], gate_log: KeptDecisions, tolerance: float) -> None:
     """Assign rows to sheets by their expected positions, between the neighbours that are known."""
     places = {
         tag: decided["position"]
-        for tag, decided in kept.decisions.items()
+        for tag, decided in gate_log.decisions.items()
         if decided.get("position") is not None
     }
     for since, until in _gaps(tags):
-        low, high = _between(tags, since, until, kept)
+        low, high = _between(tags, since, until, gate_log)
         for at in range(since, until):
             near = [
                 tag
@@ -318,11 +323,11 @@ def _by_place(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions, tolera
                 tags[at] = low = near[0]
 
 
-def _by_order(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions) -> None:
+def _by_order(tags: list[int], rows: Sequence[Tray], gate_log: KeptDecisions) -> None:
     """Assign rows between known neighbours if all of them went into one tray, so that their order does not matter."""
-    came = {tag for tag, decided in kept.decisions.items() if decided["came"]}
+    came = {tag for tag, decided in gate_log.decisions.items() if decided["came"]}
     for since, until in _gaps(tags):
-        low, high = _between(tags, since, until, kept)
+        low, high = _between(tags, since, until, gate_log)
         left = [tag for tag in range(low + 1, high) if tag in came]
         if len(left) <= until - since and len({row.tray for row in rows[since:until]}) == 1:
             tags[since : since + len(left)] = left
@@ -330,46 +335,46 @@ def _by_order(tags: list[int], rows: Sequence[Tray], kept: KeptDecisions) -> Non
 
 def _gaps(tags: Sequence[int]) -> list[tuple[int, int]]:
     """Return first and end of each run of rows without a tag."""
-    found, since = [], None
+    gaps, since = [], None
     for at, tag in enumerate([*tags, 1]):
         if not tag and since is None:
             since = at
         elif tag and since is not None:
-            found.append((since, at))
+            gaps.append((since, at))
             since = None
-    return found
+    return gaps
 
 
-def _between(tags: Sequence[int], since: int, until: int, kept: KeptDecisions) -> tuple[int, int]:
+def _between(tags: Sequence[int], since: int, until: int, gate_log: KeptDecisions) -> tuple[int, int]:
     """Return the tags of the rows before and after."""
-    last = max(kept.decisions, default=0) + 1
+    last = max(gate_log.decisions, default=0) + 1
     return (tags[since - 1] if since else 0), (tags[until] if until < len(tags) else last)
 
 
 def _of_sheet(
     tag: int,
     page: PageRecord | None,
-    word: Word,
-    kept: KeptDecisions,
+    sheet_verdict: Word,
+    gate_log: KeptDecisions,
     trays: list[Tray],
     *,
     tolerated: bool,
     contested: bool,
 ) -> Accounted:
     """Account for one sheet; ``word`` is the verdict of all its sides."""
-    decided = kept.decisions.get(tag)
+    decided = gate_log.decisions.get(tag)
     result = Result(decided["result"]) if decided else Result.NONE
     code = Code(decided["code"]) if decided else Code.NONE
     tray = trays[0] if trays else None
-    verdict = "" if page is None else str(word)
+    verdict = "" if page is None else str(sheet_verdict)
     why = SAID.get(code, "")
     came = decided["came"] if decided else True
-    said = tray.tray if tray else ""
-    account = account_of(result, verdict=verdict, tray=said, came=came, tolerated=tolerated)
+    tray_name = tray.tray if tray else ""
+    account = account_of(result, verdict=verdict, tray=tray_name, came=came, tolerated=tolerated)
     if account == "did-not-come":
         why = "the page did not come"
     elif account == "lost" and tray:
-        unsent = kept.unsent.get(tag)
+        unsent = gate_log.unsent.get(tag)
         why = SAID[Code(unsent["code"])] if unsent else tray.why or "the controller did not say"
     return Accounted(
         account=account,
@@ -380,13 +385,13 @@ def _of_sheet(
         verdict=verdict,
         in_journal=page is not None,
         decision=result.name.lower() if result else "",
-        tray=said,
+        tray=tray_name,
         why=why,
         contested=contested,
     )
 
 
-def _stranger(tray: Tray, *, tolerated: bool) -> Accounted:
+def _unknown_sheet(tray: Tray, *, tolerated: bool) -> Accounted:
     """Account for a sheet at the gate that the run does not know."""
     wrong = tray.tray == "good" and not tolerated
     why = tray.why or "no sheet of the run was due there"

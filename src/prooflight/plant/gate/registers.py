@@ -108,15 +108,15 @@ class Register:
     what: str
 
 
-def _laid(rows: Sequence[tuple[str, Literal[1, 2], str]], *, first: int) -> tuple[Register, ...]:
-    found, at = [], first
+def _numbered(rows: Sequence[tuple[str, Literal[1, 2], str]], *, first: int) -> tuple[Register, ...]:
+    registers, at = [], first
     for name, words, what in rows:
-        found.append(Register(name=name, at=at, words=words, what=what))
+        registers.append(Register(name=name, at=at, words=words, what=what))
         at += words
-    return tuple(found)
+    return tuple(registers)
 
 
-WRITTEN: Final = _laid(
+WRITTEN: Final = _numbered(
     (
         ("status", 1, "bits: 0 ready, 1 busy, 2 result valid, 3 pass, 4 fault, 5 stop"),
         ("heartbeat", 1, "changes with every exchange"),
@@ -135,7 +135,7 @@ WRITTEN: Final = _laid(
 )
 """Registers that Prooflight writes."""
 READ_FROM: Final = 32
-READ: Final = _laid(
+READ: Final = _numbered(
     (
         ("map_id", 1, "0x5046"),
         ("map_version", 1, "1"),

@@ -58,13 +58,13 @@ class SidesTogether:
             return None
         fronts = self._first.get(sheet, []) if came else self._first.pop(sheet, [])
         sides = [side_verdict(self.plan, sheet, at, records) for at, records in enumerate((fronts, [record]))]
-        found = sheet_verdict(self.plan, sheet, sides)
-        told = min((*fronts, record), key=lambda one: one.verdict.verdict != found.verdict)
+        combined = sheet_verdict(self.plan, sheet, sides)
+        decisive = min((*fronts, record), key=lambda one: one.verdict.verdict != combined.verdict)
         verdict = Verdict(
-            page=found.name,
-            verdict=found.verdict,
-            kind=told.verdict.kind,
-            reason="; ".join(found.why),
+            page=combined.name,
+            verdict=combined.verdict,
+            kind=decisive.verdict.kind,
+            reason="; ".join(combined.why),
         )
         faults = dict.fromkeys(fault for side in sides for fault in side.faults)
         return SheetRecord(

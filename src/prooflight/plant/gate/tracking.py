@@ -108,7 +108,7 @@ class Tracker:
             if not now.times_s or block.time_s > now.times_s[-1]:
                 now.lines.append(block.next_line)
                 now.times_s.append(block.time_s)
-            self._weigh(now)
+            self._update_bounds(now)
 
     def counted(self, count: int, *, asked_s: float, answered_s: float) -> None:
         """Take the controller's count, with the times of request and answer by the lines' clock."""
@@ -117,7 +117,7 @@ class Tracker:
             self._last_count += step if step < WRAP // 2 else step - WRAP
             self._readings.append((self._last_count, asked_s, answered_s))
             if self._stretches:
-                self._weigh(self._stretches[-1])
+                self._update_bounds(self._stretches[-1])
 
     @property
     def aligned(self) -> bool:
@@ -181,7 +181,7 @@ class Tracker:
         passed = speed * (block.time_s - now.times_s[-1])
         return abs(block.next_line - now.lines[-1] - passed) > MOST_STEP * (speed + passed)
 
-    def _weigh(self, now: _Stretch) -> None:
+    def _update_bounds(self, now: _Stretch) -> None:
         """Bound the constant by the readings whose lines have come."""
         while self._readings:
             count, asked_s, answered_s = self._readings[0]

@@ -114,19 +114,19 @@ class Waiting:
 
     def _overdue(self, now_s: float, *, after_s: float = 0.0) -> list[tuple[int, Pending]]:
         """Forget and return sheets that were due at the gate ``after_s`` ago or more; called with the lock held."""
-        gone = []
+        forgotten = []
         for tag, one in list(self._sheets.items()):
             due_s = self._tracker.due_s(one.line)
             if now_s >= (one.posted_s + GIVEN_UP_S if due_s is None else due_s + after_s):
                 del self._sheets[tag]
-                gone.append((tag, one))
+                forgotten.append((tag, one))
                 unsent = None
                 if not one.taken:
                     unsent = Code.PLACE_UNKNOWN if due_s is None else Code.TOO_LATE
                     self._unsent(tag, one, unsent)
                 self._left.passed(tag, now_s=now_s, unsent=unsent)
         self._left.overdue(now_s)
-        return gone
+        return forgotten
 
     def ended(self) -> None:
         """Report the sheets whose trays will not be reported any more."""

@@ -28,19 +28,19 @@ def outlets_of(file: PressFile, press: str | None = None) -> list[Outlet]:
     """
     plant, path = file.plant, file.path
     name = file.name if press is None else press
-    found: list[Outlet] = []
+    outlets: list[Outlet] = []
     try:
         if plant.mqtt is not None:
-            found.append(_mqtt(plant.mqtt, path, name))
+            outlets.append(_mqtt(plant.mqtt, path, name))
         for number, block in enumerate(plant.webhook, start=1):
-            found.append(_webhook(block, path, f"plant.webhook.{number}"))
+            outlets.append(_webhook(block, path, f"plant.webhook.{number}"))
         if plant.xjmf is not None:
-            found += _xjmf(plant.xjmf, path)
+            outlets += _xjmf(plant.xjmf, path)
         if plant.opcua is not None:
-            found.append(_opcua(plant.opcua, path, name))
+            outlets.append(_opcua(plant.opcua, path, name))
     except ModuleNotFoundError as error:
         raise RequestError("plant", f"{error.name} is not installed", remedy=REMEDY) from error
-    return found
+    return outlets
 
 
 def _mqtt(block: MqttBlock, path: Path, press: str) -> Outlet:
@@ -79,9 +79,9 @@ def _webhook(block: WebhookBlock, path: Path, where: str) -> Outlet:
 def _xjmf(block: XjmfBlock, path: Path) -> list[Outlet]:
     from prooflight.plant.outlets.xjmf import XjmfAnswers, XjmfPush
 
-    found: list[Outlet] = []
+    outlets: list[Outlet] = []
     if block.url is not None:
-        found.append(
+        outlets.append(
             XjmfPush(
                 device_id=block.device_id,
                 url=block.url,
@@ -92,8 +92,8 @@ def _xjmf(block: XjmfBlock, path: Path) -> list[Outlet]:
         )
     if block.listen is not None:
         host, port = address(block.listen)
-        found.append(XjmfAnswers(device_id=block.device_id, host=host, port=port))
-    return found
+        outlets.append(XjmfAnswers(device_id=block.device_id, host=host, port=port))
+    return outlets
 
 
 def _opcua(block: OpcuaBlock, path: Path, press: str) -> Outlet:

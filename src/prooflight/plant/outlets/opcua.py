@@ -212,10 +212,10 @@ class VisionSystem:
             for name in ("StateChangedEventType", "ResultReadyEventType", "VisionInformationEventType")
         }
         await server.nodes.server.add_reference(system, ObjectIds.HasNotifier, bidirectional=False)
-        found = cls(server, types, generators, nodes)
-        await found.enter("Preoperational", None)
-        await found._write_state("automatic", "VisionAutomaticModeStateMachineType", Step(to=""))
-        return found
+        vision_system = cls(server, types, generators, nodes)
+        await vision_system.enter("Preoperational", None)
+        await vision_system._write_state("automatic", "VisionAutomaticModeStateMachineType", Step(to=""))
+        return vision_system
 
     async def follow(self, state: PlantState) -> None:
         """Set the state of the vision system to that of the press."""

@@ -170,20 +170,20 @@ async def build(server: Server) -> VisionTypes:
 async def _states(
     machine: Node, name: str, index: int, states: tuple[str, ...], transitions: tuple[str, ...]
 ) -> dict[str, Node]:
-    found: dict[str, Node] = {}
+    nodes: dict[str, Node] = {}
     for number, state in enumerate(states, start=1):
         kind = ObjectIds.InitialStateType if number == 1 else ObjectIds.StateType
         node = await machine.add_object(index, state, objecttype=_id(kind))
         await (await node.get_child("0:StateNumber")).write_value(number, ua.VariantType.UInt32)
-        found[f"{name}.{state}"] = node
+        nodes[f"{name}.{state}"] = node
     for number, transition in enumerate(transitions, start=1):
         node = await machine.add_object(index, transition, objecttype=_id(ObjectIds.TransitionType))
         await (await node.get_child("0:TransitionNumber")).write_value(number, ua.VariantType.UInt32)
         start, end = transition.removesuffix("Auto").split("To")
-        await node.add_reference(found[f"{name}.{start}"], ObjectIds.FromState, bidirectional=False)
-        await node.add_reference(found[f"{name}.{end}"], ObjectIds.ToState, bidirectional=False)
-        found[f"{name}.{transition}"] = node
-    return found
+        await node.add_reference(nodes[f"{name}.{start}"], ObjectIds.FromState, bidirectional=False)
+        await node.add_reference(nodes[f"{name}.{end}"], ObjectIds.ToState, bidirectional=False)
+        nodes[f"{name}.{transition}"] = node
+    return nodes
 
 
 async def _component(owner: Node, name: str, kind: Node, index: int) -> None:

@@ -102,8 +102,8 @@ class Outbox:
 
         None: the queue is closed, and all events are delivered.
         """
-        found = await self.heads(1)
-        return found[0] if found else None
+        events = await self.heads(1)
+        return events[0] if events else None
 
     async def heads(self, most: int) -> list[Event]:
         """Wait for the next events and return them; the same until they are delivered.
@@ -155,11 +155,11 @@ class Outbox:
     def abandon(self) -> EventsLost | None:
         """Drop all waiting events because time is up, and return which they were; None if there were none."""
         with self._guard:
-            gone, self._waiting = list(self._waiting), deque()
-            if not gone:
+            dropped, self._waiting = list(self._waiting), deque()
+            if not dropped:
                 return None
-            self._lost += _untold(gone)
-            return _lost(gone)
+            self._lost += _untold(dropped)
+            return _lost(dropped)
 
     @property
     def health(self) -> OutletHealth:
@@ -177,21 +177,21 @@ class Outbox:
     # --- under the guard ---
 
     def _refuse(self) -> None:
-        gone = self._waiting.popleft()
+        dropped = self._waiting.popleft()
         self._held = 0
-        if not isinstance(gone.body, EventsLost):
+        if not isinstance(dropped.body, EventsLost):
             self._lost += 1
-            self._waiting.appendleft(replace(gone, body=_lost([gone])))
+            self._waiting.appendleft(replace(dropped, body=_lost([dropped])))
 
     def _give_up(self) -> None:
         """Drop the oldest event that is not being delivered; one ``events-lost`` reports all that were dropped."""
-        held = [self._waiting.popleft() for _ in range(min(self._held, len(self._waiting) - 1))]
-        gone = [self._waiting.popleft()]
-        if isinstance(gone[0].body, EventsLost) and self._waiting:
-            gone.append(self._waiting.popleft())
-        lost = _lost(gone)
-        self._lost += _untold(gone)
-        self._waiting.extendleft([replace(gone[-1], body=lost), *reversed(held)])
+        in_delivery = [self._waiting.popleft() for _ in range(min(self._held, len(self._waiting) - 1))]
+        dropped = [self._waiting.popleft()]
+        if isinstance(dropped[0].body, EventsLost) and self._waiting:
+            dropped.append(self._waiting.popleft())
+        lost = _lost(dropped)
+        self._lost += _untold(dropped)
+        self._waiting.extendleft([replace(dropped[-1], body=lost), *reversed(in_delivery)])
 
     def _wake(self, *, closing: bool = False) -> None:
         flag = self._closing if closing else self._more
@@ -207,17 +207,17 @@ class Outbox:
             self._changed(self.health)
 
 
-def _lost(gone: list[Event]) -> EventsLost:
+def _lost(dropped: list[Event]) -> EventsLost:
     """Return the report of consecutive lost events, which may include reports of earlier losses."""
-    first, last = gone[0], gone[-1]
-    before = sum(one.body.count for one in gone if isinstance(one.body, EventsLost))
+    first, last = dropped[0], dropped[-1]
+    before = sum(one.body.count for one in dropped if isinstance(one.body, EventsLost))
     return EventsLost(
-        count=before + _untold(gone),
+        count=before + _untold(dropped),
         first=first.body.first if isinstance(first.body, EventsLost) else first.number,
         last=last.number,
     )
 
 
-def _untold(gone: list[Event]) -> int:
+def _untold(dropped: list[Event]) -> int:
     """Count the events that have not been counted as lost."""
-    return sum(not isinstance(one.body, EventsLost) for one in gone)
+    return sum(not isinstance(one.body, EventsLost) for one in dropped)

@@ -27,7 +27,7 @@ KEPT: Final = 100
 
 
 @dataclass(slots=True, kw_only=True)
-class _Told:
+class _RunFacts:
     """Facts of a run that every message needs."""
 
     device_id: str
@@ -47,7 +47,7 @@ class _Told:
 
 
 @dataclass(slots=True, kw_only=True)
-class XjmfPush(_Told):
+class XjmfPush(_RunFacts):
     """Outlet that sends a ``SignalResource`` a sheet to one URL."""
 
     url: str
@@ -106,7 +106,7 @@ class XjmfPush(_Told):
 
 
 @dataclass(slots=True, kw_only=True)
-class XjmfAnswers(_Told):
+class XjmfAnswers(_RunFacts):
     """Outlet that answers ``QueryResource`` with the results of the last sheets."""
 
     host: str
@@ -143,20 +143,20 @@ class XjmfAnswers(_Told):
             return xjmf.refusal(kind, text, code, device_id=self.device_id, query_id=query_id, time_s=now_s)
 
         try:
-            found = xjmf.messages(xjmf.read(data))
+            messages = xjmf.messages(xjmf.read(data))
         except ValueError as error:
             return refused("Notification", f"this is no XJMF: {error}", xjmf.NOT_XML)
-        if len(found) != 1:
+        if len(messages) != 1:
             return refused("Notification", "one query at a time is answered", xjmf.UNSUPPORTED)
-        kind, query = found[0]
+        kind, query = messages[0]
         header = xjmf.part(query, "Header")
         query_id = None if header is None else header.get("ID")
         if kind != "QueryResource":
-            known = "QueryResource" if kind.startswith(("Query", "Command")) else "queries"
-            asked = kind.removeprefix("Query").removeprefix("Command")
-            answerable = asked if asked in ANSWERABLE else "Notification"
+            answered = "QueryResource" if kind.startswith(("Query", "Command")) else "queries"
+            requested = kind.removeprefix("Query").removeprefix("Command")
+            answerable = requested if requested in ANSWERABLE else "Notification"
             return refused(
-                answerable, f"{kind} is not answered here, only {known}", xjmf.UNSUPPORTED, query_id
+                answerable, f"{kind} is not answered here, only {answered}", xjmf.UNSUPPORTED, query_id
             )
         parameters = xjmf.part(query, "ResourceQuParams")
         resource = None if parameters is None else parameters.get("ResourceName")

@@ -63,12 +63,12 @@ def signals(
 
     There must be at least one. ``sheet_mm`` is width and height; None: not known, and defects have no box.
     """
-    found = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
-    if not found:
+    sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
+    if not sheets:
         message = "no sheet was judged"
         raise ValueError(message)
-    root = _root(device_id, found[-1][0].time_s)
-    for event, sheet in found:
+    root = _root(device_id, sheets[-1][0].time_s)
+    for event, sheet in sheets:
         signal = _element(root, "SignalResource", ChannelMode="Reliable")
         _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
         _resource_info(signal, [(event, sheet)], job, sheet_mm)
@@ -91,8 +91,8 @@ def response(
     root = _root(device_id, time_s)
     answer = _element(root, "ResponseResource", ReturnCode=str(OK))
     _header(answer, device_id, time_s, query_id=query_id)
-    found = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
-    _resource_info(answer, found, job, sheet_mm)
+    sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
+    _resource_info(answer, sheets, job, sheet_mm)
     return written(root)
 
 
@@ -103,9 +103,9 @@ def lost(event: Event, *, device_id: str) -> bytes:
     _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
     notification = _element(signal, "Notification", Class="Warning")
     if isinstance(event.body, EventsLost):
-        told = event.body
-        what = "1 message was lost" if told.count == 1 else f"{told.count:,} messages were lost"
-        _element(notification, "Comment").text = f"{what}, {told.first} to {told.last}"
+        loss = event.body
+        what = "1 message was lost" if loss.count == 1 else f"{loss.count:,} messages were lost"
+        _element(notification, "Comment").text = f"{what}, {loss.first} to {loss.last}"
     return written(root)
 
 
@@ -182,12 +182,12 @@ def _resource_info(
     above: _Element, sheets: list[tuple[Event, SheetJudged]], job: str, sheet_mm: tuple[float, float] | None
 ) -> None:
     info = _element(above, "ResourceInfo", JobID=name(job), Scope="Job")
-    found = _element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
+    resource_set = _element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
     for event, sheet in sheets:
-        _sheet(found, event, sheet, sheet_mm)
+        _sheet(resource_set, event, sheet, sheet_mm)
         for ink in sheet.inks:
             if ink.register_x_mm is not None and ink.register_y_mm is not None:
-                resource = _resource(found, sheet, Separation=NAME_OF_INK[ink.ink].capitalize())
+                resource = _resource(resource_set, sheet, Separation=NAME_OF_INK[ink.ink].capitalize())
                 result = _result(resource, event, sheet)
                 _registration(result, ink.register_x_mm, ink.register_y_mm, reference="Print")
 
@@ -236,13 +236,13 @@ def _face(sheet: SheetJudged) -> str:
 
 
 def _result(resource: _Element, event: Event, sheet: SheetJudged) -> _Element:
-    looked = sheet.verdict != "not-inspected"
+    inspected = sheet.verdict != "not-inspected"
     return _element(
         resource,
         RESOURCE,
         End=_time(event.time_s),
         MeasurementUsage="Standard",
-        Measurements=str(int(looked)),
+        Measurements=str(int(inspected)),
         Sample=f"{sheet.sheet} {sheet.sheet}",
     )
 
@@ -333,8 +333,8 @@ def read(data: bytes) -> _Element:
 
 def messages(root: _Element) -> list[tuple[str, _Element]]:
     """Return name and element of each message in it."""
-    found = [(etree.QName(one).localname, one) for one in root if isinstance(one.tag, str)]
-    return [(kind, one) for kind, one in found if kind != "Header"]
+    elements = [(etree.QName(one).localname, one) for one in root if isinstance(one.tag, str)]
+    return [(kind, one) for kind, one in elements if kind != "Header"]
 
 
 def part(element: _Element, tag: str) -> _Element | None:

@@ -196,7 +196,7 @@ class SimulatedPlc:
             self._dropped, self._session = self._session, 0
 
     def _sort(self, sheet: BeltSheet, count: int) -> None:
-        tag, code, accepted, why = self._found(count)
+        tag, code, accepted, why = self._match(count)
         tray = "good" if accepted else "reject"
         facts: dict[str, Any] = {"session": self._session, "tag": tag, "code": code, "tray": tray, "why": why}
         for below in range(sheet.under + 1):  # what sticks to a sheet goes where it goes
@@ -209,7 +209,7 @@ class SimulatedPlc:
         self.last = row
         self._at_gate += 1
 
-    def _found(self, count: int) -> tuple[int, int, bool, str]:
+    def _match(self, count: int) -> tuple[int, int, bool, str]:
         """Return tag, code, whether the sheet is accepted, and why."""
         if self.style == "coil":
             return 0, 0, self.coil, "the output is on" if self.coil else "the output is off"

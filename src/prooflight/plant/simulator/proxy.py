@@ -39,14 +39,14 @@ class Relay:
 
     def mend(self) -> None:
         """Accept connections again."""
-        self._loop.call_soon_threadsafe(self._mend)
+        self._loop.call_soon_threadsafe(self._reconnect)
 
     def _break(self) -> None:
         self._cut = True
         for writer in self._writers:
             writer.transport.abort()
 
-    def _mend(self) -> None:
+    def _reconnect(self) -> None:
         self._cut = False
 
     def _run(self) -> None:

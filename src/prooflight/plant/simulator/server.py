@@ -87,7 +87,7 @@ class PlcServer:
     async def _serve(self) -> None:
         bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
         words = [SimData(self._first, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
-        device = SimDevice(id=self._unit, simdata=(bits, bits, words, words), action=self._asked)
+        device = SimDevice(id=self._unit, simdata=(bits, bits, words, words), action=self._handle)
         server = ModbusTcpServer(device, address=(self._host, self.port))
         try:
             await server.serve_forever(background=True)
@@ -107,7 +107,7 @@ class PlcServer:
         sockets = listening.sockets if isinstance(listening, asyncio.Server) else ()
         return int(sockets[0].getsockname()[1])
 
-    async def _asked(
+    async def _handle(
         self,
         function: int,
         _start: int,

@@ -97,11 +97,11 @@ def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
 @cache
 def _of_packages() -> dict[str, Any]:
     """Return the commands of packages other than the studies."""
-    found: dict[str, Any] = {}
+    commands: dict[str, Any] = {}
     for entry in entry_points(group=GROUP):
         if entry.name != STUDIES:
-            found |= commands_of(entry.load())
-    return found
+            commands |= commands_of(entry.load())
+    return commands
 
 
 def _without_studies(name: str) -> Any:

@@ -42,10 +42,10 @@ class FaultLog(logging.Handler):
         """Print a log record; an exception that comes with it is written to the file, and named."""
         line = record.getMessage()
         if record.exc_info and record.exc_info[1] is not None:
-            line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._kept(record)})"
+            line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._store(record)})"
         told(line)
 
-    def _kept(self, record: logging.LogRecord) -> str:
+    def _store(self, record: logging.LogRecord) -> str:
         for folder in (_state_folder(), Path(tempfile.gettempdir())):
             file = folder / "prooflight-faults.log"
             with contextlib.suppress(OSError):
@@ -55,13 +55,13 @@ class FaultLog(logging.Handler):
         return "and its details could not be written"
 
     def _write(self, file: Path, record: logging.LogRecord) -> None:
-        kept = RotatingFileHandler(
+        handler = RotatingFileHandler(
             file, maxBytes=LOG_BYTES, backupCount=1, encoding="utf-8", errors="replace"
         )
         version = f"{__version__}, Python {platform.python_version()}, {platform.platform()}"
-        kept.setFormatter(logging.Formatter(f"%(asctime)s %(message)s\n{self._command}\n{version}"))
-        with contextlib.closing(kept):
-            kept.emit(record)
+        handler.setFormatter(logging.Formatter(f"%(asctime)s %(message)s\n{self._command}\n{version}"))
+        with contextlib.closing(handler):
+            handler.emit(record)
 
 
 @contextlib.contextmanager

@@ -37,9 +37,9 @@ def laid_out(
     from prooflight.pages.layout.layout import Layout
     from prooflight.press.sheets import planned
 
-    said = Layout.parse(words)
+    layout = Layout.parse(words)
     with job.open() as opened:
-        plan = planned(opened, said, geometry, sheets=sheets)
+        plan = planned(opened, layout, geometry, sheets=sheets)
     if blank := plan.layout.blank_places:
         faults.told(
             f"the last of the job's {plan.sheets_a_job:,} sheets has {plan.layout.pages_a_sheet} places, "
@@ -53,24 +53,24 @@ def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | 
     from prooflight.inspection.sheets import Assembling
     from prooflight.journal.records import PageRecord
 
-    assembling, found = Assembling(plan), list["SheetVerdict | SetVerdict"]()
+    assembling, parts = Assembling(plan), list["SheetVerdict | SetVerdict"]()
     for position in range(plan.passings):
         side = plan.side_at(position)
         verdict = verdicts[side]
-        found += assembling.add(
+        parts += assembling.add(
             PageRecord(sheet=side, job_page=position, verdict=verdict, late=False, first_line=0, time_s=0.0)
         )
-    return found + assembling.end()
+    return parts + assembling.end()
 
 
-def of_job_told(found: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
+def of_job_told(parts: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
     """Print the sheets and sets of a job."""
     from prooflight.inspection.sheets import Counts
 
     if not json:
-        sheets_told(found, Counts.of(found))
+        sheets_told(parts, Counts.of(parts))
         return
-    for one in found:
+    for one in parts:
         show.print_json(sheet_facts(one))
 
 
@@ -99,30 +99,30 @@ def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
     if plan is None:
         what = f"run {run.id} was watched without --layout"
         raise RequestError("sheets", what, remedy="leave out --sheets: every page is a sheet of its own")
-    found = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
-    sheets = [sheet_facts(one)["sheet_verdict"] for one in found if isinstance(one, SheetVerdict)]
-    sets = [sheet_facts(one)["set_verdict"] for one in found if not isinstance(one, SheetVerdict)]
+    parts = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
+    sheets = [sheet_facts(one)["sheet_verdict"] for one in parts if isinstance(one, SheetVerdict)]
+    sets = [sheet_facts(one)["set_verdict"] for one in parts if not isinstance(one, SheetVerdict)]
     show.print_json({"run": run.id, "layout": plan.layout.words, "sheets": sheets, "sets": sets})
 
 
-def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
+def sheet_facts(part: SheetVerdict | SetVerdict) -> dict[str, Any]:
     """Return a sheet or a set for programs: ``{"sheet_verdict": ...}`` or ``{"set_verdict": ...}``."""
     from prooflight.inspection.sheets import SheetVerdict
 
-    if isinstance(found, SheetVerdict):
-        more: dict[str, Any] = {"bad_pages": found.bad_pages, "doubled": found.doubled}
-        more["disposition"] = found.disposition
-        return {"sheet_verdict": asdict(found) | more | {"out_of_order": found.out_of_order}}
-    return {"set_verdict": asdict(found) | {"complete": found.complete}}
+    if isinstance(part, SheetVerdict):
+        more: dict[str, Any] = {"bad_pages": part.bad_pages, "doubled": part.doubled}
+        more["disposition"] = part.disposition
+        return {"sheet_verdict": asdict(part) | more | {"out_of_order": part.out_of_order}}
+    return {"set_verdict": asdict(part) | {"complete": part.complete}}
 
 
 def sheets_told(
-    found: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
+    parts: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
 ) -> None:
     """Print sheets and sets that are not clean, and the counts, for people; ``last`` limits the rows of each table."""
     from prooflight.inspection.sheets import SheetVerdict
 
-    spoiled = [one for one in found if not one.clean]
+    spoiled = [one for one in parts if not one.clean]
     sheets = [one for one in spoiled if isinstance(one, SheetVerdict)]
     sets = [one for one in spoiled if not isinstance(one, SheetVerdict)]
     if sheets:
@@ -156,14 +156,14 @@ def sheets_line(counts: Counts) -> str:
     return "; ".join(parts)
 
 
-def _of(what: str, words: dict[Any, int]) -> str:
+def _of(what: str, counts: dict[Any, int]) -> str:
     from prooflight.reporting.wording import count
 
-    bad, unseen = words["misprint"], words["not-inspected"]
+    bad, unseen = counts["misprint"], counts["not-inspected"]
     return ", ".join(
         [
-            count(sum(words.values()), what),
-            f"{words['good']:,} good",
+            count(sum(counts.values()), what),
+            f"{counts['good']:,} good",
             *([count(bad, "misprint")] if bad else []),
             *([f"{unseen:,} not inspected"] if unseen else []),
         ]

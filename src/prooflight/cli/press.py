@@ -94,8 +94,8 @@ def build(
     )
     if detector != "none":
         rate = 1 / settings.good_pages_per_false_alarm if settings.states_promise else DEFAULT_RATE
-        teaching = designs or TEACHING[detector]
-        press = _trained(press, teaching, rate=rate, full=detector == "full", seed=seed, quiet=json)
+        training_designs = designs or TEACHING[detector]
+        press = _trained(press, training_designs, rate=rate, full=detector == "full", seed=seed, quiet=json)
     differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
@@ -140,12 +140,12 @@ def _rip_sentence(press: Press, differing: tuple[str, ...] | None) -> str:
     return sentence(press.rip_engine, drawn_dpi(press), differing)
 
 
-def catches(ours: CalibratedDetector) -> str:
+def catches(detector: CalibratedDetector) -> str:
     """Return, in one line, the share of trial misprints that the ranking caught at this press's threshold."""
     from prooflight.detectors.matched_filter.shipped import shipped_ranking
 
     ranking = shipped_ranking()
-    share = ranking.caught(ours.threshold)
+    share = ranking.caught(detector.threshold)
     count = len(ranking.misprints)
     return (
         f"In its trials the ranking caught {share:.0%} of {count:,} simulated misprints at this threshold, barely "
@@ -208,8 +208,8 @@ def learn(
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
     fresh = new_scans(press, {page.name: page.digest for page in seen})
-    asked = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
-    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else asked)
+    rate = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
+    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else rate)
     alarms = sum(page.score > press.ours.threshold for page in seen) if press.ours else 0
     digest = learned.save(out or artefact)
     assert learned.ours is not None
@@ -266,10 +266,10 @@ def show_press(
 
         draw_press(picture, press)
     if json:
-        told = {"learned": [asdict(row) for row in learned], "catches": visible_marks.plain(caught)}
+        more = {"learned": [asdict(row) for row in learned], "catches": visible_marks.plain(caught)}
         if job is not None:
-            told["catches_on_page"] = visible_marks.plain(rows)
-        show.print_json(facts | told)
+            more["catches_on_page"] = visible_marks.plain(rows)
+        show.print_json(facts | more)
         return
     table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
     sensors = facts.pop("sensors")
@@ -298,10 +298,10 @@ def _print_learned(rows: list[StatedBesideLearned]) -> None:
     table = show.table_of(title, ("amount", "stated", "learned", "between", "pages"), words=("amount",))
     for row in rows:
         if row.learned is not None:
-            found = row.learned
-            between = f"{found.low:.3g} and {found.high:.3g}"
+            estimate = row.learned
+            between = f"{estimate.low:.3g} and {estimate.high:.3g}"
             names = "\n+ ".join(row.names)
-            table.add_row(names, f"{row.stated:.3g}", f"{found.value:.3g}", between, str(found.pages))
+            table.add_row(names, f"{row.stated:.3g}", f"{estimate.value:.3g}", between, str(estimate.pages))
     show.people.print(table)
     for row in rows:
         if row.remark:

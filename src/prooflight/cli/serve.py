@@ -198,8 +198,8 @@ def add(
 
     if role not in list(Role):
         raise RequestError("role", f"there is no {role[:40]!r}", remedy=f"choose {', '.join(Role)}")
-    held = _accounts(journal, data)
-    _link(name, held.add(name, Role(role), by=_me()), address, json=json)
+    accounts = _accounts(journal, data)
+    _link(name, accounts.add(name, Role(role), by=_me()), address, json=json)
 
 
 @user.command("link")
@@ -207,8 +207,8 @@ def link(
     name: Name, address: Address = HERE, journal: JournalUrl = None, data: Data = None, json: Json = False
 ) -> None:
     """Print a new link for a user who lost theirs, or their password."""
-    held = _accounts(journal, data)
-    _link(name, held.link(name, by=_me()), address, json=json)
+    accounts = _accounts(journal, data)
+    _link(name, accounts.link(name, by=_me()), address, json=json)
 
 
 @user.command("list")

@@ -91,11 +91,11 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
 
 def told_progress(items: Iterable[Item], *, total: int, what: str, every_s: float = 2.0) -> Iterator[Item]:
     """Yield the items, with a line of JSON about their number, at first and every ``every_s``."""
-    told_s = -math.inf
+    printed_s = -math.inf
     for number, item in enumerate(items):
         now_s = time.monotonic()
-        if now_s - told_s >= every_s:
-            told_s = now_s
+        if now_s - printed_s >= every_s:
+            printed_s = now_s
             print_json({"phase": "preparing", "detail": f"{what}: {number} of {total}"})
         yield item
 

@@ -35,11 +35,11 @@ def on_tints(press: Press) -> list[OnTint]:
 
     if press.ours is None:
         return []
-    found = []
+    rows = []
     for place, black in TINTS.items():
         spot_mm, hair_mm = on_tint(press.ours, press.station(), black)
-        found.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
-    return found
+        rows.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
+    return rows
 
 
 def print_tints(rows: Sequence[OnTint]) -> None:

@@ -36,7 +36,7 @@ Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the cu
 
 def register(program: typer.Typer) -> None:
     """Add these commands to the program."""
-    app.command("list")(line_cameras.found)
+    app.command("list")(line_cameras.list_cameras)
     app.command("features")(line_cameras.features)
     app.command("view")(view.view)
     app.command("record")(line_cameras.record)
@@ -106,15 +106,20 @@ def mtf(
         title = f"MTF at {wave:g} nm, working F-number {camera.lens.working_f_number:.3g}"
         curves = sharpness(camera, chosen, fine, wave_nm=wave)
         tables.draw_sharpness(picture, fine, curves, nyquist=nyquist, title=title)
-    found = sharpness(camera, chosen, frequency, wave_nm=wave)
+    transfer = sharpness(camera, chosen, frequency, wave_nm=wave)
     if json:
         show.print_json(
-            {"freq": frequency, "lens": found.lens, "system": found.across, "system_along": found.along}
+            {
+                "freq": frequency,
+                "lens": transfer.lens,
+                "system": transfer.across,
+                "system_along": transfer.along,
+            }
         )
         return
     title = f"MTF of sensor {chosen.name} at {wave:g} nm"
     magnification = camera.lens.magnification
-    show.people.print(tables.sharpness_table(title, frequency, found, magnification=magnification))
+    show.people.print(tables.sharpness_table(title, frequency, transfer, magnification=magnification))
 
 
 @app.command()

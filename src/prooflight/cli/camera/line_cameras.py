@@ -26,7 +26,7 @@ CameraId = Annotated[
 ]
 
 
-def found(
+def list_cameras(
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="Backend: aravis or viva; default all.")
     ] = None,
@@ -60,14 +60,14 @@ def features(
     try:
         for feature, value in wanted:
             camera.set(feature, value)
-        known = camera.features()
+        available = camera.features()
     finally:
         camera.close()
     if json:
-        show.print_json([asdict(one) for one in known.values()])
+        show.print_json([asdict(one) for one in available.values()])
         return
     table = Table("feature", "value", "takes", "of")
-    for one in known.values():
+    for one in available.values():
         table.add_row(one.name, one.value, _takes(one), one.category)
     show.people.print(table)
 
@@ -97,12 +97,12 @@ def record(
     source = camera_lines(name, camera)
     source.tell = lambda _kind, text: faults.told(text)
     begun_s = time.monotonic()
-    said: list[str] = []
+    messages: list[str] = []
     with whole_file(out) as unfinished, unfinished.open("wb") as file, closing(source.blocks()) as blocks:
         try:
             for block in blocks:
                 write_block(file, block)
-                said += [fault.detail for fault in block.faults]
+                messages += [fault.detail for fault in block.faults]
                 if not json:
                     for fault in block.faults:
                         faults.told(fault.detail)
@@ -115,9 +115,9 @@ def record(
             source.close()
     took_s = time.monotonic() - begun_s
     if json:
-        told = total(healths.values()) | {"seconds": round(took_s, 3), "faults": said}
-        told |= {"cameras": {one: asdict(health) for one, health in healths.items()}}
-        show.print_json(told | {"sensors": source.sensors, "pixels": source.pixels})
+        facts = total(healths.values()) | {"seconds": round(took_s, 3), "faults": messages}
+        facts |= {"cameras": {one: asdict(health) for one, health in healths.items()}}
+        show.print_json(facts | {"sensors": source.sensors, "pixels": source.pixels})
         return
     for one, health in healths.items():
         show.people.print(
@@ -131,8 +131,8 @@ def record(
 def total(healths: Iterable[Health]) -> dict[str, float]:
     """Return the totals of what several cameras have sent and lost."""
     added = ("lines", "lines_lost", "blocks", "blocks_broken", "resends", "away")
-    known = list(healths)
-    return {name: sum(getattr(one, name) for one in known) for name in added}
+    every = list(healths)
+    return {name: sum(getattr(one, name) for one in every) for name in added}
 
 
 def _wanted(text: str) -> tuple[str, str]:

@@ -67,25 +67,25 @@ def set_up(
     settings = press.camera_settings()
     opened = ready(camera, settings, where=str(press_file))
     try:
-        tap = CameraTap(opened, names=settings.names.get(camera.model))
+        reader = CameraTap(opened, names=settings.names.get(camera.model))
         if begun:
-            _begin(press_file, press, sensors=tap.sensors, camera=camera.id)
+            _begin(press_file, press, sensors=reader.sensors, camera=camera.id)
             _say(f"{press_file} is begun from {press.path.name}", "faint", quiet=json)
         protocol = left or dialogue.Protocol(camera=camera.id, begun=begun)
         attended = not yes and given is None
-        talk = dialogue.Talk(
+        prompts = dialogue.Talk(
             say=lambda text, kind: _say(text, kind, quiet=json),
             answer=_typed if attended else _given(given, quiet=json),
             attended=attended,
         )
         try:
-            dialogue.SetUp(tap=tap, path=press_file, talk=talk, protocol=protocol).run()
+            dialogue.SetUp(tap=reader, path=press_file, talk=prompts, protocol=protocol).run()
         except dialogue.Stopped:
             _say("stopped; the same command goes on from here", "faint", quiet=json)
     finally:
         opened.close()
     if json:
-        show.print_json(_told(protocol, press_file))
+        show.print_json(_facts(protocol, press_file))
     else:
         _summary(protocol, press_file)
 
@@ -124,10 +124,10 @@ def _answers(path: Path) -> dict[str, Any]:
 
 def _flat(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
     """Flatten a tree, so that ``sheet.across = "..."`` equals ``"sheet.across" = "..."``."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in tree.items():
-        found |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
-    return found
+        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return flat
 
 
 def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *, quiet: bool) -> None:
@@ -137,11 +137,11 @@ def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *,
         )
 
 
-def _typed(_key: str, words: str, usual: str) -> str:
+def _typed(_key: str, question: str, usual: str) -> str:
     """Read one line; the question goes to standard error, so that standard output may be a document."""
     from prooflight.commissioning.line_camera.dialogue import Stopped
 
-    show.errors.print(f"> {words}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
+    show.errors.print(f"> {question}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
     show.errors.file.flush()
     line = sys.stdin.readline()
     if not line:
@@ -150,15 +150,15 @@ def _typed(_key: str, words: str, usual: str) -> str:
 
 
 def _given(given: Callable[[str], str] | None, *, quiet: bool) -> Callable[[str, str, str], str]:
-    def answer(key: str, words: str, usual: str) -> str:
-        said = given(key) if given is not None else ""
-        _say(f"> {words} [{said or usual or 'Enter'}]", "faint", quiet=quiet)
-        return said
+    def answer(key: str, question: str, usual: str) -> str:
+        reply = given(key) if given is not None else ""
+        _say(f"> {question} [{reply or usual or 'Enter'}]", "faint", quiet=quiet)
+        return reply
 
     return answer
 
 
-def _told(protocol: Protocol, press_file: Path) -> dict[str, Any]:
+def _facts(protocol: Protocol, press_file: Path) -> dict[str, Any]:
     return {
         "camera": protocol.camera,
         "press_file": press_file,

@@ -43,23 +43,27 @@ def response_table(answer: SensorResponse) -> Table:
 
 
 def sharpness_table(
-    title: str, frequency: NDArray[np.float64], found: Sharpness, *, magnification: float
+    title: str, frequency: NDArray[np.float64], sharpness: Sharpness, *, magnification: float
 ) -> Table:
     """Return a table of MTFs against frequency on the sensor (n,) [cycles/mm] and on the page."""
     headings = ("on sensor [cycles/mm]", "on page [cycles/mm]", "lens", "system across", "system along")
     table = table_of(title, headings)
-    for row in zip(frequency, found.lens, found.across, found.along, strict=True):
+    for row in zip(frequency, sharpness.lens, sharpness.across, sharpness.along, strict=True):
         table.add_row(f"{row[0]:g}", f"{row[0] * magnification:.3g}", *(f"{value:.4f}" for value in row[1:]))
     return table
 
 
 def draw_sharpness(
-    path: Path, frequency: NDArray[np.float64], found: Sharpness, *, nyquist: float, title: str
+    path: Path, frequency: NDArray[np.float64], sharpness: Sharpness, *, nyquist: float, title: str
 ) -> None:
     """Draw MTFs against frequency on the sensor (n,) [cycles/mm]."""
     from prooflight.reporting import camera_pictures
 
-    curves = {"lens": found.lens, "system across the web": found.across, "system along the web": found.along}
+    curves = {
+        "lens": sharpness.lens,
+        "system across the web": sharpness.across,
+        "system along the web": sharpness.along,
+    }
     camera_pictures.draw_curves(
         path,
         frequency,

@@ -231,13 +231,13 @@ def simulate(
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         job_pages, names = len(opened), {source.page_name(number) for number in numbers}
-    kept = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
+    kept_before = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
     out.mkdir(parents=True, exist_ok=True)
     work = ScanToFile(
         job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
     )
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
-    write_truth(out / "truth.json", [*kept, *truths], world=world, seed=seed, press=loaded)
+    write_truth(out / "truth.json", [*kept_before, *truths], world=world, seed=seed, press=loaded)
     if json:
         show.print_json(truths)
     else:
@@ -305,8 +305,8 @@ def inspect(
     source = job_source(job, loaded, profile=profile)
     source, plan = laid_out.laid_out(source, layout, loaded.geometry)
     with source.open() as opened:
-        known = zones_in_force(zones, opened, loaded)
-        inspector = replace(inspector, zones=known)
+        zones_of_job = zones_in_force(zones, opened, loaded)
+        inspector = replace(inspector, zones=zones_of_job)
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
         early = checked_early(opened, json=json)
     work = InspectPage(job=source, inspector=inspector, scans=scans)

@@ -122,7 +122,7 @@ class PrintAndInspect:
 
     def __call__(self, sheet: Print) -> PageEntry:
         """Rip, print, scan, inspect and picture one sheet."""
-        page = self._laid(sheet.page)
+        page = self._placed(sheet.page)
         page = replace(page, name=page.name + sheet.suffix)
         scan = self.scan(page, sheet)
         inspector = Inspector.of(self.press, DETECTOR[self.world])
@@ -136,7 +136,7 @@ class PrintAndInspect:
 
         None: the page is too small to show the difference.
         """
-        page, paper = self._laid(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
+        page, paper = self._placed(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
         good = replace(sheet, first_kind=None)
         ideal, printed = (replace(self, world=world).scan(page, good).dn for world in ("ideal", "press"))
         return two_worlds(
@@ -151,7 +151,7 @@ class PrintAndInspect:
         first = next((sheet.index for sheet in sheets if sheet.first_kind is None), None)
         return _WithWorlds(work=self, compared=first if self.world == "press" else None)
 
-    def _laid(self, number: int) -> Page:
+    def _placed(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))
 
     def scan(self, page: Page, sheet: Print) -> SimulatedScan:
@@ -171,7 +171,7 @@ class PrintAndInspect:
                     press=self.press,
                     request=request,
                     others=others,
-                    fetch=self._laid,
+                    fetch=self._placed,
                     rng=rng,
                     least=AT_A_GLANCE,
                     session=session_of(self.press, self.seed) if self.world == "press" else None,

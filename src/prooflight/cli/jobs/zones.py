@@ -34,16 +34,20 @@ def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None
         return None
     from prooflight.pages.zones.zones_file import JobZones
 
-    known = JobZones.read(path, job.page_sizes_mm)
-    known.refuse_unpriced(press.digest, where=path)
-    for line in known.contested():
+    zones_of_job = JobZones.read(path, job.page_sizes_mm)
+    zones_of_job.refuse_unpriced(press.digest, where=path)
+    for line in zones_of_job.contested():
         faults.told(line)
-    if press.ours is not None and press.ours.told and not press.ours.told[-1].rests_on(known.zones_digest):
+    if (
+        press.ours is not None
+        and press.ours.told
+        and not press.ours.told[-1].rests_on(zones_of_job.zones_digest)
+    ):
         faults.told(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
             "of those alone; watch with --sample and calibrate it anew by pages with them"
         )
-    return known
+    return zones_of_job
 
 
 def register(app: typer.Typer) -> None:
@@ -134,16 +138,16 @@ def job_zones(
         raise RequestError(
             job, what, remedy="name layers or annotations that it has, or give --press for its codes"
         )
-    made = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
-    made.save(out)
-    for line in (*unmet, *made.contested()):
+    new_zones = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
+    new_zones.save(out)
+    for line in (*unmet, *new_zones.contested()):
         faults.told(line)
     if json:
         show.print_json(
-            {"zones": made.document.model_dump(mode="json", by_alias=True), "digest": made.digest}
+            {"zones": new_zones.document.model_dump(mode="json", by_alias=True), "digest": new_zones.digest}
         )
         return
-    show.people.print(_table(made, job.name))
+    show.people.print(_table(new_zones, job.name))
     show.written(out)
 
 
@@ -151,14 +155,14 @@ def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple
     """Return zones of pages, and the rules that matched nothing."""
     from prooflight.inspection.codes.zones import code_zones
 
-    found, seen = [], []
+    entries, seen = [], []
     for number in numbers:
         marks, size = job.marks(number), job.page_size_mm(number)
         seen += [] if marks is None else [marks]
-        found += rules.entries(marks, number, size)
+        entries += rules.entries(marks, number, size)
         if press is not None:
-            found += code_zones(job, number, press)
-    return found, rules.unmet(seen)
+            entries += code_zones(job, number, press)
+    return entries, rules.unmet(seen)
 
 
 def _table(zones: JobZones, title: str) -> Any:
@@ -209,26 +213,26 @@ def price(
     loaded = Press.load(press)
     source = job_source(job, loaded, profile=profile)
     with source.open() as opened:
-        known = JobZones.read(zones, opened.page_sizes_mm)
-    for line in known.contested():
+        zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
+    for line in zones_of_job.contested():
         faults.told(line)
-    found = price_of(
+    priced = price_of(
         source,
         loaded,
-        known,
+        zones_of_job,
         prints=prints,
         trials=trials,
         seed=seed,
         shown=lambda items, total, what: items if json else show.progress(items, total=total, what=what),
     )
     if picture is not None:
-        _draw(picture, source, known)
+        _draw(picture, source, zones_of_job)
     if save:
-        known.priced(found.entry).save(zones)
+        zones_of_job.priced(priced.entry).save(zones)
     if json:
-        show.print_json(_plain(found, saved=save))
+        show.print_json(_plain(priced, saved=save))
         return
-    _say(found)
+    _say(priced)
     if save:
         show.written(zones)
     else:
@@ -244,9 +248,9 @@ def _say(price: Price) -> None:
     for area in price.areas:
         for at, sort in enumerate(SORTS):
             if sort.name in area.before:
-                told = (_least(area.before[sort.name], sort.unit), _least(area.after[sort.name], sort.unit))
+                sizes = (_least(area.before[sort.name], sort.unit), _least(area.after[sort.name], sort.unit))
                 first = ("", "") if at else (area.name, "" if area.kind == "rest" else area.kind)
-                table.add_row(*first, WHAT[sort.name], *told)
+                table.add_row(*first, WHAT[sort.name], *sizes)
     if price.areas:
         show.people.print(table)
     show.people.print(
@@ -294,24 +298,27 @@ def show_zones(
 
     source = JobSource(path=job, dpi=DRAWN_DPI, profile=profile)
     with source.open() as opened:
-        known = JobZones.read(zones, opened.page_sizes_mm)
-    for line in known.contested():
+        zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
+    for line in zones_of_job.contested():
         faults.told(line)
     if picture is not None:
-        _draw(picture, source, known)
+        _draw(picture, source, zones_of_job)
     if json:
         show.print_json(
-            {"zones": known.document.model_dump(mode="json", by_alias=True), "digest": known.digest}
+            {
+                "zones": zones_of_job.document.model_dump(mode="json", by_alias=True),
+                "digest": zones_of_job.digest,
+            }
         )
         return
-    show.people.print(_table(known, job.name))
-    told = known.document.price
-    said = (
+    show.people.print(_table(zones_of_job, job.name))
+    price_entry = zones_of_job.document.price
+    status = (
         "not priced yet, and not in force"
-        if told is None
-        else f"priced by {count(told.prints, 'good print')}"
+        if price_entry is None
+        else f"priced by {count(price_entry.prints, 'good print')}"
     )
-    show.people.print(f"{said}; digest {known.digest[:12]}")
+    show.people.print(f"{status}; digest {zones_of_job.digest[:12]}")
 
 
 def drop(
@@ -328,10 +335,10 @@ def drop(
 
     with JobSource(path=job, dpi=ANY_DPI, profile=profile).open() as opened:
         sizes = opened.page_sizes_mm
-    known = JobZones.read(zones, sizes)
-    left = without_zone(known, name)
+    zones_of_job = JobZones.read(zones, sizes)
+    left = without_zone(zones_of_job, name)
     if left:
-        share = known.document.careful_share
+        share = zones_of_job.document.careful_share
         JobZones.made(left, sizes, careful_share=share, where=zones).save(zones)
     else:
         zones.unlink()

@@ -45,15 +45,15 @@ def check(
     from prooflight.plant.checking import answers
     from prooflight.press.press_file import PressFile
 
-    found = answers(PressFile.read(press_file))
-    if not found:
+    results = answers(PressFile.read(press_file))
+    if not results:
         what = "says nothing of a plant"
         raise RequestError(press_file, what, remedy="add [gate]; see docs/how-to/gate.md")
     if json:
-        show.print_json([asdict(one) for one in found])
+        show.print_json([asdict(one) for one in results])
     else:
-        show.people.print(_answers_table(found))
-    if not all(one.answers for one in found):
+        show.people.print(_answers_table(results))
+    if not all(one.answers for one in results):
         raise typer.Exit(UNUSABLE_INPUT)
 
 
@@ -161,10 +161,10 @@ def _address(text: str) -> tuple[str, int]:
     return host, number
 
 
-def _answers_table(found: list[Answer]) -> Any:
+def _answers_table(results: list[Answer]) -> Any:
     headings = ("what", "where", "answers", "what it says")
     table = show.table_of("The plant", headings, words=headings)
-    for one in found:
-        word = Text("yes", style="green") if one.answers else Text("no", style="bold red")
-        table.add_row(one.what, one.where, word, one.says)
+    for one in results:
+        label = Text("yes", style="green") if one.answers else Text("no", style="bold red")
+        table.add_row(one.what, one.where, label, one.says)
     return table

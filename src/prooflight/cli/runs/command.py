@@ -73,33 +73,33 @@ def runs(
 
     damaged = Damaged()
     with reading(journal) as opened:
-        found = opened.runs(damaged=damaged.add)[-last if last else 0 :]
+        listed = opened.runs(damaged=damaged.add)[-last if last else 0 :]
         path = opened.path
     if json:
-        show.print_json([run_facts(run) for run in found])
+        show.print_json([run_facts(run) for run in listed])
     else:
-        show.people.print(_runs_table(found, path))
+        show.people.print(_runs_table(listed, path))
     damaged.told()
 
 
-def _runs_table(found: list[RunRow], path: Path) -> Table:
+def _runs_table(listed: list[RunRow], path: Path) -> Table:
     table = Table(title=f"Runs in {path}", title_justify="left")
     for heading in ("run", "began", "state", "job"):
         table.add_column(
             heading, no_wrap=heading in ("run", "state"), min_width=len("2026-11-21") * (heading == "began")
         )
     table.add_column("pages", justify="right", no_wrap=True)
-    told = [name for name in COUNTS if any(getattr(run, name) for run in found)]
-    for name in told:
+    shown = [name for name in COUNTS if any(getattr(run, name) for run in listed)]
+    for name in shown:
         table.add_column(COUNTS[name], justify="right")
-    for run in found:
+    for run in listed:
         table.add_row(
             str(run.id),
             _local(run.facts.started_s),
             Text(run.state, style=STATE_STYLE[run.state]),
             visible(run.facts.job),
             f"{run.pages:,}",
-            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
+            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in shown),
         )
     return table
 
@@ -123,46 +123,48 @@ def show_run(
 
     damaged = Damaged()
     with reading(journal) as opened:
-        found = run_of(opened, run)
+        run_row = run_of(opened, run)
         if sheets and json:
-            laid_out.run_facts(opened, found, damaged=damaged.add)
+            laid_out.run_facts(opened, run_row, damaged=damaged.add)
             damaged.told()
             return
         if json or csv:
-            pages = opened.pages(found.id, damaged=damaged.add)
+            pages = opened.pages(run_row.id, damaged=damaged.add)
             if json:
                 show.print_json([page_facts(page) for page in pages])
             else:
                 write_csv(pages, sys.stdout)
             damaged.told()
             return
-        asked = asked_of_run(opened, Words(opened.path), found)
+        sampled = asked_of_run(opened, Words(opened.path), run_row)
         total = 0
         shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
-        for page in opened.pages(found.id, passed=every, damaged=damaged.add):
+        for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
-        together = laid_out.of_run(opened, found, damaged=damaged.add)
-    show.people.print(_facts_table(found))
-    for line in job_warnings(found):
+        assembled = laid_out.of_run(opened, run_row, damaged=damaged.add)
+    show.people.print(_facts_table(run_row))
+    for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")
-    if found.facts.settings.get("sample") or any(one.word for one in asked):
-        for line in feedback.sample_lines(found, asked):
+    if run_row.facts.settings.get("sample") or any(one.word for one in sampled):
+        for line in feedback.sample_lines(run_row, sampled):
             show.people.print(line)
-        if open_questions := sum(not one.state for one in asked):
+        if open_questions := sum(not one.state for one in sampled):
             show.people.print(
-                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {found.id}`"
+                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run_row.id}`"
             )
     if total:
         show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
     elif not damaged.count:
-        show.people.print("Every page was good, in time and without a fault." if found.pages else "No pages.")
+        show.people.print(
+            "Every page was good, in time and without a fault." if run_row.pages else "No pages."
+        )
     if total > len(shown):
         show.people.print(
             f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
         )
-    if together is not None:
-        laid_out.sheets_told([*together.sheets, *together.sets], together.counts, last=last)
+    if assembled is not None:
+        laid_out.sheets_told([*assembled.sheets, *assembled.sets], assembled.counts, last=last)
     elif sheets:
         show.people.print("The run was watched without --layout: every page is a sheet of its own.")
     damaged.told()
@@ -240,15 +242,15 @@ def replay(
 
     loaded = Press.load(press)
     with reading(journal) as opened:
-        found = run_of(opened, run)
-        page = opened.page(found.id, sheet)
+        run_row = run_of(opened, run)
+        page = opened.page(run_row.id, sheet)
         where = opened.path
-    wanted, given = found.facts.press_digest, loaded.digest
+    wanted, given = run_row.facts.press_digest, loaded.digest
     if given != wanted:
-        what = f"has digest {given[:16]}, run {found.id} was judged by {wanted[:16]}"
-        raise PressError(press, what, remedy=f"give the artefact of press {found.facts.press} of that day")
+        what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
+        raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:
-        what = f"no evidence of sheet {sheet} of run {found.id} is kept"
+        what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
         raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
     figures = replayed(page.verdict, page.evidence, loaded)
     same = all(figure.same for figure in figures)
@@ -256,7 +258,7 @@ def replay(
         rows = {figure.name: {"recorded": figure.recorded, "again": figure.again} for figure in figures}
         show.print_json(
             {
-                "run": found.id,
+                "run": run_row.id,
                 "sheet": sheet,
                 "page": page.verdict.page,
                 "same": same,
@@ -266,12 +268,12 @@ def replay(
         )
     else:
         headings = ("", "recorded", "again", "")
-        told = (f"Sheet {sheet} of run {found.id}", page.verdict.page, show.reserved(page.verdict))
-        title = ", ".join(filter(None, told))
+        parts = (f"Sheet {sheet} of run {run_row.id}", page.verdict.page, show.reserved(page.verdict))
+        title = ", ".join(filter(None, parts))
         table = show.table_of(title, headings, words=headings)
         for figure in figures:
-            word = Text("same", style="green") if figure.same else Text("differs", style="bold red")
-            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), word)
+            label = Text("same", style="green") if figure.same else Text("differs", style="bold red")
+            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), label)
         show.people.print(table)
     if not same:
         raise typer.Exit(DIFFERS)
@@ -331,8 +333,8 @@ def tidy(
         retention = Retention(days=days, megabytes=megabytes)
     except ValueError as error:
         raise RequestError("run tidy", str(error), remedy="give a number of days or of megabytes") from error
-    said: list[str] = []
-    with Journal.open(url_of(journal), announce=said.append) as opened:
+    messages: list[str] = []
+    with Journal.open(url_of(journal), announce=messages.append) as opened:
         tidied = opened.tidy(retention, now_s=time.time())
         for removed in tidied.runs:
             log_path(opened.path, removed).unlink(missing_ok=True)
@@ -359,7 +361,7 @@ def tidy(
         show.people.print(
             f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
         )
-    for line in (*said, *tidied.refused):
+    for line in (*messages, *tidied.refused):
         faults.told(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)

@@ -148,9 +148,9 @@ class ShownLines:
             if not self._exchange.asked():
                 continue
             try:
-                told = self.told()
-                if told is not None:
-                    self._exchange.write(told)
+                view = self.told()
+                if view is not None:
+                    self._exchange.write(view)
             except Exception:  # whoever looks must not end the inspection
                 _log.exception("the camera's view")
                 return

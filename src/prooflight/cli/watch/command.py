@@ -187,9 +187,9 @@ def watch(
     with printed.open() as opened:
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         served = Plant.tried(plant, opened, loaded)
-        known = zones_in_force(zones, opened, loaded)
+        zones_of_job = zones_in_force(zones, opened, loaded)
         early = checked_early(opened, json=json)
-    inspector = replace(inspector, zones=known)
+    inspector = replace(inspector, zones=zones_of_job)
     plan = served.with_sets(plan, pages=pages, sheets=sheets)
     count = (sheets or pages) if plan is None else plan.passings
     served.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
@@ -245,7 +245,11 @@ def watch(
         settings=asdict(settings)
         | {"job_pages": pages}
         | ({} if plan is None else {"layout": plan.facts})
-        | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest})
+        | (
+            {}
+            if zones_of_job is None
+            else {"zones": zones_of_job.digest, "zones_alone": zones_of_job.zones_digest}
+        )
         | ({"warnings": early.plain} if early.warnings else {}),
     )
     planned = PlannedRun(
@@ -321,29 +325,29 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
     from prooflight.line.watching import watched
 
     press, given, sheets = planned.inspector.press, planned.given, planned.sheets
-    said = console.noticed
+    notify = console.noticed
     with plant.served(
         planned.facts,
         press,
         job_pages=planned.pages,
         plan=planned.plan,
         recorder=recorder,
-        notice=lambda one: said(one),
+        notice=lambda one: notify(one),
         progress=show.steps(quiet=console.json),
     ) as served:
         console.phase, console.too_late = served.phase, served.too_late
-        book = JobBook(
+        job_book = JobBook(
             job=planned.job,
             press=press,
             pages=planned.pages,
             sheets=sheets,
             plan=planned.plan,
-            warnings=PageWarnings(lambda one: said(one), planned.warnings),
+            warnings=PageWarnings(lambda one: notify(one), planned.warnings),
         )
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
-            book=book,
+            book=job_book,
             start=planned.start,
             settings=planned.settings,
             keep=planned.keep,
@@ -354,7 +358,7 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
-            name=book.name,
+            name=job_book.name,
             flaws={
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
@@ -363,9 +367,9 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
         if given.camera is not None:
             console.cameras = given.camera.healths
             given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
-        said = running.note  # from now on it stands in the journal too
+        notify = running.note  # from now on it stands in the journal too
         stopped = console.until_ended(running)
-        said = console.noticed
+        notify = console.noticed
         status = running.status()
         lacks = console.lacks(status, sheets=sheets)
         if recorder is not None:

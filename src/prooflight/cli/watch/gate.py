@@ -89,13 +89,13 @@ def refuse_unfit(
 
 def lengths_mm(job: Job, press: Press) -> list[float]:
     """Return the lengths of the job's pages along the travel, as they enter the press, without unreadable pages."""
-    geometry, found = press.geometry, list[float]()
+    geometry, lengths = press.geometry, list[float]()
     for number in range(1, len(job) + 1):
         with suppress(JobError):
             width_mm, height_mm = job.page_size_mm(number)
             turned = width_mm > geometry.pixels * geometry.pixel_pitch_mm
-            found.append(width_mm if turned else height_mm)
-    return found or [0.0]
+            lengths.append(width_mm if turned else height_mm)
+    return lengths or [0.0]
 
 
 def with_sets(
@@ -110,9 +110,9 @@ def with_sets(
 
     if plan is None:
         return SheetPlan(layout=Layout(pages_a_set=pages_a_set), sides=pages, sheets=sheets or pages)
-    said = plan.layout.pages_a_set
-    if said is not None and said != pages_a_set:
-        what = f"[gate] pages_a_set = {pages_a_set}, and --layout says pages-a-set={said}"
+    stated = plan.layout.pages_a_set
+    if stated is not None and stated != pages_a_set:
+        what = f"[gate] pages_a_set = {pages_a_set}, and --layout says pages-a-set={stated}"
         raise RequestError(where, what, remedy="take it out of [gate]: sets are the job's")
     if pages_a_set % plan.layout.pages_a_sheet:
         what = f"[gate] pages_a_set = {pages_a_set}, and a sheet takes {plan.layout.pages_a_sheet} pages"

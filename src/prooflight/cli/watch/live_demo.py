@@ -28,7 +28,7 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
     from prooflight.cli.watch.command import watch
 
     job, press = FOLDER / JOB, FOLDER / PRESS
-    _made_ready(job, press)
+    _prepare(job, press)
     watch(
         job,
         press,
@@ -51,7 +51,7 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
     )
 
 
-def _made_ready(job: Path, press: Path) -> None:
+def _prepare(job: Path, press: Path) -> None:
     from prooflight.cli.jobs.demonstration import demo_press
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
@@ -67,14 +67,14 @@ def _made_ready(job: Path, press: Path) -> None:
     except (OSError, ProoflightError):
         with JobSource(path=job, dpi=1.0).open() as opened:
             sizes = opened.page_sizes_mm
-        made = demo_press(
+        built = demo_press(
             sizes,
             world="press",
             seed=SEED,
             progress=say,
             shown=lambda days, total, what: show.progress(iter(days), total=total, what=what),
         )
-        made.save(press)
+        built.save(press)
 
 
 def ended(error: typer.Exit) -> int:

@@ -31,12 +31,12 @@ def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:
     from prooflight.plant.outlets.made import outlets_of
     from prooflight.plant.outlets.outlet import check
 
-    found = outlets_of(plant, press)
-    for outlet in found:
+    outlets = outlets_of(plant, press)
+    for outlet in outlets:
         tried = check(outlet)
         if not tried.ok:
             raise RequestError(tried.name, f"does not answer ({tried.said})", remedy=REMEDY)
-    return found
+    return outlets
 
 
 @contextmanager

@@ -130,9 +130,9 @@ def _refuse_unaligned(settings: Path | None, press: Press) -> None:
     if len(offsets) != len(press.sensors):
         what = f"has {len(offsets)} sensors, press {press.name} has {len(press.sensors)}"
         raise RequestError(settings, what, remedy="name the press file that the press was built from")
-    found = disagreement([sensor.footprint for sensor in press.sensors], offsets, press.geometry)
-    if found is not None:
-        place, built, stated = found
+    mismatch = disagreement([sensor.footprint for sensor in press.sensors], offsets, press.geometry)
+    if mismatch is not None:
+        place, built, stated = mismatch
         what = f"says that sensor {place + 1} lies {stated:+.2f} beside whole lines or pixels"
         remedy = f"press {press.name} was built for {built:+.2f}: build it again from this file"
         raise RequestError(settings, what, remedy=remedy)
@@ -226,8 +226,8 @@ def _drum(
         seed=wishes.seed,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    found = list(shown(rendered(prints, count), count))
-    scans = [one.dn for one in found]
+    drawn = list(shown(rendered(prints, count), count))
+    scans = [one.dn for one in drawn]
     blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
     passing = _passing(wishes)
     if wishes.fed is None or rate is None:
@@ -238,7 +238,7 @@ def _drum(
         wishes.fed,
         press.geometry,
         passing,
-        misprints=lambda sheet: found[sheet % count].misprint is not None,
+        misprints=lambda sheet: drawn[sheet % count].misprint is not None,
         sides=1 if wishes.plan is None else wishes.plan.layout.sides,
         speed_mm_s=rate * scans[0].shape[1] * press.geometry.line_pitch_mm,
     )

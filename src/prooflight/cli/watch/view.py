@@ -71,24 +71,26 @@ class Watching:
             self.first_passed = f"{verdict.page}: {verdict.reason}"
         if recorder is not None:
             recorder.record(outcome.record)
-        found = [] if self.sheets is None else self.sheets.add(outcome.record)
+        parts = [] if self.sheets is None else self.sheets.add(outcome.record)
         if not self.json:
             self.recent.add(outcome)
             return
         latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
-        said = [asdict(one) for one in outcome.announcements]
-        show.print_json(page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": said})
-        self._tell_sheets(found)
+        announcements = [asdict(one) for one in outcome.announcements]
+        show.print_json(
+            page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": announcements}
+        )
+        self._tell_sheets(parts)
 
     def told_all(self) -> None:
         """Show the sheets that waited for more sides, because no more sheets come."""
         if self.sheets is not None:
-            found = self.sheets.end()
+            parts = self.sheets.end()
             if self.json:
-                self._tell_sheets(found)
+                self._tell_sheets(parts)
 
-    def _tell_sheets(self, found: Iterable[SheetVerdict | SetVerdict]) -> None:
-        for one in found:
+    def _tell_sheets(self, parts: Iterable[SheetVerdict | SetVerdict]) -> None:
+        for one in parts:
             show.print_json(sheet_facts(one))
 
     def noticed(self, notice: Notice) -> None:
@@ -121,9 +123,9 @@ class Watching:
 
     def tell_cameras(self) -> None:
         """Print the cameras' health for a program, as a line of JSON."""
-        known = self.cameras()
-        if known:
-            show.print_json({"cameras": {name: asdict(health) for name, health in known.items()}})
+        healths = self.cameras()
+        if healths:
+            show.print_json({"cameras": {name: asdict(health) for name, health in healths.items()}})
 
     def until_ended(self, running: Running) -> bool:
         """Start the run and wait for its end; return whether a person ended it."""
@@ -160,8 +162,8 @@ class Watching:
         if unseen := status.not_inspected:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
         if status.unvouched:
-            held = f"{count(status.unvouched, 'sheet')} well printed, but not released"
-            parts.append(f"{held}: lines of it were lost, or it came out of its place")
+            text = f"{count(status.unvouched, 'sheet')} well printed, but not released"
+            parts.append(f"{text}: lines of it were lost, or it came out of its place")
         if too_late := self.too_late():
             parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:

@@ -35,7 +35,8 @@ class Page:
     number: int
     """Number of the page in the job, from 1."""
     edge_sd_mm: float = 0.0
-    """Standard deviation of the edges' positions in print, for a press that rips the page itself. [mm]"""
+    """Displacement of printed edges from those of the raster, because the press rips the page itself;
+    standard deviation. [mm]"""
     warnings: tuple[PageWarning, ...] = ()
     """Deviations of the print, certain or possible, from its file; a side of a sheet has those of its pages."""
 

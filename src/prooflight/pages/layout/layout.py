@@ -185,7 +185,7 @@ class Layout:
     def side_at(self, position: int, sheets: int) -> int:
         """Return the side of the run that passes at a position.
 
-        ``sheets`` is the number of sheets of the run, of which the last batch may be incomplete.
+        ``sheets`` is the number of sheets of the run, of which the last batch or loop may be incomplete.
 
         >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)] [0, 2, 1, 4, 3, 6, 5, 7]
         """

@@ -55,7 +55,7 @@ class Patch:
     """A square of one colour."""
 
     name: str
-    """What the patch tests, in words."""
+    """Description of the test, in words."""
     operators: str
     """Operators that paint it; ``{box}`` stands for its rectangle."""
     cmyk: tuple[int, int, int, int]

@@ -29,7 +29,7 @@ Detector = Annotated[
     typer.Option(
         metavar="NAME",
         help="Detector. ours: the matched filter; bayes and chi-square: the paper's learned and statistical ones; "
-        f"packages may register others. "
+        "packages may register others. "
         f"Available: {', '.join(names())}. Default: ours if the press was trained for it, else chi-square.",
     ),
 ]

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.pages import parallel
-from prooflight.pages.parallel import _Crew, _crew_of, _page, due, parts_of, shared_out
+from prooflight.pages.parallel import _page, _pool_of, _WorkerPool, due, parts_of, shared_out
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -48,10 +48,10 @@ def test_no_more_run_at_once_than_asked_for_whoever_asks() -> None:
 
 
 def test_parts_of_the_page_due_first_are_done_first_and_of_one_page_in_turn() -> None:
-    crew, gate, done = _Crew(1), threading.Event(), list[str]()
-    crew.do([lambda: gate.wait(20)], -math.inf, gate.is_set)
+    pool, gate, done = _WorkerPool(1), threading.Event(), list[str]()
+    pool.do([lambda: gate.wait(20)], -math.inf, gate.is_set)
     parts = [("late", math.inf), ("a1", 3.0), ("b1", 1.0), ("a2", 3.0), ("b2", 1.0)]
-    last = [crew.do([partial(done.append, name)], due_s, gate.is_set)[0] for name, due_s in parts]
+    last = [pool.do([partial(done.append, name)], due_s, gate.is_set)[0] for name, due_s in parts]
     gate.set()
     for one in last:
         one.result(20)
@@ -65,7 +65,7 @@ def test_what_is_overdue_comes_last() -> None:
         now = 6.0
         assert _page.due_s() == math.inf
     assert _page.due_s() == math.inf
-    assert _page.crew is None
+    assert _page.pool is None
 
 
 def test_pages_and_their_parts_take_no_more_processors_than_there_are() -> None:
@@ -107,16 +107,16 @@ def test_the_page_due_first_is_given_the_next_processor() -> None:
         thread.start()
     held.wait(20)
     waiting = [threading.Thread(target=page, args=one) for one in (("late", 8.0), ("soon", 7.0))]
-    crew = _crew_of(2)
+    pool = _pool_of(2)
     for at, thread in enumerate(waiting, start=1):
         thread.start()
         until = time.monotonic() + 20
-        while len(crew._asked) < at and time.monotonic() < until:
+        while len(pool._asked) < at and time.monotonic() < until:
             time.sleep(0.001)
-    crew.leave()  # as if a page ended; it is taken back below
+    pool.leave()  # as if a page ended; it is taken back below
     waiting[1].join(20)
     assert done[0] == "soon"
-    crew.wait(-math.inf)
+    pool.wait(-math.inf)
     gate.set()
     for thread in (*first, *waiting):
         thread.join(20)

@@ -1,4 +1,4 @@
-"""The command line: read, call, show. What exit codes say stands in ``exit_codes``."""
+"""The command line, which parses, calls and prints. Exit codes are documented in ``exit_codes``."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run a command; returns its exit code."""
-    words = sys.argv[1:] if arguments is None else arguments
-    with faults.logged(words) as log:
+    """Run a command and return its exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
+    with faults.logged(given) as log:
         try:
-            return _called(words)
+            return _called(given)
         except TyperException as error:
             return _misused(error)
         except ProoflightError as error:
@@ -77,10 +77,10 @@ def run(arguments: list[str] | None = None) -> int:
             return OWN_FAULT
 
 
-def _called(words: list[str]) -> int:
-    """Not the program's own way to run, which says 1, a misprint, of much that is none."""
+def _called(given: list[str]) -> int:
+    """Call the command, not by the program's own method, which exits with 1, a misprint, in many other cases."""
     try:
-        with typer.main.get_command(app).make_context("prooflight", list(words)) as context:
+        with typer.main.get_command(app).make_context("prooflight", list(given)) as context:
             context.command.invoke(context)
         sys.stdout.flush()
     except typer.Exit as exit_:
@@ -91,14 +91,14 @@ def _called(words: list[str]) -> int:
 
 
 def _misused(error: TyperException) -> int:
-    """A command called as there is none; without any words it shows what there is."""
+    """Report a command that was called incorrectly; a call without arguments shows the help."""
     context = getattr(error, "ctx", None)
-    said = error.format_message()
-    if context is not None and said == context.get_help():
-        errors.print(said, highlight=False, soft_wrap=True)
+    message = error.format_message()
+    if context is not None and message == context.get_help():
+        errors.print(message, highlight=False, soft_wrap=True)
     else:
         path = "prooflight" if context is None else context.command_path
-        faults.told(f"{said.removesuffix('.')}; see `{path} --help`")
+        faults.told(f"{message.removesuffix('.')}; see `{path} --help`")
     return UNUSABLE_INPUT
 
 

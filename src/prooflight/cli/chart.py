@@ -1,4 +1,4 @@
-"""``prooflight chart``: judge ink models on a chart, predict with them, make charts to print."""
+"""``prooflight chart``: validation of ink models on a chart, prediction with them, and charts to print."""
 
 from __future__ import annotations
 
@@ -19,12 +19,10 @@ if TYPE_CHECKING:
 
     from prooflight.inks.selection import CrossValidation, Score
 
-app = typer.Typer(
-    help="Characterisation charts: judge ink models, predict, make charts.", no_args_is_help=True
-)
+app = typer.Typer(help="Validate ink models on charts, predict spectra, make charts.", no_args_is_help=True)
 
 ChartPath = Annotated[Path, typer.Argument(metavar="CHART", help="CGATS text or .ti3 with CMYK and spectra.")]
-Model = Annotated[str, typer.Option(help="auto, or the name of an ink model.")]
+Model = Annotated[str, typer.Option(help="Ink model by name, or auto.")]
 
 
 def register(program: typer.Typer) -> None:
@@ -40,7 +38,7 @@ def score(
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write pictures.")] = None,
     json: Json = False,
 ) -> None:
-    """Cross-validate an ink model on a chart: each recipe predicted by a model that has not seen it."""
+    """Cross-validate an ink model on a chart: each recipe is predicted by a model that was not fitted to it."""
     from prooflight.inks.chart import read_chart
     from prooflight.inks.selection import AUTO, choose, cross_validate
 
@@ -71,7 +69,7 @@ def predict(
     model: Model = "auto",
     json: Json = False,
 ) -> None:
-    """Spectra that recipes will have, by an ink model fitted to a chart."""
+    """Predict the spectra of recipes by an ink model fitted to a chart."""
     from prooflight import spectra
     from prooflight.inks.chart import read_chart
     from prooflight.inks.recipes import read_recipes
@@ -95,18 +93,18 @@ def predict(
 @app.command()
 def make(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")],
-    patches: Annotated[int | None, typer.Option(help="How many patches.")] = None,
+    patches: Annotated[int | None, typer.Option(help="Number of patches.")] = None,
     ruler: Annotated[
-        bool, typer.Option("--ruler", help="Not a chart: a ruler page, by which a line camera is set up.")
+        bool, typer.Option("--ruler", help="Make a ruler page instead, by which a line camera is set up.")
     ] = False,
     size: Annotated[
-        str, typer.Option(metavar="WxH", help="Of the ruler page [mm]: as it runs, width across the web.")
+        str, typer.Option(metavar="WxH", help="Size of the ruler page [mm] as it runs, width across the web.")
     ] = "210x297",
     ink_limit: Annotated[float, typer.Option(help="Greatest total ink [%].", min=100, max=400)] = 400.0,
-    seed: Annotated[int, typer.Option(help="Of the places of patches.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the patches' positions.", min=0)] = 1,
     json: Json = False,
 ) -> None:
-    """A printable chart of well-chosen recipes: PDF, CMYK TIFF and the recipe file (CGATS). Or a ruler page: PDF."""
+    """Make a printable chart of well-chosen recipes (PDF, CMYK TIFF and a CGATS recipe file), or a ruler page (PDF)."""
     from prooflight.inks.chart_print import make_chart
     from prooflight.rng import stream
 

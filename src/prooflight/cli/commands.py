@@ -1,4 +1,4 @@
-"""The program's commands by name: what one needs is loaded when it is called, and nothing to list them."""
+"""The program's commands by name: a command's module is loaded when it is called, and none to list them."""
 
 from __future__ import annotations
 
@@ -27,31 +27,32 @@ class Listed:
     """A command as the program lists it."""
 
     module: str
-    """Of ``prooflight.cli``; its ``register`` adds the command to a ``typer.Typer``. "": a package's."""
+    """Module of ``prooflight.cli`` whose ``register`` adds the command to a ``typer.Typer``; "": that of a
+    package."""
     what: str
-    """What it does, in less than a line."""
+    """Description of the command, shorter than a line."""
 
 
 LISTED: Final = {
     "demo": Listed("jobs.command", "Print a job with some misprints, and inspect it."),
     "rip": Listed("jobs.command", "Write each page as a CMYK TIFF, as the press prints it."),
     "simulate": Listed("jobs.command", "Print and scan a job on the simulated press."),
-    "inspect": Listed("jobs.command", "Compare scans with the job, one verdict a page."),
-    "job": Listed("jobs.zones", "Check a job before it is printed; zones by what it says."),
-    "zones": Listed("jobs.zones", "What zones cost before they are in force; draw them."),
-    "codes": Listed("jobs.codes", "Bar codes of a job, as this press's camera will read them."),
+    "inspect": Listed("jobs.command", "Compare scans with the job, and give one verdict a page."),
+    "job": Listed("jobs.zones", "Check a job before it is printed; make zones from its marks."),
+    "zones": Listed("jobs.zones", "Price zones before they are in force; draw them."),
+    "codes": Listed("jobs.codes", "List a job's bar codes as this press's camera will read them."),
     "watch": Listed("watch.command", "Inspect a press while it runs."),
-    "plant": Listed("plant.command", "Try the plant's gate and outlets; play a controller."),
-    "runs": Listed("runs.command", "All runs in the journal."),
-    "run": Listed("runs.command", "One run of the journal: show, mark, export, replay, reconcile; tidy up."),
-    "serve": Listed("serve", "The console: runs in a browser; who may use it."),
-    "audit": Listed("serve", "Who did what in the console: is it whole?"),
-    "press": Listed("press", "Build a press artefact; look inside one; teach it."),
-    "camera": Listed("camera.command", "What a camera answers, and what it could be."),
-    "calibrate": Listed("calibrate", "Tables from scans of a printed chart."),
-    "chart": Listed("chart", "Characterisation charts: judge, predict, make."),
+    "plant": Listed("plant.command", "Check the plant's gate and outlets; simulate a controller."),
+    "runs": Listed("runs.command", "List all runs in the journal."),
+    "run": Listed("runs.command", "Show, label, export, replay or reconcile one run; tidy up."),
+    "serve": Listed("serve", "Serve the console in a browser; manage its users."),
+    "audit": Listed("serve", "Check the record of actions in the console."),
+    "press": Listed("press", "Build a press artefact, show its content, train its detectors."),
+    "camera": Listed("camera.command", "Compute, measure, set up and record cameras."),
+    "calibrate": Listed("calibrate", "Compute a press's tables from scans of a printed chart."),
+    "chart": Listed("chart", "Validate ink models on charts, predict spectra, make charts."),
     "study": Listed("", "Regenerate a table or a figure of docs/results."),
-    "bench": Listed("", "Speed, as ratios to peers measured in the same run."),
+    "bench": Listed("", "Measure speed, as ratios to peers in the same run."),
 }
 
 
@@ -59,13 +60,13 @@ class Commands(TyperGroup):
     """The group of all commands."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names in the order in which they are listed; those that packages add come last."""
+        """Return names in the order in which they are listed; those that packages add come last."""
         studies = STUDIES in entry_points(group=GROUP).names
         here = [name for name, one in LISTED.items() if one.module or studies]
         return here + [name for name in _of_packages() if name not in LISTED]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command; None: there is none."""
+        """Return the command; None if there is none."""
         listed = LISTED.get(cmd_name)
         if listed is None:
             return _of_packages().get(cmd_name)
@@ -76,7 +77,7 @@ class Commands(TyperGroup):
         return _without_studies(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """What ``LISTED`` says; only what packages add is loaded."""
+        """List the descriptions in ``LISTED``; only the commands of packages are loaded."""
         more = _of_packages()
         rows = [
             (name, LISTED[name].what if name in LISTED else more[name].get_short_help_str(60))
@@ -87,7 +88,7 @@ class Commands(TyperGroup):
 
 
 def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
-    """What a module or package adds to the program, by name."""
+    """Return the commands that a module or package adds to the program, by name."""
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     register(app)
     return dict(typer.main.get_group(app).commands)
@@ -95,12 +96,12 @@ def commands_of(register: Callable[[typer.Typer], None]) -> dict[str, Any]:
 
 @cache
 def _of_packages() -> dict[str, Any]:
-    """Commands of packages other than the studies."""
-    found: dict[str, Any] = {}
+    """Return the commands of packages other than the studies."""
+    commands: dict[str, Any] = {}
     for entry in entry_points(group=GROUP):
         if entry.name != STUDIES:
-            found |= commands_of(entry.load())
-    return found
+            commands |= commands_of(entry.load())
+    return commands
 
 
 def _without_studies(name: str) -> Any:

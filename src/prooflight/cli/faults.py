@@ -1,6 +1,6 @@
-"""What goes wrong, told in one line on standard error; how it came about stands in a log file.
+"""Reports of errors, in one line on standard error, with tracebacks in a log file.
 
-Whoever runs a press reads lines, not tracebacks; whoever mends Prooflight needs them.
+Operators of a press read lines, not tracebacks; developers of Prooflight need the tracebacks.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 LOG_BYTES: Final = 1_000_000
-"""Of the log file, and of the one before it: some 300 tracebacks."""
+"""Size of the log file, and of the one before it: some 300 tracebacks."""
 
 
 def told(line: object) -> None:
-    """One line for a person."""
+    """Print one line for a person."""
     errors.print(f"prooflight: {sentence(line)}", highlight=False, soft_wrap=True)
 
 
 class FaultLog(logging.Handler):
-    """Tells warnings in one line each, and keeps tracebacks in a file."""
+    """Handler that prints warnings in one line each, and writes tracebacks to a file."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         super().__init__(logging.WARNING)
         self._command = " ".join(["prooflight", *arguments])
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Tell what is logged; an exception that comes with it is kept, and named."""
+        """Print a log record; an exception that comes with it is written to the file, and named."""
         line = record.getMessage()
         if record.exc_info and record.exc_info[1] is not None:
-            line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._kept(record)})"
+            line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._store(record)})"
         told(line)
 
-    def _kept(self, record: logging.LogRecord) -> str:
+    def _store(self, record: logging.LogRecord) -> str:
         for folder in (_state_folder(), Path(tempfile.gettempdir())):
             file = folder / "prooflight-faults.log"
             with contextlib.suppress(OSError):
@@ -55,18 +55,18 @@ class FaultLog(logging.Handler):
         return "and its details could not be written"
 
     def _write(self, file: Path, record: logging.LogRecord) -> None:
-        kept = RotatingFileHandler(
+        handler = RotatingFileHandler(
             file, maxBytes=LOG_BYTES, backupCount=1, encoding="utf-8", errors="replace"
         )
         version = f"{__version__}, Python {platform.python_version()}, {platform.platform()}"
-        kept.setFormatter(logging.Formatter(f"%(asctime)s %(message)s\n{self._command}\n{version}"))
-        with contextlib.closing(kept):
-            kept.emit(record)
+        handler.setFormatter(logging.Formatter(f"%(asctime)s %(message)s\n{self._command}\n{version}"))
+        with contextlib.closing(handler):
+            handler.emit(record)
 
 
 @contextlib.contextmanager
 def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
-    """What this package logs meanwhile is told in lines; gives the logger for what nobody expected."""
+    """Print log records of this package as lines, and give the logger for unexpected errors."""
     logger, handler = logging.getLogger("prooflight"), FaultLog(arguments)
     logger.addHandler(handler)
     try:
@@ -76,7 +76,7 @@ def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
 
 
 def _state_folder() -> Path:
-    """Where a user's logs lie, by the XDG base directory specification."""
+    """Return the folder of a user's logs, by the XDG base directory specification."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or tempfile.gettempdir()) / "prooflight"
     given = os.environ.get("XDG_STATE_HOME")

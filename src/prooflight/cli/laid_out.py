@@ -1,4 +1,4 @@
-"""``--layout`` of commands on jobs: how pages lie on sheets."""
+"""The option ``--layout`` of commands on jobs: imposition of pages on sheets."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ if TYPE_CHECKING:
 def laid_out(
     job: JobSource, words: str | None, geometry: ScanGeometry, *, sheets: int | None = None
 ) -> tuple[JobSource, SheetPlan | None]:
-    """The job as sides, and how they lie on its sheets; None: no layout was said, and pages are printed as they are.
+    """Return the job as sides, and the plan of its sheets; None: no layout was given, and pages are printed
+    as they are.
 
-    sheets: of the run; None: the job once. Places that stay blank are told. Errors as ``planned``.
+    ``sheets`` is the number of sheets of the run; None: the job once. Places that stay blank are reported.
+    Errors as ``planned``.
     """
     if words is None:
         return job, None
     from prooflight.pages.layout.layout import Layout
     from prooflight.press.sheets import planned
 
-    said = Layout.parse(words)
+    layout = Layout.parse(words)
     with job.open() as opened:
-        plan = planned(opened, said, geometry, sheets=sheets)
+        plan = planned(opened, layout, geometry, sheets=sheets)
     if blank := plan.layout.blank_places:
         faults.told(
             f"the last of the job's {plan.sheets_a_job:,} sheets has {plan.layout.pages_a_sheet} places, "
@@ -47,33 +49,33 @@ def laid_out(
 
 
 def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | SetVerdict]:
-    """The sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
+    """Return the sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
     from prooflight.inspection.sheets import Assembling
     from prooflight.journal.records import PageRecord
 
-    assembling, found = Assembling(plan), list["SheetVerdict | SetVerdict"]()
+    assembling, parts = Assembling(plan), list["SheetVerdict | SetVerdict"]()
     for position in range(plan.passings):
         side = plan.side_at(position)
         verdict = verdicts[side]
-        found += assembling.add(
+        parts += assembling.add(
             PageRecord(sheet=side, job_page=position, verdict=verdict, late=False, first_line=0, time_s=0.0)
         )
-    return found + assembling.end()
+    return parts + assembling.end()
 
 
-def of_job_told(found: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
-    """Tell the sheets and sets of a job."""
+def of_job_told(parts: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
+    """Print the sheets and sets of a job."""
     from prooflight.inspection.sheets import Counts
 
     if not json:
-        sheets_told(found, Counts.of(found))
+        sheets_told(parts, Counts.of(parts))
         return
-    for one in found:
+    for one in parts:
         show.print_json(sheet_facts(one))
 
 
 def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | None:
-    """A run's sheets and sets that somebody should look at, from its rows; None: it has none."""
+    """Return a run's sheets and sets that a person should examine, from its rows; None if it has none."""
     from prooflight.inspection.sheets import to_look_at
     from prooflight.pages.layout.plan import facts_plan
 
@@ -89,7 +91,7 @@ def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | Non
 
 
 def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
-    """For programs: all sheets and sets of a run; RequestError: it has none."""
+    """Print all sheets and sets of a run for programs; RequestError if it has none."""
     from prooflight.inspection.sheets import SheetVerdict, assembled
     from prooflight.pages.layout.plan import facts_plan
 
@@ -97,30 +99,30 @@ def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
     if plan is None:
         what = f"run {run.id} was watched without --layout"
         raise RequestError("sheets", what, remedy="leave out --sheets: every page is a sheet of its own")
-    found = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
-    sheets = [sheet_facts(one)["sheet_verdict"] for one in found if isinstance(one, SheetVerdict)]
-    sets = [sheet_facts(one)["set_verdict"] for one in found if not isinstance(one, SheetVerdict)]
+    parts = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
+    sheets = [sheet_facts(one)["sheet_verdict"] for one in parts if isinstance(one, SheetVerdict)]
+    sets = [sheet_facts(one)["set_verdict"] for one in parts if not isinstance(one, SheetVerdict)]
     show.print_json({"run": run.id, "layout": plan.layout.words, "sheets": sheets, "sets": sets})
 
 
-def sheet_facts(found: SheetVerdict | SetVerdict) -> dict[str, Any]:
-    """For programs: ``{"sheet": ...}`` or ``{"set": ...}``."""
+def sheet_facts(part: SheetVerdict | SetVerdict) -> dict[str, Any]:
+    """Return a sheet or a set for programs: ``{"sheet_verdict": ...}`` or ``{"set_verdict": ...}``."""
     from prooflight.inspection.sheets import SheetVerdict
 
-    if isinstance(found, SheetVerdict):
-        more: dict[str, Any] = {"bad_pages": found.bad_pages, "doubled": found.doubled}
-        more["disposition"] = found.disposition
-        return {"sheet_verdict": asdict(found) | more | {"out_of_order": found.out_of_order}}
-    return {"set_verdict": asdict(found) | {"complete": found.complete}}
+    if isinstance(part, SheetVerdict):
+        more: dict[str, Any] = {"bad_pages": part.bad_pages, "doubled": part.doubled}
+        more["disposition"] = part.disposition
+        return {"sheet_verdict": asdict(part) | more | {"out_of_order": part.out_of_order}}
+    return {"set_verdict": asdict(part) | {"complete": part.complete}}
 
 
 def sheets_told(
-    found: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
+    parts: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
 ) -> None:
-    """For people: sheets and sets that are not as they should be, and how many there are. last: so many of each."""
+    """Print sheets and sets that are not clean, and the counts, for people; ``last`` limits the rows of each table."""
     from prooflight.inspection.sheets import SheetVerdict
 
-    spoiled = [one for one in found if not one.clean]
+    spoiled = [one for one in parts if not one.clean]
     sheets = [one for one in spoiled if isinstance(one, SheetVerdict)]
     sets = [one for one in spoiled if not isinstance(one, SheetVerdict)]
     if sheets:
@@ -147,21 +149,21 @@ def sheets_told(
 
 
 def sheets_line(counts: Counts) -> str:
-    """How many sheets and sets of each kind, in one line."""
+    """Return the number of sheets and sets of each kind, in one line."""
     parts = [_of("sheet", counts.sheets)]
     if any(counts.sets.values()):
         parts.append(f"{_of('set', counts.sets)}, {counts.spoiled:,} not to be delivered as they are")
     return "; ".join(parts)
 
 
-def _of(what: str, words: dict[Any, int]) -> str:
+def _of(what: str, counts: dict[Any, int]) -> str:
     from prooflight.reporting.wording import count
 
-    bad, unseen = words["misprint"], words["not-inspected"]
+    bad, unseen = counts["misprint"], counts["not-inspected"]
     return ", ".join(
         [
-            count(sum(words.values()), what),
-            f"{words['good']:,} good",
+            count(sum(counts.values()), what),
+            f"{counts['good']:,} good",
             *([count(bad, "misprint")] if bad else []),
             *([f"{unseen:,} not inspected"] if unseen else []),
         ]

@@ -21,18 +21,19 @@ LayoutWords = Annotated[
     typer.Option(
         "--layout",
         metavar="WORDS",
-        help="How pages lie on sheets, e.g. sides=2,n-up=2x1,pages-a-set=8; default a page a sheet.",
+        help="Imposition of pages on sheets, e.g. sides=2,n-up=2x1,pages-a-set=8; default a page a sheet.",
     ),
 ]
 Detector = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="ours; bayes and chi-square: the paper's learned and statistical ones; packages may register others. "
-        f"Known here: {', '.join(names())}. Default: ours if the press was taught it, else chi-square.",
+        help="Detector. ours: the matched filter; bayes and chi-square: the paper's learned and statistical ones; "
+        "packages may register others. "
+        f"Available: {', '.join(names())}. Default: ours if the press was trained for it, else chi-square.",
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Of everything random.", min=0, max=2**32 - 1)]
+Seed = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**32 - 1)]
 Zones = Annotated[
     Path | None,
     typer.Option(

@@ -1,4 +1,4 @@
-"""``prooflight press``: build a press artefact, look inside one, teach it."""
+"""``prooflight press``: build a press artefact, show its content, train its detectors."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.press.artefact import Press
 
-app = typer.Typer(help="Build a press artefact; look inside one; teach it.", no_args_is_help=True)
+app = typer.Typer(help="Build a press artefact, show its content, train its detectors.", no_args_is_help=True)
 
 feedback.register_of_presses(app)
 
 FULL = 160
 TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
-"""How many designs each way of teaching prints."""
+"""Number of designs that each way of training prints."""
 
 Artefact = Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")]
 
@@ -46,12 +46,14 @@ def build(
         str,
         typer.Option(
             metavar="none|quick|full",
-            help="What is made fit for it by simulation. quick: our detector; full: the paper's learned one too.",
+            help="Detectors trained by simulation. quick: the matched filter; full: the paper's learned one too.",
         ),
     ] = "quick",
     designs: Annotated[
         int | None,
-        typer.Option(help=f"Page designs that are printed for it; default {DESIGNS}, full {FULL}.", min=1),
+        typer.Option(
+            help=f"Number of page designs that are printed for it; default {DESIGNS}, full {FULL}.", min=1
+        ),
     ] = None,
     columns: Annotated[
         Path | None,
@@ -59,10 +61,12 @@ def build(
             metavar="PRESS.set-up.json", help="Protocol of `camera set-up`: the real camera's columns."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the simulated camera specimen and its prints.", min=0)] = 1,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the simulated camera specimen and its prints.", min=0)
+    ] = 1,
     json: Json = False,
 ) -> None:
-    """Make a press ready: characterise camera and inks, calibrate columns, teach detectors, write one file."""
+    """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.line_camera.dialogue import measured_columns
@@ -90,8 +94,8 @@ def build(
     )
     if detector != "none":
         rate = 1 / settings.good_pages_per_false_alarm if settings.states_promise else DEFAULT_RATE
-        teaching = designs or TEACHING[detector]
-        press = _trained(press, teaching, rate=rate, full=detector == "full", seed=seed, quiet=json)
+        training_designs = designs or TEACHING[detector]
+        press = _trained(press, training_designs, rate=rate, full=detector == "full", seed=seed, quiet=json)
     differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
@@ -115,7 +119,7 @@ def build(
 
 
 def _rip_differences(press: Press, *, quiet: bool) -> tuple[str, ...] | None:
-    """What the press's RIP draws otherwise on a test page of ours; None: PyMuPDF is missing, so that no PDF is read."""
+    """Return the differences of the press's RIP on a test page; None without PyMuPDF, so that no PDF can be read."""
     from importlib.util import find_spec
 
     from prooflight.pages.pdf.engine_check import differences
@@ -136,12 +140,12 @@ def _rip_sentence(press: Press, differing: tuple[str, ...] | None) -> str:
     return sentence(press.rip_engine, drawn_dpi(press), differing)
 
 
-def catches(ours: CalibratedDetector) -> str:
-    """What the ranking caught in its trials at this press's threshold, in one line."""
+def catches(detector: CalibratedDetector) -> str:
+    """Return, in one line, the share of trial misprints that the ranking caught at this press's threshold."""
     from prooflight.detectors.matched_filter.shipped import shipped_ranking
 
     ranking = shipped_ranking()
-    share = ranking.caught(ours.threshold)
+    share = ranking.caught(detector.threshold)
     count = len(ranking.misprints)
     return (
         f"In its trials the ranking caught {share:.0%} of {count:,} simulated misprints at this threshold, barely "
@@ -166,16 +170,14 @@ def _trained(press: Press, designs: int, *, rate: float, full: bool, seed: int, 
 @app.command()
 def learn(
     artefact: Artefact,
-    job: Annotated[Path, typer.Argument(metavar="JOB", help="What was printed.")],
+    job: Annotated[Path, typer.Argument(metavar="JOB", help="Job that was printed.")],
     scans: Annotated[Path, typer.Argument(metavar="SCANS", help="Scans of its pages, as for `inspect`.")],
     good: Annotated[
-        bool, typer.Option("--good", help="You have looked at these pages, and all of them are good.")
+        bool, typer.Option("--good", help="Confirm that you have examined these pages, and all are good.")
     ] = False,
     promise: Annotated[
         float | None,
-        typer.Option(
-            metavar="N", help="One good page in N may alarm; default what the press file says.", min=2
-        ),
+        typer.Option(metavar="N", help="One good page in N may alarm; default as in the press file.", min=2),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="Y.press", help="Where to write; default X.press.")
@@ -183,7 +185,7 @@ def learn(
     profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
     json: Json = False,
 ) -> None:
-    """Make our detector fit for this press by its real good pages: what they do anyway is no misprint."""
+    """Calibrate the matched-filter detector for this press by its real good pages, so that they do not alarm."""
     from prooflight.commissioning.training.real_pages import new_scans, recalibrated
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, ScanPage, paired
@@ -206,8 +208,8 @@ def learn(
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
     fresh = new_scans(press, {page.name: page.digest for page in seen})
-    asked = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
-    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else asked)
+    rate = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
+    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else rate)
     alarms = sum(page.score > press.ours.threshold for page in seen) if press.ours else 0
     digest = learned.save(out or artefact)
     assert learned.ours is not None
@@ -239,15 +241,17 @@ def show_press(
     job: Annotated[
         Path | None, typer.Option(metavar="JOB", help="Show what would be caught on a page of this job.")
     ] = None,
-    page: Annotated[int | None, typer.Option(metavar="N", help="Which page; default 1.", min=1)] = None,
+    page: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of the page; default 1.", min=1)
+    ] = None,
     map_picture: Annotated[
         Path | None,
-        typer.Option("--map", metavar="F.png", help="Write as a picture what would be caught where on it."),
+        typer.Option("--map", metavar="F.png", help="Draw what would be caught at each place of the page."),
     ] = None,
     profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
     json: Json = False,
 ) -> None:
-    """Look inside a press artefact; say which marks it would catch."""
+    """Show the content of a press artefact, and which marks it would catch."""
     from prooflight.commissioning.training.learned_variation import stated_beside_learned
     from prooflight.press.artefact import Press
 
@@ -262,10 +266,10 @@ def show_press(
 
         draw_press(picture, press)
     if json:
-        told = {"learned": [asdict(row) for row in learned], "catches": visible_marks.plain(caught)}
+        more = {"learned": [asdict(row) for row in learned], "catches": visible_marks.plain(caught)}
         if job is not None:
-            told["catches_on_page"] = visible_marks.plain(rows)
-        show.print_json(facts | told)
+            more["catches_on_page"] = visible_marks.plain(rows)
+        show.print_json(facts | more)
         return
     table = Table(title=f"Press {facts['name']}", title_justify="left", show_header=False)
     sensors = facts.pop("sensors")
@@ -294,10 +298,10 @@ def _print_learned(rows: list[StatedBesideLearned]) -> None:
     table = show.table_of(title, ("amount", "stated", "learned", "between", "pages"), words=("amount",))
     for row in rows:
         if row.learned is not None:
-            found = row.learned
-            between = f"{found.low:.3g} and {found.high:.3g}"
+            estimate = row.learned
+            between = f"{estimate.low:.3g} and {estimate.high:.3g}"
             names = "\n+ ".join(row.names)
-            table.add_row(names, f"{row.stated:.3g}", f"{found.value:.3g}", between, str(found.pages))
+            table.add_row(names, f"{row.stated:.3g}", f"{estimate.value:.3g}", between, str(estimate.pages))
     show.people.print(table)
     for row in rows:
         if row.remark:

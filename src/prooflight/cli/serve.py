@@ -1,4 +1,4 @@
-"""``prooflight serve``: the console in a browser; who may use it; ``prooflight audit verify``."""
+"""``prooflight serve``: the console in a browser, its users, and ``prooflight audit verify``."""
 
 from __future__ import annotations
 
@@ -17,28 +17,33 @@ from prooflight.errors import RequestError, visible
 if TYPE_CHECKING:
     from prooflight.server.accounts.book import Accounts
 
-app = typer.Typer(help="The console: runs of a press in a browser.", invoke_without_command=True)
-user = typer.Typer(help="Who may use the console.", no_args_is_help=True)
-audit = typer.Typer(help="Who did what in the console.", no_args_is_help=True)
+app = typer.Typer(
+    help="Serve the console, which shows runs of a press in a browser.", invoke_without_command=True
+)
+user = typer.Typer(help="Manage the users of the console.", no_args_is_help=True)
+audit = typer.Typer(help="Check the record of actions in the console.", no_args_is_help=True)
 app.add_typer(user, name="user")
 
 JournalUrl = Annotated[
     str | None,
-    typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
+    typer.Option(
+        "--journal", metavar="URL", help="Journal: sqlite:///FILE, or the file; default in the user's data."
+    ),
 ]
 Data = Annotated[
     Path | None,
-    typer.Option("--data", metavar="FILE", help="The console's own file; default beside the journal."),
+    typer.Option("--data", metavar="FILE", help="The console's own file; default next to the journal."),
 ]
 Name = Annotated[str, typer.Argument(metavar="NAME")]
 RoleOption = Annotated[
-    str, typer.Option("--role", metavar="ROLE", help="viewer, operator, engineer or admin.")
+    str, typer.Option("--role", metavar="ROLE", help="Role of the user: viewer, operator, engineer or admin.")
 ]
 Address = Annotated[
-    str, typer.Option("--address", metavar="URL", help="Of the console, for the link that is printed.")
+    str,
+    typer.Option("--address", metavar="URL", help="Address of the console, for the link that is printed."),
 ]
 BROKEN = 1
-"""Exit code of ``audit verify`` where the audit is not as it was written."""
+"""Exit code of ``audit verify`` if the audit was altered."""
 HERE = "http://127.0.0.1:8080"
 
 
@@ -56,29 +61,35 @@ def serve(
     press: Annotated[
         list[Path] | None,
         typer.Option(
-            "--press", metavar="X.press", help="Of runs in the journal; replays and pictures need it."
+            "--press", metavar="X.press", help="Press of runs in the journal; replays and pictures need it."
         ),
     ] = None,
     job: Annotated[
         list[Path] | None,
-        typer.Option("--job", metavar="JOB", help="Of runs in the journal; pictures of whole pages need it."),
+        typer.Option(
+            "--job", metavar="JOB", help="Job of runs in the journal; pictures of whole pages need it."
+        ),
     ] = None,
     host: Annotated[
         str, typer.Option(help="Address to listen at; others than loopback need TLS.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0: any that is free.", min=0, max=65_535)] = 8080,
+    port: Annotated[int, typer.Option(help="Port to listen at; 0: any free port.", min=0, max=65_535)] = 8080,
     certificate: Annotated[
         Path | None, typer.Option("--tls-cert", metavar="PEM", help="Certificates for TLS.")
     ] = None,
-    key: Annotated[Path | None, typer.Option("--tls-key", metavar="PEM", help="Their key.")] = None,
+    key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="PEM", help="Key of the certificates.")
+    ] = None,
     origin: Annotated[
         list[str] | None,
-        typer.Option(metavar="URL", help="Another address by which browsers reach it, as behind a proxy."),
+        typer.Option(
+            metavar="URL", help="Another address by which browsers reach the console, as behind a proxy."
+        ),
     ] = None,
     trusted_proxy: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="ADDRESS", help="Of a proxy, or its network: it says for whom it asks (X-Forwarded-For)."
+            metavar="ADDRESS", help="Address or network of a proxy whose X-Forwarded-For is trusted."
         ),
     ] = None,
     trays: Annotated[
@@ -95,16 +106,17 @@ def serve(
         ),
     ] = None,
     tiles_mb: Annotated[
-        int, typer.Option("--tiles", metavar="MB", help="For pictures of pages.", min=10, max=1_000_000)
+        int,
+        typer.Option("--tiles", metavar="MB", help="Megabytes for pictures of pages.", min=10, max=1_000_000),
     ] = 2000,
     demo: Annotated[
-        bool, typer.Option("--demo", help="A job printed live on the simulated press, watched beside it.")
+        bool, typer.Option("--demo", help="Print a job live on the simulated press, and watch it.")
     ] = False,
 ) -> None:
     """Serve the console: runs, sheets and incidents in a browser, live. Ctrl-C ends it.
 
-    It reads the journal that `watch` writes, and delays no verdict. Its first start prints a link by which the first
-    admin chooses a password.
+    It reads the journal that `watch` writes, and delays no verdict. Its first start prints a link by which
+    the first admin chooses a password.
     """
     if context.invoked_subcommand is not None:
         return
@@ -152,7 +164,7 @@ def serve(
 
 
 def _network(text: str) -> str:
-    """An address or a network of proxies; RequestError: it is none."""
+    """Return an address or a network of proxies; RequestError if the text is neither."""
     import ipaddress
 
     try:
@@ -165,7 +177,7 @@ def _network(text: str) -> str:
 
 
 def told(address: str, link: str | None) -> None:
-    """Where the console is, and how its first admin gets in; this link is in no log and works once."""
+    """Print the console's address, and the link for its first admin; this link is in no log and works once."""
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
         show.people.print("Nobody can sign in yet. Open this link once to choose the admin's password:")
@@ -181,27 +193,27 @@ def add(
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Add somebody, and print the link by which they choose a password."""
+    """Add a user, and print the link by which they choose a password."""
     from prooflight.server.accounts.roles import Role
 
     if role not in list(Role):
         raise RequestError("role", f"there is no {role[:40]!r}", remedy=f"choose {', '.join(Role)}")
-    held = _accounts(journal, data)
-    _link(name, held.add(name, Role(role), by=_me()), address, json=json)
+    accounts = _accounts(journal, data)
+    _link(name, accounts.add(name, Role(role), by=_me()), address, json=json)
 
 
 @user.command("link")
 def link(
     name: Name, address: Address = HERE, journal: JournalUrl = None, data: Data = None, json: Json = False
 ) -> None:
-    """A new link for somebody who lost theirs, or their password."""
-    held = _accounts(journal, data)
-    _link(name, held.link(name, by=_me()), address, json=json)
+    """Print a new link for a user who lost theirs, or their password."""
+    accounts = _accounts(journal, data)
+    _link(name, accounts.link(name, by=_me()), address, json=json)
 
 
 @user.command("list")
 def users(journal: JournalUrl = None, data: Data = None, json: Json = False) -> None:
-    """Everybody who may sign in."""
+    """List all users who may sign in."""
     from dataclasses import asdict
 
     people = _accounts(journal, data).people()
@@ -223,13 +235,15 @@ def users(journal: JournalUrl = None, data: Data = None, json: Json = False) -> 
 @user.command("change")
 def change(
     name: Name,
-    role: Annotated[str | None, typer.Option("--role", metavar="ROLE", help="Another role.")] = None,
-    locked: Annotated[bool | None, typer.Option("--lock/--unlock", help="Lock out, or let in again.")] = None,
+    role: Annotated[str | None, typer.Option("--role", metavar="ROLE", help="New role of the user.")] = None,
+    locked: Annotated[
+        bool | None, typer.Option("--lock/--unlock", help="Lock the user out, or let them in again.")
+    ] = None,
     journal: JournalUrl = None,
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Give another role, or lock somebody out; their sessions end at once."""
+    """Give a user another role, or lock them out; their sessions end at once."""
     from dataclasses import asdict
 
     from prooflight.server.accounts.roles import Role
@@ -248,17 +262,15 @@ def change(
 def verify(
     head: Annotated[
         str | None,
-        typer.Option(
-            "--head", metavar="SHA256", help="A head that was noted earlier: it must still be there."
-        ),
+        typer.Option("--head", metavar="SHA256", help="Head that was noted earlier and must still be there."),
     ] = None,
     journal: JournalUrl = None,
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Whether every row of the console's audit is as it was written; exits 1 if not.
+    """Check that every row of the console's audit is as it was written; exits 1 if not.
 
-    Note the head that it prints, elsewhere: with --head it then says also whether the end was cut off.
+    Note the head that it prints, elsewhere: with --head it then reports also whether the end was cut off.
     """
     from dataclasses import asdict
 
@@ -287,7 +299,7 @@ def _accounts(journal: str | None, data: Path | None, *, must_exist: bool = Fals
 
 
 def _me() -> str:
-    """Who is at the command line, for the audit."""
+    """Return the user of the command line, for the audit."""
     import getpass
 
     try:

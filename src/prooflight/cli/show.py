@@ -1,4 +1,4 @@
-"""What commands show: JSON for programs, tables and progress bars for people."""
+"""Output of commands: JSON for programs, tables and progress bars for people."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ Item = TypeVar("Item")
 
 
 WIDE: int = 200
-"""Columns of what is written into a file or a pipe."""
+"""Width, in columns, of output to a file or a pipe."""
 
 
 class PlainConsole(Console):
-    """Shows strings as they are: no markup, no escape sequences, whatever a path holds. Style comes as ``Text``."""
+    """Console that prints strings without markup or escape sequences; style comes as ``Text``."""
 
     def __init__(self, *, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False)
@@ -50,7 +50,7 @@ class PlainConsole(Console):
             self.width = WIDE  # nobody reads a file or a pipe in a window of 80 columns
 
     def render_str(self, text: str, **how: Any) -> Text:
-        """Lines stay lines; what else cannot be printed is shown as escapes."""
+        """Keep line breaks, and show other unprintable characters as escapes."""
         return super().render_str("\n".join(visible(line) for line in text.split("\n")), **how)
 
 
@@ -62,7 +62,7 @@ VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yell
 
 
 def print_json(value: Any) -> None:
-    """One JSON document on one line of standard output; dataclasses become objects, arrays lists, paths text."""
+    """Print one JSON document on one line of standard output; dataclasses become objects, arrays lists, paths text."""
     sys.stdout.write(json.dumps(value, default=_plain) + "\n")
     sys.stdout.flush()
 
@@ -74,7 +74,7 @@ def _plain(value: Any) -> Any:
 
 
 def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
-    """The items, with a progress bar on standard error."""
+    """Yield the items, with a progress bar on standard error."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -90,38 +90,38 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
 
 
 def told_progress(items: Iterable[Item], *, total: int, what: str, every_s: float = 2.0) -> Iterator[Item]:
-    """The items, with a line of JSON about how many there are, at first and every ``every_s``."""
-    told_s = -math.inf
+    """Yield the items, with a line of JSON about their number, at first and every ``every_s``."""
+    printed_s = -math.inf
     for number, item in enumerate(items):
         now_s = time.monotonic()
-        if now_s - told_s >= every_s:
-            told_s = now_s
+        if now_s - printed_s >= every_s:
+            printed_s = now_s
             print_json({"phase": "preparing", "detail": f"{what}: {number} of {total}"})
         yield item
 
 
 def step(text: str) -> None:
-    """One line on standard error about what is going on."""
+    """Print one line on standard error about the current step."""
     errors.print(f"{text} ...", style="dim", highlight=False)
 
 
 def steps(*, quiet: bool) -> Callable[[str], None]:
-    """``step``, or silence for programs."""
+    """Return ``step``, or a function that prints nothing, for programs."""
     return (lambda _text: None) if quiet else step
 
 
 def written(path: Path) -> None:
-    """Where a result lies."""
+    """Print the path of a result."""
     people.print("Written:", strong(path))
 
 
 def strong(what: object) -> Text:
-    """A path or a number that a person looks for."""
+    """Return a path or a number, emphasised."""
     return Text(visible(what), style="bold")
 
 
 def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()) -> Table:
-    """A table for people; columns are of numbers, but those headed by ``words``."""
+    """Return a table for people; columns hold numbers, except those headed by ``words``."""
     table = Table(title=title, title_justify="left")
     for heading in headings:
         # What is too long for a narrow terminal goes on in the next line: nothing is cut.
@@ -130,7 +130,7 @@ def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
-    """Verdicts as a table for people."""
+    """Return verdicts as a table for people."""
     words = ("page", "verdict", "disposition", "what", "where [mm]")
     table = table_of(title, words, words=words)
     table.add_column("score", justify="right", overflow="fold")
@@ -150,18 +150,18 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
 
 
 def disposed(disposition: Disposition, by: DecidedBy) -> str:
-    """What becomes of a sheet, and by what rule where that is not the default one."""
+    """Return the disposition of a sheet, with the rule that chose it unless it is the default one."""
     return disposition if by == "default" else f"{disposition}, by {by}"
 
 
 def verdict_facts(verdict: Verdict) -> dict[str, Any]:
-    """A verdict without a run as programs read it: with what becomes of its sheet where no gate decides."""
+    """Return a verdict without a run for programs, with the sheet's disposition where no gate decides."""
     disposition, by = without_gate(verdict)
     return asdict(verdict) | {"disposition": disposition, "decided_by": by}
 
 
 def judged(verdicts: Sequence[Verdict], *, title: str, each: str = "page") -> None:
-    """All verdicts in a table, and how many. each: what one is of."""
+    """Print all verdicts in a table, and their numbers; ``each`` is the unit of a verdict."""
     alarms = sum(verdict.verdict == "misprint" for verdict in verdicts)
     unseen = sum(verdict.verdict == "not-inspected" for verdict in verdicts)
     people.print(verdict_table(verdicts, title=title))
@@ -172,13 +172,13 @@ def judged(verdicts: Sequence[Verdict], *, title: str, each: str = "page") -> No
 
 
 def reserved(verdict: Verdict) -> str:
-    """With what reserve to read a verdict, in words; empty: with none."""
+    """Return the reservations about a verdict in words; empty if there are none."""
     suspended = "promise suspended" if verdict.promise_suspended else ""
     return "; ".join(filter(None, (wording.widened(verdict.widened), suspended)))
 
 
 def _marks(verdict: Verdict) -> Iterator[str]:
-    """The same in as few words as a table has room for."""
+    """Yield the reservations in as few words as a table has room for."""
     if verdict.widened > 1:
         yield f"{verdict.widened:g} x wider"
     if verdict.promise_suspended:
@@ -186,14 +186,14 @@ def _marks(verdict: Verdict) -> Iterator[str]:
 
 
 def _short(score: float) -> str:
-    """A score with as many digits as a person needs: 0.64, 75, 18k."""
+    """Return a score with as many digits as a person needs: 0.64, 75, 18k."""
     if score < 10:
         return f"{score:.2f}"
     return f"{score:.0f}" if score < 10_000 else f"{score / 1000:.0f}k"
 
 
 def where(verdict: Verdict) -> str:
-    """The strongest region in words."""
+    """Return the strongest region in words."""
     if not verdict.regions:
         return ""
     region = verdict.regions[0]

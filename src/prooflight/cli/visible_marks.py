@@ -1,4 +1,4 @@
-"""What a press would catch, as ``press show`` tells it: of large tints, or of one page of a job with its map."""
+"""Marks that a press would catch, for ``press show``: on large tints, or on one page of a job with its map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TINTS: Final = {"bare paper": 0.0, "40 % black": 0.4}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnTint:
-    """What would be caught on a large area of one tint; sizes in millimetres, infinite: none."""
+    """Smallest marks caught on a large area of one tint; sizes in millimetres, infinite: none."""
 
     place: str
     spot_mm: float
@@ -30,20 +30,20 @@ class OnTint:
 
 
 def on_tints(press: Press) -> list[OnTint]:
-    """Return a row for each of ``TINTS``; none where the press lacks our detector."""
+    """Return a row for each of ``TINTS``; none if the press lacks the matched-filter detector."""
     from prooflight.detectors.matched_filter.visibility import on_tint
 
     if press.ours is None:
         return []
-    found = []
+    rows = []
     for place, black in TINTS.items():
         spot_mm, hair_mm = on_tint(press.ours, press.station(), black)
-        found.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
-    return found
+        rows.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
+    return rows
 
 
 def print_tints(rows: Sequence[OnTint]) -> None:
-    """Show them to people."""
+    """Print the rows for people."""
     table = show.table_of("What would be caught", ("on", "black spot [mm]", "hair [mm]"), words=("on",))
     for row in rows:
         table.add_row(row.place, mark_size(row.spot_mm), mark_size(row.hair_mm))
@@ -53,9 +53,10 @@ def print_tints(rows: Sequence[OnTint]) -> None:
 def on_page(
     press: Press, job: Path, number: int, *, picture: Path | None, profile: Path | None
 ) -> list[PlaceRow]:
-    """Return what would be caught on a page of a job, by class of place; picture: where its map is to be written.
+    """Return the marks that would be caught on a page of a job, by class of place; ``picture`` is the file of
+    its map.
 
-    RequestError: the press was not taught our detector, or the job has no such page.
+    RequestError: the press was not trained for the matched-filter detector, or the job has no such page.
     """
     from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
     from prooflight.detectors.matched_filter.visibility import VisibleMarks
@@ -74,7 +75,7 @@ def on_page(
 
 
 def print_page(rows: Sequence[PlaceRow], title: str) -> None:
-    """Show them to people."""
+    """Print the rows for people."""
     headings = ("place", "of the page", "black spot [mm]", "at worst", "hair [mm]", "at worst")
     table = show.table_of(title, headings, words=("place",))
     for row in rows:
@@ -101,7 +102,7 @@ EXPLAINED: Final = (
 
 
 def page_number(job: Path | None, page: int | None, picture: Path | None) -> int:
-    """Return the page that is asked for; RequestError: one is asked for and no job."""
+    """Return the requested page; RequestError if one is requested without a job."""
     for option, given in (("--page", page), ("--map", picture)):
         if job is None and given is not None:
             raise RequestError(option, "needs the job that the page is of", remedy="give --job JOB")

@@ -1,1 +1,1 @@
-"""What should be printed: pages as CMYK rasters, and the jobs they come from."""
+"""Pages to be printed, as CMYK rasters, and the jobs that they come from."""

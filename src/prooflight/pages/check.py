@@ -1,4 +1,4 @@
-"""A job checked before it is printed: what each page is made of, and what will be printed otherwise than it asks."""
+"""Check of a job before it is printed: the content of each page, and deviations of the print from its file."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 EARLY_S: Final = 10.0
-"""For so long pages are drawn for their warnings before the first sheet; a job of thousands is not waited for."""
+"""Time in which pages are drawn for their warnings before the first sheet, so that a run need not wait for
+thousands of pages."""
 KEPT_MAX: Final = 500
-"""Warnings of a job that a run keeps in its journal."""
+"""Largest number of a job's warnings that a run stores in its journal."""
 REFUSED: Final = "page-refused"
-"""The kind of warning that a page cannot be used at all."""
+"""Kind of the warning that a page cannot be used at all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,19 +32,19 @@ class CheckedPage:
     """One page of a job's files."""
 
     number: int
-    """From 1."""
+    """Number of the page, from 1."""
     name: str
     size_mm: tuple[float, float] | None
-    """Width and height as printed; None: nobody knows."""
+    """Width and height as printed; None: not known."""
     facts: PageFacts | None
-    """None: it is of no PDF, or cannot be read."""
+    """Facts of a PDF page; None: the page is of no PDF, or cannot be read."""
     spots: Mapping[str, tuple[int, ...]]
-    """CMYK 0 to 255 that is printed of each spot colour."""
+    """CMYK values, 0 to 255, that are printed for each spot colour."""
     coverage: tuple[float, ...] | None
-    """Mean of each process ink over the page, 0 to 1, spot colours among them; None: it cannot be drawn."""
+    """Mean of each process ink over the page, 0 to 1, including spot colours; None: the page cannot be drawn."""
     warnings: tuple[PageWarning, ...]
     refused: str = ""
-    """Why it will not be inspected; empty: it will."""
+    """Reason why the page will not be inspected; empty: it will be."""
 
 
 def checked_page(job: Job, number: int) -> tuple[CheckedPage, Page | None]:
@@ -56,9 +57,9 @@ def checked_page(job: Job, number: int) -> tuple[CheckedPage, Page | None]:
     refused = ""
     try:
         size = job.page_size_mm(number)
-        known = job.facts(number)
-        if known is not None:
-            facts, spots = known
+        page_facts = job.facts(number)
+        if page_facts is not None:
+            facts, spots = page_facts
         page = job.page(number)
     except JobError as error:
         refused = f"{sentence(error.what)}; {sentence(error.remedy)}"
@@ -83,17 +84,17 @@ class EarlyWarnings:
     """Warnings of a job before its first sheet."""
 
     warnings: tuple[PageWarning, ...] = ()
-    """Of its files and of the pages that were looked through, those that are refused among them."""
+    """Warnings of its files and of the checked pages, including those of refused pages."""
     pages: int = 0
-    """How many were looked through, from the first."""
+    """Number of pages that were checked, from the first."""
     of: int = 0
-    """How many the job has."""
+    """Number of pages of the job."""
     known: frozenset[PageWarning] = field(default_factory=frozenset)
-    """The same warnings, to tell those that come later."""
+    """The same warnings as a set, to recognise later ones as new."""
 
     @property
     def remark(self) -> str:
-        """That some pages were not looked through; empty: all were."""
+        """Remark that some pages were not checked; empty: all were."""
         if self.pages == self.of:
             return ""
         return (
@@ -103,7 +104,7 @@ class EarlyWarnings:
 
     @property
     def plain(self) -> list[dict[str, Any]]:
-        """As JSON holds them, the first ``KEPT_MAX``."""
+        """The first ``KEPT_MAX`` warnings in the form of JSON."""
         return [plain(warning) for warning in self.warnings[:KEPT_MAX]]
 
 
@@ -114,28 +115,28 @@ def early_warnings(
     seconds: float = EARLY_S,
     clock: Callable[[], float] = time.monotonic,
 ) -> EarlyWarnings:
-    """Look a job's pages through for warnings, from the first on, for about so many seconds.
+    """Check a job's pages for warnings, from the first on, for about the given time.
 
-    shown: shows progress of page numbers, of which it is told how many there are.
+    ``shown`` shows the progress of page numbers; its second argument is their count.
     """
-    until, found, pages = clock() + seconds, dict[PageWarning, None](), 0
+    until, warnings, pages = clock() + seconds, dict[PageWarning, None](), 0
     for number in shown(range(1, job.own_pages + 1), job.own_pages):
         if pages and clock() >= until:
             break
         try:
-            found |= dict.fromkeys(job.coarse_warnings(number))
+            warnings |= dict.fromkeys(job.coarse_warnings(number))
         except JobError as error:
             what = sentence(error.what)
             message = f"cannot be used, its sheets will not be inspected: {what}"
-            found[PageWarning(page=number - 1, kind=REFUSED, message=message)] = None
+            warnings[PageWarning(page=number - 1, kind=REFUSED, message=message)] = None
         pages = number
     of_files = dict.fromkeys(warning for warning in job.warnings if warning.page < 0)
-    every = tuple(of_files | found)
+    every = tuple(of_files | warnings)
     return EarlyWarnings(warnings=every, pages=pages, of=job.own_pages, known=frozenset(every))
 
 
 def plain(warning: PageWarning) -> dict[str, Any]:
-    """A warning as programs read it: pages are numbered from 1, and one of no page has null."""
+    """Return a warning in the form for programs: pages are numbered from 1, and a warning of no page has null."""
     return {
         "page": None if warning.page < 0 else warning.page + 1,
         "kind": warning.kind,
@@ -145,11 +146,11 @@ def plain(warning: PageWarning) -> dict[str, Any]:
 
 
 def in_words(warning: PageWarning) -> str:
-    """One line for people, which names the page."""
+    """Return a warning as one line for people, which names the page."""
     return in_line(plain(warning))
 
 
 def in_line(warning: Mapping[str, Any]) -> str:
-    """As ``in_words``, from what ``plain`` gives."""
+    """Return a warning as ``in_words``, from the result of ``plain``."""
     page, message = warning["page"], warning["message"]
     return str(message) if page is None else f"{page_name(page)}: {message}"

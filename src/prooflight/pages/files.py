@@ -1,7 +1,7 @@
-"""CMYK TIFF and JPEG files in and out.
+"""Input and output of CMYK TIFF and JPEG files.
 
-A CMYK JPEG by Adobe stores 255 - ink. Pillow knows that, for reading and for writing; the JPEG codec behind
-tifffile does not, and must not: inside a TIFF the values stand as they are (TIFF 6.0, separated images).
+A CMYK JPEG by Adobe stores 255 - ink. Pillow handles that, for reading and for writing; the JPEG codec behind
+tifffile does not, and must not: inside a TIFF the values are stored as they are (TIFF 6.0, separated images).
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 PAGE_BYTES_PER_PIXEL = 4
 DPI_MAX = 100_000.0
-"""Above, and below 1, a resolution is a slip: a hair is some 60 micrometres across, a pixel at the limit a quarter."""
+"""Largest plausible resolution; the smallest is 1. At this limit a pixel is a quarter of a micrometre, and
+a hair some 60."""
 ANISOTROPY_MAX = 0.01  # x against y resolution; above, the file is not a page raster but a fax
 SUFFIXES = (*TIFF_SUFFIXES, ".jpg", ".jpeg")
 _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # classic and BigTIFF
@@ -44,23 +45,22 @@ _COPY = "export or copy it again"
 
 
 def page_name(number: int) -> str:
-    """File-name stem of page ``number`` of a job, from 1.
+    """Return the file-name stem of page ``number`` of a job, from 1.
 
-    >>> page_name(7)
-    'p0007'
+    >>> page_name(7) 'p0007'
     """
     return f"p{number:04d}"
 
 
 def check_dpi(where: object, dpi: float) -> None:
-    """RequestError if a resolution that was asked for is none. [pixels/inch]"""
+    """Raise RequestError if a requested resolution is not plausible. [pixels/inch]"""
     if not 1 <= dpi <= DPI_MAX:
         remedy = f"give a dpi above 0: from 1 to {DPI_MAX:.0f}"
         raise RequestError(where, f"a resolution of {dpi:g} dpi", remedy=remedy)
 
 
 def read_image(path: Path, *, dpi: float | None = None) -> list[Page]:
-    """All pages of a CMYK TIFF or JPEG; ``dpi`` [pixels/inch] takes the place of the file's own resolution.
+    """Return all pages of a CMYK TIFF or JPEG; ``dpi`` [pixels/inch] replaces the file's own resolution.
 
     JobError: not CMYK, truncated, empty, without a resolution, or larger than memory allows.
     """
@@ -68,7 +68,7 @@ def read_image(path: Path, *, dpi: float | None = None) -> list[Page]:
 
 
 def page_count(path: Path) -> int:
-    """Number of pages in a TIFF (thumbnails left out) or JPEG; JobError if it is neither."""
+    """Return the number of pages in a TIFF (without thumbnails) or JPEG; JobError if it is neither."""
     path = Path(path)
     if _is_jpeg(path):
         return 1
@@ -79,7 +79,7 @@ def page_count(path: Path) -> int:
 
 
 def page_size_mm(path: Path, number: int) -> tuple[float, float]:
-    """Width and height of page ``number`` (from 1), without decoding it; errors as ``read_page``."""
+    """Return width and height of page ``number`` (from 1) without decoding it; errors as ``read_page``."""
     path = Path(path)
     with (_jpeg if _is_jpeg(path) else _tiff_page)(path, number) as stored:
         dpi = _one_resolution(stored.where, *stored.dpi)
@@ -87,7 +87,10 @@ def page_size_mm(path: Path, number: int) -> tuple[float, float]:
 
 
 def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
-    """Page ``number`` (from 1) of a CMYK TIFF or JPEG; RequestError if there is none, else as ``read_image``."""
+    """Return page ``number`` (from 1) of a CMYK TIFF or JPEG.
+
+    RequestError: there is no such page. Other errors as ``read_image``.
+    """
     path = Path(path)
     if dpi is not None:
         check_dpi(path, dpi)
@@ -99,14 +102,14 @@ def read_page(path: Path, number: int = 1, *, dpi: float | None = None) -> Page:
 
 
 def flaws(path: Path) -> dict[int, JobError]:
-    """Pages, from 1, of which it can be told undecoded that they cannot be used, and why."""
-    found = {}
+    """Return the pages, from 1, that are known without decoding to be unusable, and why."""
+    flawed = {}
     for number in range(1, page_count(path) + 1):
         try:
             page_size_mm(path, number)
         except JobError as error:
-            found[number] = error
-    return found
+            flawed[number] = error
+    return flawed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,9 +120,9 @@ class _Stored:
     rows: int
     columns: int
     dpi: tuple[float, float]
-    """Across and along, as the file states it; 0 where it does not. [pixels/inch]"""
+    """Resolution across and along, as the file states it; 0 if it does not. [pixels/inch]"""
     decode: Callable[[NDArray[np.uint8]], None]
-    """Into (rows, columns, 4)."""
+    """Function that decodes the page into an array of (rows, columns, 4)."""
 
 
 def _is_jpeg(path: Path) -> bool:
@@ -151,7 +154,7 @@ def _tiff_page(path: Path, number: int) -> Iterator[_Stored]:
 
 
 def _eight_bits(samples: NDArray[np.uint16]) -> NDArray[np.uint32]:
-    """The nearest of 8 bits: 65535 / 255 = 257."""
+    """Return the nearest values of 8 bits: 65535 / 255 = 257."""
     return (samples.astype(np.uint32) + 128) // 257
 
 
@@ -186,7 +189,7 @@ def _jpeg(path: Path, number: int) -> Iterator[_Stored]:
 
 
 def _jpeg_dpi(image: ImageFile) -> tuple[float, float]:
-    """Resolution by JFIF, else EXIF, else Photoshop's own record; 0 where there is none [pixels/inch]."""
+    """Return the resolution by JFIF, else EXIF, else Photoshop's own record; 0 if there is none. [pixels/inch]"""
     # Not info["dpi"]: Pillow makes it 72 when the EXIF record is broken.
     unit = image.info.get("jfif_unit", 0)
     if unit in (1, 2):  # JFIF 1.02: 1 inch, 2 centimetre
@@ -200,14 +203,14 @@ def _jpeg_dpi(image: ImageFile) -> tuple[float, float]:
 
 
 def resolution_tags(page: Any) -> dict[int, Any]:
-    """What ``tag_dpi`` needs of a page of tifffile's."""
+    """Return the tags that ``tag_dpi`` needs, of a page of tifffile."""
     return {code: page.tags.valueof(code) for code in (_XRESOLUTION, _YRESOLUTION, _RESOLUTION_UNIT)}
 
 
 def tag_dpi(tags: dict[int, Any], *, unit_unstated: int = _INCH) -> tuple[float, float]:
-    """Resolution across and along by TIFF or EXIF tags; 0 where there is none [pixels/inch].
+    """Return the resolution across and along by TIFF or EXIF tags; 0 if there is none. [pixels/inch]
 
-    unit_unstated: what it counts by where no tag says so; TIFF 6.0 has the inch.
+    ``unit_unstated`` is the unit if no tag states it; TIFF 6.0 defines the inch.
     """
     unit = tags.get(_RESOLUTION_UNIT)
     # Not "unit or": tifffile's RESUNIT.NONE is false.

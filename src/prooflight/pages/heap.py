@@ -6,14 +6,14 @@ import ctypes
 from typing import Final
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
-"""Names of glibc's mallopt(3)."""
+"""Parameter numbers of glibc's mallopt(3)."""
 KEPT_BYTES: Final = 2**31 - 1
 
 
 def keep_memory() -> None:
-    """Keep freed memory for the next page: given back and asked for again, the system clears it each time.
+    """Keep freed memory for the next page; if it is returned and requested again, the system clears it each time.
 
-    For the whole process; where the C library is not glibc, memory stays as it was.
+    This applies to the whole process. If the C library is not glibc, nothing changes.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:

@@ -1,4 +1,4 @@
-"""A job: the pages of a PDF, of a CMYK TIFF or JPEG, or of a folder of them, behind one door."""
+"""A job: the pages of a PDF, of a CMYK TIFF or JPEG, or of a folder of them, with one interface."""
 
 from __future__ import annotations
 
@@ -31,44 +31,48 @@ if TYPE_CHECKING:
 
 
 FINER: Final = 2
-"""A PDF of which nobody says at what resolution its press prints it is drawn at so many times that of its raster
-(`prooflight study resolution`). Three times as finely called no fewer good prints misprints."""
+"""Oversampling of a PDF whose press prints at an unknown resolution, relative to its raster (`prooflight
+study resolution`). A factor of three did not lower the number of good prints that were called misprints."""
 COARSE_DPI: Final = 18.0
-"""At which a page is drawn where only its warnings are asked for: all of it is read, and next to nothing is painted."""
+"""Resolution at which a page is drawn only for its warnings: all of it is read, and almost nothing is
+painted."""
 UNKNOWN_DPI: Final = 600.0
-"""Resolution at which such a press is taken to print. (assumed: no press of letters prints more coarsely)"""
+"""Assumed resolution of a press whose resolution is unknown. (assumed: no press of letters prints more
+coarsely)"""
 
 
 def edge_sd_mm(rip_dpi: float | None) -> float:
-    """``Page.edge_sd_mm`` of a PDF by a press that rips it itself, at a known resolution or not.
+    """Return ``Page.edge_sd_mm`` of a PDF for a press that rips it itself, at a known resolution or not.
 
-    Every RIP rounds edges to pixels by a rule of its own: to anywhere within one (variance of a uniform distribution).
+    Every RIP rounds edges to pixels by a rule of its own, so that an edge is anywhere within one pixel
+    (variance of a uniform distribution).
     """
     return MM_PER_INCH / (rip_dpi or UNKNOWN_DPI) / math.sqrt(12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobSource:
-    """What a job is made of; small and picklable, so that every worker process can open its own."""
+    """Definition of a job; small and picklable, so that every worker process can open its own."""
 
     path: Path
     dpi: float
     """Resolution at which PDF pages are ripped; images keep their own. [pixels/inch]"""
     drawn_dpi: float | None = None
-    """Resolution at which the press rips PDFs, at which they are drawn; None: unknown, and they are drawn ``FINER``."""
+    """Resolution at which the press rips PDFs, at which they are drawn; None: unknown, and they are drawn
+    ``FINER``."""
     light: InkLight | None = None
-    """How a press's inks take its camera's light, by which pixels of finely drawn PDFs are taken together; None: any
-    press's, and inks are averaged."""
+    """How a press's inks absorb its camera's light, used to combine the pixels of finely drawn PDFs; None:
+    not specific to a press, and inks are averaged."""
     profile: Path | None = None
     """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
     engine: RipEngine | None = None
-    """What draws the pages of PDFs; None: MuPDF."""
+    """Engine that draws the pages of PDFs; None: MuPDF."""
     layout: Layout | None = None
-    """How pages lie on sheets: the job's pages then are the sides that are printed (``pages.layout``). None: as they
-    are."""
+    """Imposition of pages on sheets: the job's pages then are the sides that are printed
+    (``pages.layout``). None: pages are printed as they are."""
 
     def page_name(self, number: int) -> str:
-        """What page ``number``, from 1, is called, without a look at the job."""
+        """Return the name of page ``number``, from 1, without opening the job."""
         return files.page_name(number) if self.layout is None else self.layout.side_name(number)
 
     def open(self) -> Job:
@@ -80,7 +84,7 @@ class Job:
     """An open job. Pages are numbered from 1; files in a folder follow one another in the order of their names."""
 
     def __init__(self, source: JobSource) -> None:
-        """Errors as ``open_job``."""
+        """Open the files; errors as ``open_job``."""
         files.check_dpi(source.path, source.dpi)
         self._pdfs: dict[Path, PdfJob] = {}
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
@@ -111,7 +115,7 @@ class Job:
         self.close()
 
     def close(self) -> None:
-        """Let go of all files."""
+        """Close all files."""
         for pdf in self._pdfs.values():
             pdf.close()
 
@@ -139,25 +143,25 @@ class Job:
         )
 
     def flaws(self) -> dict[int, JobError]:
-        """Pages of which it is cheap to tell that they cannot be used, and why; others may turn out so."""
+        """Return the pages that are cheaply known to be unusable, and why; others may turn out to be unusable too."""
         of_files = {path: files.flaws(path) for path, _ in self._places if path not in self._pdfs}
-        found = {
+        flawed = {
             number: of_files[path][place]
             for number, (path, place) in enumerate(self._places, start=1)
             if place in of_files.get(path, {})
         }
         layout = self.source.layout
         if layout is None:
-            return found
+            return flawed
         return {
-            number: found[page]
+            number: flawed[page]
             for number in range(1, len(self) + 1)
             for page in (_sizing_page(layout, number), *layout.pages_on(number))
-            if page in found
+            if page in flawed
         }
 
     def page_size_mm(self, number: int) -> tuple[float, float]:
-        """Of one page; errors as ``page``. [mm]"""
+        """Return the size of one page; errors as ``page``. [mm]"""
         layout = self.source.layout
         if layout is not None:
             return side_size(self._own_size_mm(_sizing_page(layout, number)), layout)
@@ -180,9 +184,9 @@ class Job:
         )
 
     def marks(self, number: int) -> PageMarks | None:
-        """What page ``number`` says of its own places; None: it is of no PDF. Errors as ``page``.
+        """Return the marked places of page ``number``; None if it is of no PDF. Errors as ``page``.
 
-        RequestError: the job is laid on sheets, whose sides are no pages of the file.
+        RequestError: the job is imposed on sheets, whose sides are no pages of the file.
         """
         if self.source.layout is not None:
             what = "a side of a sheet says nothing of places"
@@ -195,11 +199,12 @@ class Job:
 
     @property
     def own_pages(self) -> int:
-        """How many pages its files have, however they lie on sheets."""
+        """Number of pages in the job's files, independent of the layout."""
         return len(self._places)
 
     def facts(self, number: int) -> tuple[PageFacts, dict[str, tuple[int, ...]]] | None:
-        """Facts of page ``number`` of its files, and what is printed of its spot colours (``PdfJob.facts``).
+        """Return facts of page ``number`` of its files, and the printed values of its spot colours
+        (``PdfJob.facts``).
 
         None: it is of no PDF. Errors as ``page``.
         """
@@ -208,16 +213,19 @@ class Job:
         return None if pdf is None else pdf.facts(place)
 
     def coarse_warnings(self, number: int) -> tuple[PageWarning, ...]:
-        """Warnings of page ``number`` of its files, which is drawn coarsely for that; errors as ``page``."""
+        """Draw page ``number`` of its files coarsely, and return its warnings; errors as ``page``."""
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
         if pdf is None:
             return ()
-        found = pdf.page(place, COARSE_DPI).warnings
-        return tuple(replace(warning, page=number - 1) for warning in found)
+        warnings = pdf.page(place, COARSE_DPI).warnings
+        return tuple(replace(warning, page=number - 1) for warning in warnings)
 
     def page(self, number: int) -> Page:
-        """Page ``number`` of the job, from 1; RequestError: there is none; JobError: it cannot be used."""
+        """Return page ``number`` of the job, from 1.
+
+        RequestError: there is no such page. JobError: it cannot be used.
+        """
         if not 1 <= number <= len(self):
             remedy = f"the job has {len(self)} page" + ("s" if len(self) > 1 else "")
             raise RequestError(self.source.path, f"there is no page {number}", remedy=remedy)
@@ -234,7 +242,7 @@ class Job:
         return imposed([own[page] for page in shown if page is not None], layout, number)
 
     def _own_page(self, number: int) -> Page:
-        """As it stands in its file."""
+        """Return a page as it is in its file."""
         path, place = self._places[number - 1]
         pdf, source = self._pdfs.get(path), self.source
         if pdf is None:
@@ -248,7 +256,7 @@ class Job:
 
 
 def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:
-    """Open a PDF, a CMYK TIFF or JPEG, or a folder of them. dpi, profile: see ``JobSource``.
+    """Open a PDF, a CMYK TIFF or JPEG, or a folder of them; for ``dpi`` and ``profile`` see ``JobSource``.
 
     JobError: a file cannot be used, or a folder holds none. ProfileError: the profile cannot be used.
     """
@@ -256,12 +264,15 @@ def open_job(path: Path, *, dpi: float, profile: Path | None = None) -> Job:
 
 
 def _sizing_page(layout: Layout, number: int) -> int:
-    """The page, from 1, that a side is sized by: the first on it, or of one that stays blank the first on its sheet."""
+    """Return the page, from 1, that determines the size of a side.
+
+    It is the first page on the side or, if the side stays blank, the first on its sheet.
+    """
     return next((page for page in layout.pages_on(number) if page is not None), layout.first_page(number))
 
 
 def opened(source: JobSource) -> Job:
-    """The job, opened once a process and again when its file or folder has changed."""
+    """Return the job, opened once a process and again when its file or folder has changed."""
     return _opened(source, source.path.stat().st_mtime_ns)
 
 
@@ -284,7 +295,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def files_in(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    """What of a folder has one of the suffixes, in natural order of names; hidden files are none of it."""
+    """Return the files of a folder with one of the suffixes, in natural order of names, without hidden files."""
     inside = [
         path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith(".")
     ]
@@ -292,10 +303,9 @@ def files_in(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 
 def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key by which numbers in file names count as numbers.
+    """Return a sort key by which digits in file names count as numbers.
 
-    >>> sorted(["p10.tif", "p9.tif", "P1.tif"], key=natural_order)
-    ['P1.tif', 'p9.tif', 'p10.tif']
+    >>> sorted(["p10.tif", "p9.tif", "P1.tif"], key=natural_order) ['P1.tif', 'p9.tif', 'p10.tif']
     """
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     key = [(0, int(part), "") if part.isdecimal() else (1, 0, part.casefold()) for part in parts]
@@ -307,10 +317,11 @@ def _is_pdf(path: Path) -> bool:
 
 
 def parse_pages(text: str, count: int) -> tuple[int, ...]:
-    """Page numbers of a list like ``1,4-6``, in its order, each once; RequestError: not all are in 1..``count``.
+    """Return the page numbers of a list like ``1,4-6``, in its order, each once.
 
-    >>> parse_pages("4-6, 1", 24)
-    (4, 5, 6, 1)
+    RequestError: the text is no such list, or not all numbers are in 1..``count``.
+
+    >>> parse_pages("4-6, 1", 24) (4, 5, 6, 1)
     """
     where, numbers = f"pages {text[:40]!r}", dict[int, None]()
     for part in text.split(","):

@@ -1,4 +1,4 @@
-"""What a JPEG stream says of itself before it is decoded (ITU-T T.81, annex B)."""
+"""Header data of a JPEG stream, read before it is decoded (ITU-T T.81, annex B)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 SCANS_MAX: Final = 100
-"""Passes over the image: programs write ten or so, and each takes as long as decoding it once."""
+"""Largest number of passes over the image: programs write ten or so, and each takes as long as decoding it
+once."""
 _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _ALONE: Final = frozenset({0x01, 0xD8, *range(0xD0, 0xD8)})  # markers without a length
 _END, _SCAN = 0xD9, 0xDA
@@ -23,7 +24,7 @@ class Frame:
 
 
 def frame(data: bytes) -> Frame:
-    """The frame of a JPEG stream; ValueError: it has none, or more passes than ``SCANS_MAX``."""
+    """Return the frame of a JPEG stream; ValueError if it has none, or more passes than ``SCANS_MAX``."""
     scans = data.count(b"\xff\xda")  # within a pass, FF is always followed by 00 or a restart
     if scans > SCANS_MAX:
         message = f"it is stored in {scans} passes"

@@ -1,4 +1,4 @@
-"""How much memory there is, and how much a file may ask for before anything of it is decoded."""
+"""Available memory, and limits of the memory that a file may need, checked before anything of it is decoded."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from prooflight.errors import InputError
 
 MODEST_BYTES: Final = 2 * 2**30
-"""What any file may take to be read."""
+"""Memory that any file may need to be read."""
 MEGAPIXELS_MAX: Final = 400
-"""Of a page; assumed: A0 at 482 dpi has 360."""
+"""Largest size of a page; assumed: A0 at 482 dpi has 360."""
 BYTES_PER_FILE_BYTE: Final = 64
-"""What a larger file may take: a strong JPEG holds four pixels in a byte, and reading takes up to 16 bytes for each.
-Files that promise more are made to exhaust memory."""
+"""Memory that a larger file may need, per byte of the file: a highly compressed JPEG stores four pixels in
+a byte, and reading takes up to 16 bytes for each. Files that declare more are made to exhaust memory."""
 
 
 def available_bytes() -> float:
-    """Memory that can still be taken without swapping; infinite where the system does not say."""
+    """Return the memory that is available without swapping; infinite if the system does not report it."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -31,7 +31,7 @@ def available_bytes() -> float:
 
 
 def refuse_oversize(where: object, rows: int, columns: int) -> None:
-    """JobError, before anything is allocated, if a page has more than 400 megapixels."""
+    """Raise JobError, before anything is allocated, if a page has more than 400 megapixels."""
     megapixels = rows * columns / 1e6
     if megapixels > MEGAPIXELS_MAX:
         what = f"{columns} x {rows} pixels are {megapixels:.0f} megapixels"
@@ -41,9 +41,9 @@ def refuse_oversize(where: object, rows: int, columns: int) -> None:
 def refuse_unaffordable(
     refused: type[InputError], where: object, pixels: str, *, needed_bytes: float, file_bytes: int
 ) -> None:
-    """Raise ``refused``, before anything is allocated, if an image asks for more than its file or memory allow.
+    """Raise ``refused``, before anything is allocated, if an image needs more than its file or memory allow.
 
-    pixels: its size, for people.
+    ``pixels`` is its size, for people.
     """
     allowed, free = max(MODEST_BYTES, BYTES_PER_FILE_BYTE * file_bytes), available_bytes()
     if needed_bytes > allowed:
@@ -55,20 +55,23 @@ def refuse_unaffordable(
 
 
 def file_stamp(path: Path) -> list[int]:
-    """What tells a file from one that takes its place."""
+    """Return values that distinguish a file from one that replaces it."""
     facts = path.stat()
     return [facts.st_ino, facts.st_mtime_ns, facts.st_size]
 
 
 def file_head(path: Path, refused: type[InputError], size: int) -> bytes:
-    """The first bytes of a file, at most so many; ``refused`` as by ``file_size``."""
+    """Return the first bytes of a file, at most ``size``; ``refused`` as by ``file_size``."""
     file_size(path, refused)
     with path.open("rb") as file:  # OSError for what the system cannot open
         return file.read(size)
 
 
 def file_size(path: Path, refused: type[InputError]) -> int:
-    """Size of a file [bytes]; ``refused`` if it is a pipe, a device or a folder, which could not be read to its end."""
+    """Return the size of a file [bytes].
+
+    ``refused`` is raised if it is a pipe, a device or a folder, which could not be read to its end.
+    """
     facts = path.stat()  # OSError for what the system cannot open
     if not stat.S_ISREG(facts.st_mode):
         raise refused(path, "is no file", remedy="give a file, not a folder, pipe or device")

@@ -1,4 +1,4 @@
-"""The pages of a job, several at a time; and the parts of a page."""
+"""Parallel work on several pages of a job, and on the parts of a page."""
 
 from __future__ import annotations
 
@@ -27,13 +27,15 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 FEWEST_FOR_PROCESSES = 6
-"""Starting a process costs about as much as a few pages."""
+"""Fewest items for which processes are started; starting a process costs about as much as a few pages."""
 KILLED = "its worker process was killed, perhaps for want of memory"
 
 
-class _Crew:
-    """Processors for all pages under way. Whoever works on a page needs one, and who is due first is given the next
-    that is free: no more run than asked for, and the page that is due first is done first.
+class _WorkerPool:
+    """Pool of processors for all pages under way.
+
+    A thread that works on a page needs a processor, and the page that is due first gets the next free one. No
+    more threads run than requested, and the page that is due first is done first.
     """
 
     def __init__(self, processors: int) -> None:
@@ -45,8 +47,9 @@ class _Crew:
             threading.Thread(target=self._work, name=f"crew-{number}", daemon=True).start()
 
     def ask(self, begin: Callable[[], None], due_s: float) -> None:
-        """Have ``begin`` called once there is a processor for it; it must be quick. due_s: of its page, by the clock
-        that all pages are due by.
+        """Call ``begin``, which must be quick, once a processor is free for it.
+
+        ``due_s`` is the deadline of its page, by the clock of all deadlines.
         """
         with self._guard:
             heappush(self._asked, (due_s, next(self._turn), begin))
@@ -59,7 +62,7 @@ class _Crew:
         given.wait()
 
     def leave(self) -> None:
-        """Give a processor back."""
+        """Return a processor to the pool."""
         with self._guard:
             self._free += 1
             self._give()
@@ -67,7 +70,7 @@ class _Crew:
     def do(
         self, tasks: Sequence[Callable[[], Result]], due_s: float, then: Callable[[], None]
     ) -> list[Future[Result]]:
-        """Have a page's parts done; then: called behind the last, before its processor is given to another."""
+        """Run a page's parts; ``then`` is called after the last, before its processor is given to another."""
         left, every = count(len(tasks) - 1, -1), [Future[Result]() for _ in tasks]
 
         def part(task: Callable[[], Result], done: Future[Result]) -> None:
@@ -93,56 +96,57 @@ class _Crew:
             self.leave()
 
 
-_made = cache(_Crew)
+_made = cache(_WorkerPool)
 _making = threading.Lock()
 
 
 class _Page(threading.local):
-    """Of each thread: the page on which it works."""
+    """The page on which each thread works."""
 
-    crew: _Crew | None = None
-    """That its processor is of; None: it works without being given one."""
+    pool: _WorkerPool | None = None
+    """Pool that its processor belongs to; None: the thread works without a processor of the pool."""
 
     def due_s(self) -> float:
-        """When its verdict is due."""
+        """Return the time at which its verdict is due."""
         return math.inf
 
 
 _page = _Page()
 
 
-def _crew_of(processors: int) -> _Crew:
+def _pool_of(processors: int) -> _WorkerPool:
     with _making:  # or two threads that are the first would have a crew each
         return _made(processors)
 
 
 @contextmanager
 def due(time_s: float, clock: Callable[[], float], *, processors: int) -> Iterator[None]:
-    """Work on a page: this thread, and the parts that it shares out, go before those of pages due later.
+    """Work on a page: this thread and its parallel parts precede those of pages that are due later.
 
-    What is overdue comes last: nothing is won by it any more, and it would make the next pages late as well.
+    An overdue page comes last: its verdict is of no use any more, and it would make the next pages late as
+    well.
     """
     _page.due_s = lambda: time_s if clock() <= time_s else math.inf  # type: ignore[method-assign]
-    _page.crew = _crew_of(processors)
-    _page.crew.wait(_page.due_s())
+    _page.pool = _pool_of(processors)
+    _page.pool.wait(_page.due_s())
     try:
         yield
     finally:
-        _page.crew.leave()
-        del _page.crew, _page.due_s
+        _page.pool.leave()
+        del _page.pool, _page.due_s
 
 
 def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[Result]:
-    """What the tasks give, in their order, that many run at once; the tasks must not share out in turn.
+    """Run the tasks on ``threads`` threads, and return their results in order; tasks must not be nested.
 
-    In a process of ``in_order`` one after the other: other pages take the other processors.
+    In a process of ``in_order`` they run one after the other: other pages use the other processors.
     """
     tasks = list(tasks)
     if threads == 1 or len(tasks) <= 1 or _held:
         return [task() for task in tasks]
-    own, due_s, ended = _page.crew, _page.due_s(), threading.Event()
+    own, due_s, ended = _page.pool, _page.due_s(), threading.Event()
     goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
-    done = _crew_of(threads).do(tasks, due_s, goes_on)
+    done = _pool_of(threads).do(tasks, due_s, goes_on)
     if own is not None:
         own.leave()
     ended.wait()
@@ -150,7 +154,7 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
 
 
 def parts_of(extent: int, parts: int) -> list[tuple[int, int]]:
-    """First and last, not included, of that many parts that are about as long; fewer where there is not so much."""
+    """Return start and end of ``parts`` parts of about the same length; fewer if the extent is too small."""
     bounds = [part * extent // parts for part in range(parts + 1)]
     return [(first, last) for first, last in pairwise(bounds) if first < last]
 
@@ -163,14 +167,16 @@ def in_order(
     fewest: int = FEWEST_FOR_PROCESSES,
     killed: Callable[[Item], Result] | None = None,
 ) -> Iterator[Result]:
-    """``work`` of each item, in the order of the items, in as many processes as there are cores.
+    """Apply ``work`` to each item, in the order of the items, in as many processes as there are cores.
 
-    Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it travels
-    once to each process, since it may hold a press. The first error is raised where its result would have come; work
-    not begun by then is dropped. fewest: items from which on processes are started.
+    Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it
+    is sent once to each process, since it may hold a press. The first error is raised where its result would
+    have come; work not begun by then is dropped. ``fewest`` is the number of items from which processes are
+    started.
 
-    Where a process is killed, what was under way is done again, in half as many, and first the item that is due by
-    itself; killed: what stands for an item that kills its process even so. None: ProoflightError.
+    If a process is killed, the work under way is repeated in half as many processes, and the item that is
+    next in order runs alone first. ``killed`` returns the result of an item that kills its process even so;
+    None: ProoflightError.
     """
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
@@ -192,7 +198,7 @@ def in_order(
 def _in_processes(
     work: Callable[[Item], Result], waiting: Sequence[Item], processes: int
 ) -> Iterator[Result]:
-    """``in_order``; BrokenProcessPool: a process was killed."""
+    """Apply ``work`` as ``in_order``; BrokenProcessPool if a process was killed."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
         min(processes, len(waiting)), mp_context=context, initializer=_hold, initargs=(work,)
@@ -211,7 +217,7 @@ def _in_processes(
 
 
 def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], Result] | None) -> Result:
-    """One item in a process of its own."""
+    """Apply ``work`` to one item in a process of its own."""
     try:
         return next(_in_processes(work, [item], 1))
     except BrokenProcessPool as error:
@@ -221,7 +227,7 @@ def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], 
 
 
 _held: list[Callable[[Any], Any]] = []
-"""In a worker process alone: the work that it was started for."""
+"""Work that a worker process was started for; empty in all other processes."""
 
 
 def _settle() -> None:
@@ -238,7 +244,7 @@ def _hold(work: Callable[[Any], Any]) -> None:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever."""
+    """End this worker when its parent has ended, because it would otherwise wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

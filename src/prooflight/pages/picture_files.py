@@ -1,7 +1,7 @@
 """PNG and JPEG files, opened with their size checked before they are decoded.
 
-Not Pillow's Image.open: its guard against large images is below what an A3 page at 1200 dpi needs, and it warns on
-stderr; and it would try some forty other formats.
+Not Pillow's Image.open: its guard against large images is below what an A3 page at 1200 dpi needs, and it
+warns on stderr; and it would try some forty other formats.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ PNG_MAGIC: Final = b"\x89PNG\r\n\x1a\n"
 def opened_picture(
     path: Path, refused: type[InputError], *, bytes_per_sample: float, remedy: str
 ) -> Iterator[ImageFile]:
-    """A PNG or JPEG, not decoded yet; whatever goes wrong inside is raised as ``refused``.
+    """Open a PNG or JPEG without decoding it; all errors inside the context are raised as ``refused``.
 
-    bytes_per_sample: what reading takes at its peak. OSError: the system cannot open the file.
+    ``bytes_per_sample`` is the peak memory of reading. OSError: the system cannot open the file.
     """
     size = file_size(path, refused)
     with path.open("rb") as file:
@@ -60,9 +60,9 @@ def opened_picture(
 
 
 def bands(image: ImageFile, *, mode: str | None = None) -> Iterator[tuple[slice, NDArray[Any]]]:
-    """Rows of a picture from the top, some at a time, as (rows, columns, channels).
+    """Yield rows of a picture from the top, some at a time, as (rows, columns, channels).
 
-    mode: Pillow's, to convert to; None: its own.
+    ``mode`` is the mode of Pillow to convert to; None: its own.
     """
     image.load()
     for top in range(0, image.height, BAND_ROWS):

@@ -1,4 +1,4 @@
-"""A page whose ink planes lie apart."""
+"""Pages with displaced ink planes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def displaced(page: Page, planes: NDArray[np.int64]) -> Page:
-    """The page with planes so many raster pixels too far right and too far down, (4, 2); bare beyond."""
+    """Return the page with each plane displaced to the right and down by (4, 2) raster pixels; bare beyond."""
     packed = page.packed
     out = np.empty_like(packed)
     compose_rows(packed, planes, out)

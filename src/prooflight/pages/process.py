@@ -1,4 +1,4 @@
-"""How a process is set for page after page of the same size."""
+"""Settings of a process that inspects page after page of the same size."""
 
 from __future__ import annotations
 
@@ -20,21 +20,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SWITCH_S: Final = 5e-4
-"""For which a thread may keep the interpreter while another waits: a tenth of Python's own. A page calls a thousand
-kernels, and after each must have the interpreter again; two threads inspect a tenth more pages so."""
+"""Time for which a thread may keep the interpreter while another waits: a tenth of Python's own. A page
+calls a thousand kernels, and needs the interpreter again after each; with this time, two threads inspect a
+tenth more pages."""
 TOUCHED_BYTES: Final = 1_500_000_000
-"""Well below ``heap.KEPT_BYTES``, beyond which freed memory is given back; two seconds of work."""
+"""Largest memory that is touched: well below ``heap.KEPT_BYTES``, beyond which freed memory is returned;
+two seconds of work."""
 LOWEST: Final = 19
-"""Priority, of nice(2): what inspecting leaves, in which pages are made ready."""
+"""Priority, of nice(2), of threads that prepare pages, so that they use only the time that inspection leaves."""
 
 
 def settle_process() -> None:
-    """Keep freed memory for the next page, and leave threads to whoever shares out the pages.
+    """Keep freed memory for the next page, and leave the use of threads to the code that distributes the pages.
 
-    A page takes some 200 MB for moments; given back and asked for again, the system clears it each time, which costs
-    a tenth of an inspection. OpenCV's own threads and those of linear algebra would fight with the ones that inspect:
-    two processes on two cores took a quarter longer. For the whole process; where the C library is not glibc, memory
-    stays as it was.
+    A page takes some 200 MB for moments; if memory is returned and requested again, the system clears it each
+    time, which costs a tenth of an inspection. OpenCV's own threads and those of linear algebra would compete
+    with the ones that inspect: two processes on two cores took a quarter longer. This applies to the whole
+    process; if the C library is not glibc, memory is handled as before.
     """
     cv2.setNumThreads(1)
     threadpool_limits(limits=1)
@@ -43,18 +45,20 @@ def settle_process() -> None:
 
 
 def touch(size_bytes: int) -> None:
-    """Have the system clear memory now that pages will take soon, up to ``TOUCHED_BYTES``.
+    """Make the system clear memory now that pages will need soon, up to ``TOUCHED_BYTES``.
 
-    It stays with the process after ``settle_process``. Where the first pages take it bit by bit, each waits for that.
+    It stays with the process after ``settle_process``. If instead the first pages take it bit by bit, each
+    waits for the clearing.
     """
     np.full(min(size_bytes, TOUCHED_BYTES), 1, np.uint8)
 
 
 @contextmanager
 def collector_spared() -> Iterator[None]:
-    """Have the collector of cyclic garbage not look at what is there now.
+    """Exclude the objects that exist now from cyclic garbage collection.
 
-    To look at all that a run has ready takes it a tenth of a second, in which no thread gets the interpreter.
+    A collection of all prepared objects of a run takes a tenth of a second, in which no thread gets the
+    interpreter.
     """
     gc.collect()
     gc.freeze()
@@ -65,6 +69,6 @@ def collector_spared() -> Iterator[None]:
 
 
 def step_back() -> None:
-    """Let this thread yield to those that inspect, where the system gives threads a priority of their own."""
+    """Lower this thread's priority below those that inspect, where the system gives threads a priority of their own."""
     if sys.platform == "linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOWEST)

@@ -22,21 +22,23 @@ SHOWN_PX = 360
 class Page:
     """One page of a job as the press receives it.
 
-    (0, 0) is the page's top-left corner as printed; x runs across the web (columns), y along the travel (rows).
+    (0, 0) is the page's top-left corner as printed; x runs across the web (columns), y along the travel
+    (rows).
     """
 
     cmyk: NDArray[np.uint8]
-    """(rows, columns, 4), C M Y K, 0 = no ink, 255 = full ink; C-contiguous."""
+    """CMYK values (rows, columns, 4), 0 = no ink, 255 = full ink; C-contiguous."""
     dpi: float
     """Raster resolution, the same in x and y. [pixels/inch]"""
     name: str
     """File-name stem that this page's scans and verdicts carry, e.g. ``p0007``."""
     number: int
-    """Place in the job, from 1."""
+    """Number of the page in the job, from 1."""
     edge_sd_mm: float = 0.0
-    """How far edges lie off where the press prints them, because it draws the page itself; standard deviation. [mm]"""
+    """Displacement of printed edges from those of the raster, because the press rips the page itself;
+    standard deviation. [mm]"""
     warnings: tuple[PageWarning, ...] = ()
-    """What is printed otherwise than its file asks, or may be; a side of a sheet has those of its pages."""
+    """Deviations of the print, certain or possible, from its file; a side of a sheet has those of its pages."""
 
     def __post_init__(self) -> None:
         if (
@@ -58,7 +60,7 @@ class Page:
 
     @property
     def packed(self) -> NDArray[np.uint32]:
-        """(rows, columns) recipes, a word each with cyan lowest."""
+        """Recipes (rows, columns), one 32-bit word each with cyan in the lowest byte."""
         return np.asarray(np.ascontiguousarray(self.cmyk).view(np.uint32)[:, :, 0])
 
     @property
@@ -72,9 +74,10 @@ class Page:
         return self.cmyk.shape[0] * self.pixel_mm
 
     def _repr_png_(self) -> bytes:
-        """What notebooks show: at most ``SHOWN_PX`` a side, never enlarged; the press's own colours are not asked.
+        """Return the picture for notebooks: at most ``SHOWN_PX`` a side, never enlarged, in generic colours.
 
-        Each ink takes its share of red, green or blue and black takes of all, as screens show CMYK without a profile.
+        Each ink removes its share of red, green or blue, and black of all, as screens show CMYK without a
+        profile.
         """
         import cv2  # imported late, as Pillow is: only this needs them
         from PIL import Image
@@ -89,8 +92,8 @@ class Page:
 
 
 def turned(page: Page) -> Page:
-    """The page turned by 90 degrees clockwise, as seen: its left edge comes to lie on top, at row 0.
+    """Return the page turned by 90 degrees clockwise, as seen: its left edge becomes the top edge, at row 0.
 
-    For pages wider than the camera's field that fit the other way round. Name and number stay.
+    This is for pages wider than the camera's field that fit the other way round. Name and number stay.
     """
     return replace(page, cmyk=np.ascontiguousarray(np.rot90(page.cmyk, k=-1)))

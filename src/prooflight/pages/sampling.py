@@ -1,9 +1,9 @@
-"""What one camera pixel sees of a raster: footprints, and the weights they give to raster pixels.
+"""Sampling of a raster by camera pixels: footprints, and the weights that they give to raster pixels.
 
-A footprint is the camera's blur laid on the page: lens, square pixel aperture, and along the travel the motion during
-one line. It is treated as separable (across x along), which is exact for the aperture and the motion. The lens is round
-and its light reaches far: what a short separable footprint misses of it is smooth, so camera pixels can be corrected
-from their neighbours (``LensCorrection``).
+A footprint is the camera's blur on the page: lens, square pixel aperture, and along the travel the motion
+during one line. It is treated as separable (across x along), which is exact for the aperture and the motion.
+The lens is round and its light reaches far: the part that a short separable footprint misses is smooth, so
+camera pixels can be corrected from their neighbours (``LensCorrection``).
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 
 ROUNDING: Final = 1e-6
-"""Pixels by which a footprint's centre of mass may lie off its own by rounding."""
+"""Tolerance [pixels] of a footprint's centre of mass, for rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Footprint:
     """Cumulative line-spread functions of one camera pixel on the page, across the web and along the travel.
 
-    ``across`` and ``along`` are (2 n + 1,) values rising from 0 to 1 over offsets -reach_mm .. reach_mm from the
-    pixel's centre; beyond the reach the pixel sees nothing.
+    ``across`` and ``along`` are (2 n + 1,) values rising from 0 to 1 over offsets -reach_mm .. reach_mm from
+    the pixel's centre; beyond the reach the pixel sees nothing.
     """
 
     reach_mm: float
@@ -36,17 +36,20 @@ class Footprint:
 
     @property
     def centre_mm(self) -> tuple[float, float]:
-        """How far its centre of mass lies from the pixel's own centre, across and along; 0 of a pixel in its place."""
+        """Offset of its centre of mass from the pixel's own centre, across and along; 0 for a pixel that is
+        not displaced.
+        """
         places = np.linspace(-self.reach_mm, self.reach_mm, self.across.size)
         middles = (places[1:] + places[:-1]) / 2
         across, along = (float(np.diff(of) @ middles) for of in (self.across, self.along))
         return across, along
 
     def moved(self, *, across_mm: float, along_mm: float) -> Footprint:
-        """The same of a pixel that looks so far further right and down than its place in the scan says.
+        """Return the footprint of a pixel that is displaced to the right and down from its nominal position
+        in the scan.
 
-        Exact but for linear interpolation between the table's offsets, as every reader of a footprint does. The reach
-        grows by the greater of both.
+        Exact but for linear interpolation between the table's offsets, as in every use of a footprint. The
+        reach grows by the greater of both.
         """
         if across_mm == 0 and along_mm == 0:
             return self
@@ -66,16 +69,17 @@ class Footprint:
 class Taps:
     """Weights of raster pixels in camera pixels along one axis.
 
-    Camera pixel i sees raster pixels first[i] .. first[i] + taps - 1 with weights[i]; what is missing to 1 is backing.
+    Camera pixel i sees raster pixels first[i] .. first[i] + taps - 1 with weights[i]; the rest of the weight,
+    up to 1, is backing.
     """
 
     first: NDArray[np.int32]
-    """(camera pixels,) index of the first raster pixel, always inside the raster."""
+    """Index (camera pixels,) of the first raster pixel, always inside the raster."""
     weights: NDArray[np.float32]
-    """(camera pixels, taps)."""
+    """Weights (camera pixels, taps)."""
 
     def apply(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Weighted sums along the first axis: (raster pixels, others) -> (camera pixels, others)."""
+        """Return weighted sums along the first axis: (raster pixels, others) -> (camera pixels, others)."""
         count, width = self.weights.shape
         columns = (self.first[:, None] + np.arange(width, dtype=np.int32)).ravel()
         starts = np.arange(0, count * width + 1, width)
@@ -91,10 +95,11 @@ def taps(
     raster_pixel_mm: float,
     raster_pixels: int,
 ) -> Taps:
-    """Exact integrals of a footprint over raster pixels along one axis.
+    """Return exact integrals of a footprint over raster pixels along one axis.
 
-    cumulative: one of the footprint's two functions; centres_mm (camera pixels,): where camera pixels' centres lie,
-    from the page's edge. Raster pixel k covers k .. k + 1 times raster_pixel_mm. Works for any ratio of pitches.
+    ``cumulative`` is one of the footprint's two functions; ``centres_mm`` (camera pixels,) are the positions
+    of the camera pixels' centres from the page's edge. Raster pixel k covers k .. k + 1 times
+    ``raster_pixel_mm``. Any ratio of pitches is allowed.
     """
     count = int(np.ceil(2 * reach_mm / raster_pixel_mm)) + 1
     first = np.floor((centres_mm - reach_mm) / raster_pixel_mm).astype(np.int64)
@@ -107,9 +112,10 @@ def taps(
 def transfer(
     cumulative: NDArray[np.float64], reach_pixels: float, frequency: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Transfer function along one axis at frequencies (n,) [cycles/pixel] -> (n,), of a symmetric footprint.
+    """Return the transfer function of a symmetric footprint along one axis at frequencies (n,) [cycles/pixel]
+    -> (n,).
 
-    Of one that was moved (``Footprint.moved``) it is that of the footprint in its place.
+    For a moved footprint (``Footprint.moved``) it is that of the footprint before the move.
     """
     weights = np.diff(cumulative)
     offsets = (np.arange(weights.size) + 0.5 - weights.size / 2) * (2 * reach_pixels / weights.size)
@@ -125,5 +131,5 @@ def _kept_inside(first: NDArray[np.int64], weights: NDArray[np.float64], raster_
     start = np.clip(first, 0, raster_pixels - count)
     source = start[:, None] + np.arange(count) - first[:, None]
     valid = (source >= 0) & (source < weights.shape[1])
-    kept = np.take_along_axis(weights, np.clip(source, 0, weights.shape[1] - 1), axis=1)
-    return Taps(first=start.astype(np.int32), weights=np.where(valid, kept, 0.0).astype(np.float32))
+    inside = np.take_along_axis(weights, np.clip(source, 0, weights.shape[1] - 1), axis=1)
+    return Taps(first=start.astype(np.int32), weights=np.where(valid, inside, 0.0).astype(np.float32))

@@ -1,6 +1,6 @@
-"""A TIFF's directories, read before anything is decoded: they end, lie within the file and hold no more than they may.
+"""Directories of a TIFF, checked before anything is decoded: they end, are within the file, and respect limits.
 
-TIFF 6.0 chains directories by offsets, so that a damaged chain may lead back to where it came from.
+TIFF 6.0 chains directories by offsets, so that a damaged chain may lead back to an earlier directory.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 IMAGES_MAX: Final = 10_000
-"""In one file: a run of a thousand sheets seen by ten sensors."""
+"""Most images in one file: a run of a thousand sheets seen by ten sensors."""
 TAGS_MAX: Final = 4096
-"""In one directory; tifffile takes no more."""
+"""Most tags in one directory; tifffile takes no more."""
 VALUES_MAX: Final = 1 << 18
-"""Of one tag that holds numbers: two of them, offsets and sizes, for as many strips as are decoded in seconds."""
+"""Most values of one tag that holds numbers: two such tags, offsets and sizes, suffice for as many strips
+as are decoded in seconds."""
 ALL_TAGS_MAX: Final = 1 << 20
-"""In one file: directories may overlap, so that a small file could hold very many."""
+"""Most tags in one file: directories may overlap, so that a small file could hold very many."""
 
 _SIZES: Final = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8, 0])
 """Bytes of a value, by the number of its type (TIFF 6.0 and BigTIFF); 0: there is no such type."""
 _ROOM: Final = np.where(np.isin(np.arange(len(_SIZES)), (1, 2, 6, 7)), np.inf, VALUES_MAX)
-"""How many values a tag may hold, by its type: bytes are read in one piece."""
+"""Most values of a tag, by its type: bytes are read in one piece, without a limit."""
 _UNKNOWN: Final = len(_SIZES) - 1
 _BASELINE_END: Final = 600  # below, tags say how the image is stored; above, programs keep what is theirs
 _SINGLE: Final = np.zeros(1 << 16, bool)
@@ -37,12 +38,12 @@ _SUBFILE, _OLD_SUBFILE = 254, 255
 
 
 class DirectoryError(ValueError):
-    """The directories of a TIFF cannot be followed; its text says why."""
+    """The directories of a TIFF cannot be followed; the message states why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Form:
-    """How numbers are stored: classic TIFF or BigTIFF, least or most significant byte first."""
+    """Storage of numbers: classic TIFF or BigTIFF, least or most significant byte first."""
 
     order: str
     big: bool
@@ -63,9 +64,9 @@ class _Form:
 
 
 def full_size_images(file: BinaryIO, size: int) -> list[int]:
-    """Places, from 0, of a TIFF's images that are not thumbnails. size: of the file [bytes].
+    """Return the indices, from 0, of a TIFF's images that are not thumbnails; ``size`` is that of the file [bytes].
 
-    DirectoryError: the file is no TIFF, is cut off, or its directories lead in circles or hold more than they may.
+    DirectoryError: the file is no TIFF, is truncated, or its directories form a circle or exceed the limits.
     """
     form = _form(file.read(16))
     file.seek(8 if form.big else 4)
@@ -101,7 +102,7 @@ def _form(head: bytes) -> _Form:
 
 
 def _directory(file: BinaryIO, form: _Form, offset: int, size: int) -> tuple[NDArray[Any], int]:
-    """The tags of the directory at ``offset``, and the offset of the next one."""
+    """Return the tags of the directory at ``offset``, and the offset of the next one."""
     file.seek(min(offset, size))
     head = file.read(form.count.size)
     count = form.count.unpack(head)[0] if len(head) == form.count.size else 0
@@ -134,7 +135,7 @@ def _check_values(tags: NDArray[Any], form: _Form, size: int) -> None:
 
 
 def _is_reduced(tags: NDArray[Any], form: _Form) -> bool:
-    """Whether a directory says that its image is a smaller copy of another."""
+    """Return whether a directory declares its image a smaller copy of another."""
     for code in (_SUBFILE, _OLD_SUBFILE):
         for tag in tags[tags["code"] == code]:
             narrow = np.dtype(form.order + ("u2" if tag["type"] == 3 else "u4"))

@@ -1,7 +1,7 @@
-"""The images of a TIFF, checked before they are decoded, and decoded piece by piece into arrays of the caller's.
+"""The images of a TIFF, checked before they are decoded, and decoded piece by piece into arrays of the caller.
 
-tifffile is given files only whose directories have been followed to their end (``tiff_directories``): it would follow
-a circle for ever.
+tifffile is given only files whose directories have been followed to their end (``tiff_directories``): it
+would follow a circle for ever.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 TIFF_SUFFIXES: Final = (".tif", ".tiff")
 REMEDY: Final = "export or copy it again"
 CHUNKS_MAX: Final = 1 << 17
-"""Strips or tiles of one image: A0 at 1200 dpi has 40,000 lines, and each takes some 20 microseconds to look after."""
+"""Most strips or tiles of one image: A0 at 1200 dpi has 40,000 lines, and each takes some 20 microseconds
+of overhead."""
 CHUNK_SLACK_BYTES: Final = 64 * 2**20
-"""A tile may be so much larger than its image."""
+"""Largest excess of a tile over its image."""
 COMPRESSIONS: Final = {
     1: "none",
     5: "LZW",
@@ -41,11 +42,11 @@ COMPRESSIONS: Final = {
     34925: "LZMA",
     50000: "ZSTD",
 }
-"""Decoders that write no more than they are asked for, by number (TIFF 6.0 and its supplements)."""
+"""Decoders that write no more than requested, by number (TIFF 6.0 and its supplements)."""
 _JPEG: Final = 7
 _JPEG_SLACK: Final = 1 << 16  # samples; blocks are whole
 BAND_ROWS: Final = 64
-"""Converted at a time."""
+"""Rows that are converted at a time."""
 _READ_BYTES: Final = 4 * 2**20  # read ahead of the decoder
 _SEPARATE: Final = 2  # PlanarConfiguration
 
@@ -61,7 +62,7 @@ tifffile.logger().addFilter(_speaks)  # what it complains of is looked for here,
 
 @contextlib.contextmanager
 def opened_tiff(path: Path, refused: type[InputError], *, remedy: str = REMEDY) -> Iterator[TiffImages]:
-    """A TIFF's images, thumbnails left out; whatever goes wrong inside is raised as ``refused``.
+    """Open a TIFF's images, without thumbnails; all errors inside the context are raised as ``refused``.
 
     OSError: the system cannot open the file.
     """
@@ -82,7 +83,7 @@ def opened_tiff(path: Path, refused: type[InputError], *, remedy: str = REMEDY) 
 
 
 def image_count(path: Path, refused: type[InputError], *, remedy: str = REMEDY) -> int:
-    """How many images, thumbnails left out, a TIFF holds; ``refused``, OSError: as ``opened_tiff``."""
+    """Return the number of images, without thumbnails, in a TIFF; ``refused``, OSError: as ``opened_tiff``."""
     size = file_size(path, refused)
     try:
         with path.open("rb") as file:
@@ -92,7 +93,7 @@ def image_count(path: Path, refused: type[InputError], *, remedy: str = REMEDY) 
 
 
 class TiffImages:
-    """The full-size images of an open TIFF, by their place from 0."""
+    """The full-size images of an open TIFF, by their index from 0."""
 
     def __init__(
         self, pages: Any, places: Sequence[int], *, file_bytes: int, refused: type[InputError], remedy: str
@@ -104,13 +105,13 @@ class TiffImages:
         return len(self._places)
 
     def __getitem__(self, place: int) -> Any:
-        """The page, as tifffile has it; nothing of it is decoded yet."""
+        """Return the page as tifffile has it; nothing of it is decoded yet."""
         return self._pages[self._places[place]]
 
     def check(self, where: object, page: Any, *, kept_bytes: float) -> None:
-        """Raise if an image cannot be decoded with what its file and memory allow, or not in the time of an image.
+        """Raise if an image needs more memory than its file and the system allow, or too much time.
 
-        kept_bytes: what the caller will hold of it.
+        ``kept_bytes`` is the memory that the caller will hold of it.
         """
         what = _unreadable(page, self._file_bytes)
         if what:
@@ -125,9 +126,10 @@ class TiffImages:
 def decode_into(
     page: Any, out: NDArray[Any], convert: Callable[[NDArray[Any]], NDArray[Any]] | None = None
 ) -> None:
-    """Decode a checked image into (rows, columns, channels), as many channels of it as there are, piece by piece.
+    """Decode a checked image piece by piece into (rows, columns, channels), with as many of its channels as
+    there are.
 
-    convert: what becomes of each piece's samples before they are kept.
+    ``convert`` is applied to each piece's samples before they are stored.
     """
     if page.compression == _JPEG:
         _check_jpegs(page)
@@ -146,10 +148,10 @@ def decode_into(
 
 
 def _unreadable(page: Any, file_bytes: int) -> str:
-    """Why an image is not decoded; empty: it may be."""
+    """Return why an image is not decoded; empty: it may be."""
     if page.compression not in COMPRESSIONS:
-        known = ", ".join(dict.fromkeys(COMPRESSIONS.values()))
-        return f"its compression {int(page.compression)} is not read, only {known}"
+        supported = ", ".join(dict.fromkeys(COMPRESSIONS.values()))
+        return f"its compression {int(page.compression)} is not read, only {supported}"
     if min(page.imagewidth, page.imagelength, page.samplesperpixel) < 1 or page.dtype is None:
         return f"the image is {page.imagewidth} x {page.imagelength} pixels of {page.bitspersample} bits"
     subsampled = page.is_subsampled and page.compression != _JPEG
@@ -174,19 +176,19 @@ def _unreadable(page: Any, file_bytes: int) -> str:
 
 
 def _chunk_bytes(page: Any) -> int:
-    """A decoded strip or tile. [bytes]"""
+    """Return the size of a decoded strip or tile. [bytes]"""
     samples = page.samplesperpixel if page.planarconfig != _SEPARATE else 1
     wide, long = (page.tilewidth, page.tilelength) if page.is_tiled else (page.imagewidth, page.rowsperstrip)
     return wide * long * samples * page.dtype.itemsize
 
 
 def _check_jpegs(page: Any) -> None:
-    """ValueError if a JPEG within a TIFF is larger than its strip or tile."""
+    """Raise ValueError if a JPEG within a TIFF is larger than its strip or tile."""
     file = page.parent.filehandle
     allowed = 2 * _chunk_bytes(page) // page.dtype.itemsize + _JPEG_SLACK
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         file.seek(offset)
-        found = jpeg_frames.frame(file.read(size))
-        if found.rows * found.columns * found.components > allowed:
-            message = f"a JPEG of {found.columns} x {found.rows} pixels lies in a smaller strip or tile"
+        header = jpeg_frames.frame(file.read(size))
+        if header.rows * header.columns * header.components > allowed:
+            message = f"a JPEG of {header.columns} x {header.rows} pixels lies in a smaller strip or tile"
             raise ValueError(message)

@@ -1,1 +1,1 @@
-"""The plant beside the press: the gate and its controller, and whoever else is told what a run found."""
+"""Interfaces to the plant next to the press: the gate with its controller, and the outlets of results."""

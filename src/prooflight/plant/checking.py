@@ -1,4 +1,4 @@
-"""What answers of all that a press file says of the plant."""
+"""Check of every plant component that a press file names: the gate's controller and the outlets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One thing that was tried."""
+    """Result of trying one component of the plant."""
 
     what: str
     where: str
@@ -27,16 +27,19 @@ class Answer:
 
 
 def answers(plant: PressFile) -> list[Answer]:
-    """Of each thing that the press file names; none is left out because another does not answer."""
-    found = []
+    """Try each component that the press file names, and return one answer for each.
+
+    A component that does not answer does not keep the others from being tried.
+    """
+    results = []
     settings = plant.gate_settings()
     if settings is not None:
-        found.append(_of_gate(settings))
+        results.append(_of_gate(settings))
     for outlet in outlets_of(plant):
         tried = check(outlet)
-        says = f"{tried.said} ({tried.milliseconds:.0f} ms)"
-        found.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=says))
-    return found
+        report = f"{tried.said} ({tried.milliseconds:.0f} ms)"
+        results.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=report))
+    return results
 
 
 def _of_gate(settings: GateSettings) -> Answer:
@@ -49,10 +52,10 @@ def _of_gate(settings: GateSettings) -> Answer:
         )
     ms = f"a result takes {1e3 * exchange_s(settings):.0f} ms at most"
     if "coil" in shown:
-        says = f"the output is {'on' if shown['coil'] else 'off'}; {ms}"
-        return Answer(what=what, where=settings.plc.where, answers=True, says=says)
+        report = f"the output is {'on' if shown['coil'] else 'off'}; {ms}"
+        return Answer(what=what, where=settings.plc.where, answers=True, says=report)
     status = PlcStatus(shown["plc_status"] & 7)
     ready = "ready" if PlcStatus.READY in status else "not ready"
     trays = f"{shown['in_good']:,} in the good tray, {shown['in_reject']:,} rejected"
-    says = f"{ready}, encoder at {shown['encoder']:,}, {trays}; {ms}"
-    return Answer(what=what, where=settings.plc.where, answers=True, says=says)
+    report = f"{ready}, encoder at {shown['encoder']:,}, {trays}; {ms}"
+    return Answer(what=what, where=settings.plc.where, answers=True, says=report)

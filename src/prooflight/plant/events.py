@@ -1,10 +1,12 @@
-"""What the plant is told: one stream of events, as JSON of one published schema, docs/reference/events.schema.json.
+"""The stream of events that the plant receives, as JSON of one schema, docs/reference/events.schema.json.
 
-Every event carries the stream it is of and its number there, from 1 without a gap; a stream begins when a process does.
-Where events were lost on their way to somebody, one of the kind ``events-lost`` stands in their place and has the
-number of the last of them, so that the next one follows without a gap.
+Every event carries the identifier of its stream and its number in that stream, from 1 without a gap; a stream
+begins when a process does. Where events were lost on their way to a consumer, one event of the kind
+``events-lost`` takes their place. It has the number of the last of them, so that the next one follows without
+a gap.
 
-Numbers that are not finite are absent: JSON has none. Fields may be added to an event; none changes what it means.
+Numbers that are not finite are absent, because JSON has none. Fields may be added to an event; none changes
+its meaning.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
 
 SCHEMA_ID: Final = "urn:prooflight:events:2"
-"""The 2 becomes 3 when a field changes its meaning or goes."""
+"""Identifier of the schema. The 2 becomes 3 when a field changes its meaning or is removed."""
 TrayName = Literal["good", "reject", "unconfirmed"]
 GateCode = Literal[
     "good",
@@ -43,13 +45,13 @@ GateCode = Literal[
     "too-late",
     "place-unknown",
 ]
-"""The codes of the gate's registers, by name."""
+"""Names of the codes in the gate's registers."""
 Scope = Literal["place", "column", "sheet", "run"]
 Direction = Literal["grows", "steady", "shrinks", "unknown"]
 
 
 class Part:
-    """What events are made of."""
+    """Base class of all parts of events."""
 
     __slots__ = ()
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(use_attribute_docstrings=True)
@@ -57,7 +59,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box(Part):
-    """A place on the sheet, from its top-left corner as printed. [mm]"""
+    """A rectangle on the sheet, measured from its top-left corner as printed. [mm]"""
 
     x_mm: float
     y_mm: float
@@ -67,20 +69,20 @@ class Box(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place(Part):
-    """One place of a misprint."""
+    """One region of a misprint."""
 
     kind: str
     box: Box
     score: float | None
-    """How far it is off, in standard deviations."""
+    """Deviation of the region, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InkFound(Part):
-    """What one print does with one ink."""
+    """Gain and registration of one ink on one print."""
 
     ink: str
-    """C, M, Y or K."""
+    """Letter of the ink: C, M, Y or K."""
     gain_percent: float | None
     register_x_mm: float | None
     register_y_mm: float | None
@@ -88,7 +90,7 @@ class InkFound(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Growth(Part):
-    """How a number of an incident goes."""
+    """Trend of one quantity of an incident."""
 
     now: float | None
     a_sheet: float | None
@@ -97,41 +99,42 @@ class Growth(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IncidentFacts(Part):
-    """An incident as far as it has come (``line.incidents``)."""
+    """State of an incident so far (``line.incidents``)."""
 
     number: int
     kind: str
-    """Of the misprint, or missing-page, lost-lines, camera-gone, not-inspected, late."""
+    """Kind of the misprint, or missing-page, lost-lines, camera-gone, not-inspected, late."""
     scope: Scope
-    """What of its cause says where it is."""
+    """How the cause is located: by a place, a column of the web, the sheet as a whole, or (run) nothing on
+    the sheet."""
     where: str
-    """In words; empty: nowhere on the sheet."""
+    """Position in words; empty: the incident has no position on the sheet."""
     box: Box | None
-    """Around all its places."""
+    """Bounding box of all its regions."""
     first_sheet: int
     last_sheet: int
     count: int
-    """Sheets that belong to it."""
+    """Number of sheets that belong to the incident."""
     sheets: tuple[int, ...]
-    """Numbers of the first and the last of them."""
+    """Numbers of the first and the last of its sheets."""
     pages: tuple[str, ...]
-    """Of the job, that it has touched."""
+    """Pages of the job that the incident has affected."""
     since_s: float
-    """When its first sheet came, by the source's clock."""
+    """Time at which its first sheet came, by the source's clock."""
     last_s: float
-    """When its last did."""
+    """Time at which its last sheet came, by the source's clock."""
     score: Growth | None
-    """Of the place, in standard deviations."""
+    """Deviation of the region, in standard deviations."""
     size_mm2: Growth | None
-    """Of the box."""
+    """Area of the bounding box."""
     disposition: Disposition
-    """The gravest of its sheets."""
+    """The most severe disposition of its sheets."""
     reason: str
-    """Of its last sheet."""
+    """Reason given for its last sheet."""
     returned: int
-    """How often it came again after it had ended."""
+    """Number of times that the incident came back after it had ended."""
     ended_with: int | None
-    """The sheet with which it ended; None: it is open."""
+    """The sheet with which the incident ended; None: it is open."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,21 +143,21 @@ class RunStarted(Part):
 
     event: Literal["run-started"] = "run-started"
     job: str
-    """By its name."""
+    """Name of the job."""
     press: str
-    """By its name."""
+    """Name of the press."""
     detector: str
-    """That judges."""
+    """Name of the detector that inspects the sheets."""
     source: str
-    """Where lines come from."""
+    """Source of the camera lines."""
     simulated: bool
     """Whether the press is the simulated one, so that no sheet is of paper."""
     sheets: int | None
-    """To be printed; None: nobody said."""
+    """Number of sheets to be printed; None: not stated."""
     width_mm: float | None
-    """Of a sheet, across; None: not known."""
+    """Width of a sheet, across the travel; None: not known."""
     height_mm: float | None
-    """Along the travel."""
+    """Height of a sheet, along the travel; None: not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,31 +166,31 @@ class RunEnded(Part):
 
     event: Literal["run-ended"] = "run-ended"
     ending: Literal["finished", "stopped", "fault"]
-    """stopped: by a person, before all sheets had come."""
+    """How the run ended. stopped: by a person, before all sheets had come."""
     detail: str
-    """What it lacks, in one line."""
+    """Reason why the run is incomplete, in one line; empty if it is complete."""
     counts: Mapping[str, int]
-    """Sheets: good, misprint, not-inspected, late; and alarms: incidents."""
+    """Counts of sheets (good, misprint, not-inspected, late) and of alarms (incidents)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnSheet(Part):
-    """Which side of which sheet passed, in a run whose job lies on sheets or has sets."""
+    """The side and the sheet that passed, in a run whose job is imposed on sheets or has sets."""
 
     sheet: int
-    """Of the run, front and back together, from 0."""
+    """Number of the sheet in the run, counting front and back as one sheet, from 0."""
     side: Literal["front", "back"] | None
-    """None: its sheets have but one."""
+    """Side that passed; None: the sheets of this run have one side only."""
     name: str
-    """Of the sheet in the job."""
+    """Name of the sheet in the job."""
     copy: int
-    """Of the job, from 1."""
+    """Copy of the job, from 1."""
     set: int | None
-    """In the run, from 0; None: the job has no sets."""
+    """Number of the set in the run, from 0; None: the job has no sets."""
     pages: tuple[int, ...]
-    """Numbers of the job's pages on this side, from 1; none: it should be blank."""
+    """Numbers of the job's pages on this side, from 1; an empty list: the side should be blank."""
     last_side: bool
-    """Whether it is the last of its sheet to pass."""
+    """Whether it is the last side of its sheet to pass."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,75 +199,78 @@ class SheetJudged(Part):
 
     event: Literal["sheet-judged"] = "sheet-judged"
     sheet: int
-    """In the run, from 0."""
+    """Number in the run, from 0."""
     came: bool
-    """False: no sheet, but a page that did not come."""
+    """Whether a sheet came. False: the event reports a page that did not come."""
     job_page: int | None
-    """Place in the run's pages that it shows, from 0; None: none of them."""
+    """Position in the run's pages that the sheet shows, from 0; None: none of them."""
     page: str
-    """Its name in the job."""
+    """Name of the page in the job."""
     verdict: Word
     disposition: Disposition
-    """What becomes of the sheet. accept: it goes to the good sheets. hold: it is released to nobody before a person has
-    seen it. divert: it goes out of the good sheets. stop: so it does, and the press is stopped."""
+    """Action for the sheet. accept: it goes to the good sheets. hold: it is not released before a person
+    has seen it. divert: it is taken out of the good sheets. stop: it is taken out, and the press is
+    stopped."""
     decided_by: DecidedBy
-    """By what rule. gate: the policy of the press file. costs: its costs, by which stopping for this misprint is
-    expected to cost more. default: none of these."""
+    """Rule that chose the disposition. gate: the policy of the press file. costs: the costs of the press
+    file, by which stopping for this misprint is expected to cost more. default: neither of these."""
     kind: str | None
-    """Of the misprint; None: it is none."""
+    """Kind of the misprint; None: the sheet is no misprint."""
     reason: str
-    """Why, in one line."""
+    """Reason for the verdict, in one line."""
     detector: str
-    """Who says so; empty: nobody looked."""
+    """Name of the detector that gave the verdict; empty: the sheet was not inspected."""
     score: float | None
     """Evidence for a misprint."""
     threshold: float | None
-    """Above which it is one."""
+    """Score above which a sheet is a misprint."""
     probability: float | None
-    """Of a misprint, given the score; None: this detector knows none."""
+    """Probability of a misprint, given the score; None: this detector computes none."""
     places: tuple[Place, ...]
-    """Most telling first."""
+    """Regions of the misprint, the most significant first."""
     shift_x_mm: float | None
-    """Where the page lies minus where it should, to the right."""
+    """Measured minus expected position of the page, positive to the right."""
     shift_y_mm: float | None
-    """Down."""
+    """Measured minus expected position of the page, positive downwards."""
     inks: tuple[InkFound, ...]
-    """Of each ink that the page has."""
+    """Measurements of each ink that the page has."""
     late: bool
-    """Decided after its deadline."""
+    """Whether the verdict came after its deadline."""
     latency_ms: float | None
-    """From its last line to its verdict."""
+    """Time from the sheet's last line to its verdict."""
     time_s: float
-    """When its last line was read, by the source's clock."""
+    """Time at which its last line was read, by the source's clock."""
     faults: tuple[str, ...]
-    """Of the paper path and of the camera's lines."""
+    """Faults of the paper path and of the camera's lines."""
     notes: tuple[str, ...]
-    """What the run as a whole said with it."""
+    """Notes of the run as a whole that were issued with this sheet."""
     promise_suspended: bool
-    """Whether the run had shown that the promised false-alarm rate does not hold."""
+    """Whether the run had shown that the nominal false-alarm rate does not hold."""
     incident: int | None
-    """That it belongs to; None: it is no alarm."""
+    """Number of the incident to which the sheet belongs; None: the sheet is no alarm."""
     on_sheet: OnSheet | None = None
-    """Of which sheet what passed is a side; None: every page is a sheet of its own, or nobody can place it."""
+    """The sheet of which this passing is a side; None: every page is a sheet of its own, or its position
+    is not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetAtGate(Part):
-    """A sheet has passed the gate; one event for every sheet that came, in a run with a gate."""
+    """A sheet has passed the gate. In a run with a gate there is one such event for every sheet that came."""
 
     event: Literal["sheet-at-gate"] = "sheet-at-gate"
     sheet: int
-    """Its number in the run, as in ``sheet-judged``; of two sides that of the last."""
+    """Number of the sheet in the run, as in ``sheet-judged``; for two sides, the number of the last one."""
     page: str
-    """Name of what it shows in the job."""
+    """Name, in the job, of the page that the sheet shows."""
     disposition: Disposition
-    """What Prooflight decided: accept, divert or stop."""
+    """Decision of Prooflight: accept, divert or stop."""
     code: GateCode
-    """Why."""
+    """Reason for the decision."""
     in_time: bool
-    """Whether the controller had that before the sheet came; False: the gate has done what it does without a result."""
+    """Whether the controller had the decision before the sheet came. False: the gate did what it does
+    without a result."""
     tray: TrayName
-    """Where the controller says that the sheet went; unconfirmed: it did not say."""
+    """Tray that the controller reported for the sheet; unconfirmed: it reported none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,13 +287,13 @@ class IncidentChanged(Part):
 
     event: Literal["incident-changed"] = "incident-changed"
     returned: bool
-    """After its end."""
+    """Whether the incident has come back after its end."""
     incident: IncidentFacts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IncidentEnded(Part):
-    """So many good sheets have passed that an incident is over, or the run is."""
+    """An incident is over, because enough good sheets have passed or because the run has ended."""
 
     event: Literal["incident-ended"] = "incident-ended"
     incident: IncidentFacts
@@ -295,19 +301,19 @@ class IncidentEnded(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateChanged(Part):
-    """Press, camera, inspection or gate are in another state than before."""
+    """The state of press, camera, inspection or gate has changed."""
 
     event: Literal["state-changed"] = "state-changed"
     of: Literal["press", "camera", "inspection", "gate"]
     state: str
-    """press: waiting, preparing, inspecting, draining, stopped, fault. camera: delivering, silent, away. inspection:
-    in-time, overloaded. gate: as the gate says."""
+    """Name of the new state. press: waiting, preparing, inspecting, draining, stopped, fault. camera:
+    delivering, silent, away. inspection: in-time, overloaded. gate: as the gate reports it."""
     detail: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noticed(Part):
-    """Something that is of no sheet."""
+    """A notice that belongs to no particular sheet."""
 
     event: Literal["notice"] = "notice"
     kind: str
@@ -316,12 +322,12 @@ class Noticed(Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventsLost(Part):
-    """Events that this outlet gave up, because its queue was full or because the other end refused them."""
+    """Events that this outlet dropped, because its queue was full or because the receiver refused them."""
 
     event: Literal["events-lost"] = "events-lost"
     count: int
     first: int
-    """Number of the first of them."""
+    """Number of the first dropped event."""
     last: int
 
 
@@ -346,30 +352,30 @@ class Event(Part):
     """One message of the stream."""
 
     stream: str
-    """Of one process; events of another are numbered anew."""
+    """Identifier of the stream of one process; another process numbers its events from 1 again."""
     number: int
-    """In the stream, from 1."""
+    """Number in the stream, from 1."""
     time_s: float
-    """When it was told, Unix time."""
+    """Time at which the event was published, in seconds of Unix time."""
     press: str
-    """By its name."""
+    """Name of the press."""
     run: int | None
-    """In the journal; None: it is kept in none, or there is no run."""
+    """Number of the run in the journal; None: there is no run, or it is in no journal."""
     body: Annotated[Body, Field(discriminator="event")]
-    """What is told."""
+    """Content of the event."""
 
     @property
     def key(self) -> str:
-        """By which whoever is told twice knows it."""
+        """Key by which a receiver recognises an event that is delivered twice."""
         return f"{self.stream}-{self.number}"
 
     @property
     def kind(self) -> str:
-        """Of its body."""
+        """Kind of the event, which is that of its body."""
         return self.body.event
 
     def json(self) -> str:
-        """As it is sent: one line, names in a fixed order."""
+        """Return the event as it is sent: one line of JSON, with names in a fixed order."""
         return json.dumps(finite(asdict(self)), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -379,29 +385,31 @@ def _adapter() -> TypeAdapter[Event]:
 
 
 def parsed(text: str | bytes) -> Event:
-    """An event from its JSON. ValueError: it is none."""
+    """Parse an event from its JSON; ValueError if the text is not an event."""
     return _adapter().validate_json(text)
 
 
 def schema() -> dict[str, Any]:
-    """JSON schema (2020-12) of an event."""
-    found = _adapter().json_schema(mode="serialization")
-    for part in (found, *found["$defs"].values()):
+    """Return the JSON schema (2020-12) of an event."""
+    document = _adapter().json_schema(mode="serialization")
+    for part in (document, *document["$defs"].values()):
         part["required"] = list(part["properties"])  # every field is always sent
-        for told in part["properties"].values():
-            told.pop("title", None)
-            if "description" in told:
-                told["description"] = " ".join(told["description"].replace("None:", "null:").split())
+        for field_schema in part["properties"].values():
+            field_schema.pop("title", None)
+            if "description" in field_schema:
+                field_schema["description"] = " ".join(
+                    field_schema["description"].replace("None:", "null:").split()
+                )
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
         "title": "Event of Prooflight",
     }
-    return head | {name: value for name, value in found.items() if name != "title"}
+    return head | {name: value for name, value in document.items() if name != "title"}
 
 
 def finite(value: Any) -> Any:
-    """The same with None for every number that is not finite, and lists for tuples."""
+    """Return the value with None for every number that is not finite, and lists for tuples."""
     match value:
         case float():
             return value if math.isfinite(value) else None
@@ -416,7 +424,7 @@ def finite(value: Any) -> Any:
 
 
 def run_started(facts: RunFacts, size_mm: tuple[float, float] | None) -> RunStarted:
-    """Of a run that begins; size_mm: of a sheet, width and height."""
+    """Return the event of a run that begins; ``size_mm`` is the width and height of a sheet."""
     width_mm, height_mm = (None, None) if size_mm is None else size_mm
     return RunStarted(
         job=facts.job,
@@ -431,7 +439,10 @@ def run_started(facts: RunFacts, size_mm: tuple[float, float] | None) -> RunStar
 
 
 def sheet_judged(outcome: Outcome, *, incident: int | None, plan: SheetPlan | None = None) -> SheetJudged:
-    """Of a sheet, or of a page that did not come. plan: of a job that lies on sheets, whose sides these are."""
+    """Return the event of a sheet, or of a page that did not come.
+
+    ``plan`` describes a job that is imposed on sheets; the passings are then the sides of these sheets.
+    """
     record, verdict = outcome.record, outcome.record.verdict
     shift = (None, None) if verdict.shift_mm is None else verdict.shift_mm
     return SheetJudged(
@@ -480,7 +491,7 @@ def sheet_judged(outcome: Outcome, *, incident: int | None, plan: SheetPlan | No
 
 
 def on_sheet(plan: SheetPlan, position: int | None) -> OnSheet | None:
-    """Of what passes at a position of the run; None: nobody can place it."""
+    """Return the sheet and side at a position of the run; None if the position is not known."""
     if position is None or not 0 <= position < plan.passings:
         return None
     sheet, back = plan.sheet_at(position)
@@ -497,7 +508,7 @@ def on_sheet(plan: SheetPlan, position: int | None) -> OnSheet | None:
 
 
 def incident_facts(incident: Incident) -> IncidentFacts:
-    """Of an incident as it is now."""
+    """Return the current state of an incident."""
     return IncidentFacts(
         number=incident.number,
         kind=incident.kind,
@@ -521,12 +532,12 @@ def incident_facts(incident: Incident) -> IncidentFacts:
 
 
 def noticed(notice: Notice) -> Noticed:
-    """Of what is of no sheet."""
+    """Return the event of a notice that belongs to no sheet."""
     return Noticed(kind=notice.kind, text=notice.text)
 
 
 def box(box_mm: tuple[float, float, float, float]) -> Box:
-    """x, y, width and height. [mm]"""
+    """Return the box of x, y, width and height. [mm]"""
     x_mm, y_mm, width_mm, height_mm = (round(extent, 2) for extent in box_mm)
     return Box(x_mm=x_mm, y_mm=y_mm, width_mm=width_mm, height_mm=height_mm)
 

@@ -1,7 +1,8 @@
-"""docs/reference/outlets.md: what each outlet says of each of the ten kinds of sheet, by asking the outlets themselves.
+"""The page docs/reference/outlets.md: the message of each outlet for each of the ten kinds of sheet.
 
-The kinds are the codes of the gate. A sheet of each kind goes through the gate's decisions, the stream of events and
-the messages of every outlet, once in a run with a gate of policy ``reject`` and once in a run without a gate.
+The kinds are the codes of the gate, and the messages come from the outlets themselves. A sheet of each kind
+goes through the gate's decisions, the stream of events and the messages of every outlet, once in a run with a
+gate of policy ``reject`` and once in a run without a gate.
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ SHEETS: Final[dict[Code, tuple[Verdict, tuple[str, ...]]]] = {
     Code.TOO_LATE: (GOOD, ()),
     Code.PLACE_UNKNOWN: (GOOD, ()),
 }
-"""Verdict and faults of a sheet of each kind. The last four are well printed: their kind is the gate's."""
+"""Verdict and faults of a sheet of each kind. The last four are well printed: the gate gives them their kind."""
 OF_GATE: Final = frozenset({Code.SET_SPOILED, Code.UNTIL_CLEAN_BREAK, Code.TOO_LATE, Code.PLACE_UNKNOWN})
-"""Kinds that there are only where there is a gate."""
+"""Kinds of sheet that exist only in a run with a gate."""
 LATE: Final = frozenset({Code.TOO_LATE, Code.PLACE_UNKNOWN})
-"""Kinds of which the gate hears after the sheet was judged."""
+"""Kinds of sheet that the gate reports after the sheet was judged."""
 GATE: Final = GateSettings(distance_mm=2000.0, plc=PlcSettings(host="plc"))
 INTRODUCTION: Final = """# What each outlet says of a sheet
 
@@ -78,7 +79,7 @@ HEAD: Final = ("kind of sheet", "verdict", "disposition", "exit code", "XJMF", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetMessages:
-    """What the outlets carry of one sheet."""
+    """Messages of all outlets about one sheet."""
 
     judged: Event
     at_gate: SheetAtGate | None
@@ -86,13 +87,13 @@ class SheetMessages:
 
     @property
     def sheet(self) -> SheetJudged:
-        """The event's body."""
+        """Body of the event."""
         assert isinstance(self.judged.body, SheetJudged)
         return self.judged.body
 
 
 def outlets_page() -> str:
-    """Return the page."""
+    """Return the text of the page."""
     with_gate = [_row(code, messages_of(code)) for code in SHEETS]
     without = [_row(code, messages_of(code, gate=False)) for code in SHEETS if code not in OF_GATE]
     costs = replace(MISPRINT, stopping_costs_more=True)
@@ -102,7 +103,7 @@ def outlets_page() -> str:
 
 
 def messages_of(code: Code, *, gate: bool = True) -> SheetMessages:
-    """Return what the outlets carry of a sheet of a kind, the second of a run."""
+    """Return the messages of all outlets about a sheet of a kind, which is the second sheet of a run."""
     verdict, faults = SHEETS[code]
     record = _record(verdict, faults)
     if not gate:
@@ -147,21 +148,23 @@ def _judged(record: PageRecord) -> SheetMessages:
     return SheetMessages(judged=judged, at_gate=None, decision=None)
 
 
-def _row(code: Code, found: SheetMessages, *, name: str = "") -> list[str]:
-    sheet = found.sheet
+def _row(code: Code, messages: SheetMessages, *, name: str = "") -> list[str]:
+    sheet = messages.sheet
     row = [
         name or (f"`{NAMES[code]}`: {SAID[code]}" if code is not Code.GOOD else "`good`"),
         f"`{sheet.verdict}`",
         f"`{sheet.disposition}` by `{sheet.decided_by}`",
         str(_exit_code(code)),
-        _xjmf(found.judged),
+        _xjmf(messages.judged),
         _opcua(sheet),
     ]
-    if found.decision is None or found.at_gate is None:
+    if messages.decision is None or messages.at_gate is None:
         return row
-    gate = found.at_gate
+    gate = messages.at_gate
     late = "" if gate.in_time else ", not in time"
-    result = f"{int(found.decision.result)}, {int(found.decision.code)}" if gate.in_time else "none in time"
+    result = (
+        f"{int(messages.decision.result)}, {int(messages.decision.code)}" if gate.in_time else "none in time"
+    )
     return [*row, result, f"`{gate.code}`{late}; tray `{gate.tray}`"]
 
 
@@ -171,9 +174,11 @@ def _xjmf(judged: Event) -> str:
     root = xjmf.read(xjmf.signals([judged], device_id="press", job="job"))
     names = {"x": xjmf.NAMESPACE}
     result = root.find(".//x:QualityControlResult", names)
-    said = [f"{name} {result.get(name)}" for name in ("Passed", "Failed", "Measurements") if result.get(name)]
+    attributes = [
+        f"{name} {result.get(name)}" for name in ("Passed", "Failed", "Measurements") if result.get(name)
+    ]
     comments = [one.text for one in root.findall(".//x:Resource/x:Comment", names)]
-    return ", ".join([*said, comments[-1]])
+    return ", ".join([*attributes, comments[-1]])
 
 
 def _opcua(sheet: SheetJudged) -> str:

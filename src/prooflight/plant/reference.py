@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code: ``python -m prooflight.plant.reference`` in the repository."""
+"""Generated pages of the reference: ``python -m prooflight.plant.reference`` in the repository writes them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ What stands in `body` is by its field `event`:
 
 
 def pages() -> Mapping[str, str]:
-    """What stands in each file, by its name under docs/reference."""
+    """Return the text of each file, by its name under docs/reference."""
     return {
         "events.schema.json": json.dumps(schema(), indent=2) + "\n",
         "outlets.md": outlets_page(),
@@ -44,7 +44,7 @@ def pages() -> Mapping[str, str]:
 
 
 def write(folder: Path) -> None:
-    """Write all of them."""
+    """Write all generated files."""
     for name, text in pages().items():
         with whole_file(folder / name) as unfinished:
             unfinished.write_text(text, encoding="utf-8")
@@ -53,10 +53,10 @@ def write(folder: Path) -> None:
 def _page() -> str:
     from prooflight.plant.outlets import mqtt, opcua, opcua_types, posting, webhook, xjmf_messages
 
-    found = schema()
-    parts: dict[str, Any] = found["$defs"]
+    document = schema()
+    parts: dict[str, Any] = document["$defs"]
     shared = {"Place", "Box", "OnSheet", "InkFound", "IncidentFacts", "Growth"}
-    text = [INTRODUCTION, _fields(found), NUMBERS]
+    text = [INTRODUCTION, _fields(document), NUMBERS]
     for kind, body in zip(KINDS, BODIES, strict=True):
         part = parts[body.__name__]
         text += [f"### {kind}\n\n{part['description']}\n", _fields(part, but=("event",))]
@@ -110,30 +110,30 @@ def _page() -> str:
 
 def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
     rows = [
-        (f"`{name}`", _kind(told), " ".join(told.get("description", "").split()))
-        for name, told in part["properties"].items()
+        (f"`{name}`", _kind(field_schema), " ".join(field_schema.get("description", "").split()))
+        for name, field_schema in part["properties"].items()
         if name not in but
     ]
     return _table(("field", "is", "says"), rows) if rows else ""
 
 
-def _kind(told: Mapping[str, Any]) -> str:
-    """A type of the schema, in words."""
-    if "const" in told:
-        return f"`{told['const']}`"
-    if "enum" in told:
-        return ", ".join(f"`{one}`" for one in told["enum"])
-    if "$ref" in told:
-        return str(told["$ref"]).rpartition("/")[2]
-    if "anyOf" in told:
-        return " or ".join(_kind(one) for one in told["anyOf"])
-    if "oneOf" in told:
+def _kind(field_schema: Mapping[str, Any]) -> str:
+    """Describe a type of the schema in words."""
+    if "const" in field_schema:
+        return f"`{field_schema['const']}`"
+    if "enum" in field_schema:
+        return ", ".join(f"`{one}`" for one in field_schema["enum"])
+    if "$ref" in field_schema:
+        return str(field_schema["$ref"]).rpartition("/")[2]
+    if "anyOf" in field_schema:
+        return " or ".join(_kind(one) for one in field_schema["anyOf"])
+    if "oneOf" in field_schema:
         return "one of those below"
-    match told.get("type"):
+    match field_schema.get("type"):
         case "array":
-            return f"list of {_kind(told['items'])}"
+            return f"list of {_kind(field_schema['items'])}"
         case "object":
-            return f"by name: {_kind(told['additionalProperties'])}"
+            return f"by name: {_kind(field_schema['additionalProperties'])}"
         case "integer":
             return "whole number"
         case kind:

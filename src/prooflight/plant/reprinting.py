@@ -1,13 +1,13 @@
-"""Sheets to print again: every sheet that the job needs and that does not lie in the good tray, with its reason.
+"""Sheets to print again: every sheet that the job needs and that is not in the good tray, with its reason.
 
-This is the one place that counts them, from journal, words, gate's log and the controller's log of its trays. Without a
-gate, a sheet is delivered where it was judged good. The unit is the sheet, which is a page where the job's layout says
-nothing else; a set is printed again as a whole. A page that was printed well later is not among them. A sheet of which
-lines were lost is not delivered by its verdict, for nobody saw all of it.
+No other module counts them. The count uses the journal, the labels, the gate's log and the controller's log
+of its trays. Without a gate, a sheet is delivered if it was judged good. The unit is the sheet, which is one
+page unless the job's layout states otherwise; a set is printed again as a whole. A page that was printed well
+later is not counted. A sheet that lost lines is not delivered by its verdict, because not all of it was seen.
 
-A label says what a misprint was: without a gate, a false alarm is a good sheet; with one, it lies in the reject tray
-all the same. What was not inspected is good for no label. A person who has a sheet in hand may vouch for it, with or
-without a gate, and puts it where it belongs.
+A label states what a misprint was. Without a gate, a false alarm is a good sheet; with a gate, it is in the
+reject tray all the same. No label makes a sheet good that was not inspected. A person who has a sheet in hand
+may vouch for it, with or without a gate, and puts it where it belongs.
 """
 
 from __future__ import annotations
@@ -40,38 +40,38 @@ NOT_SEEN_WHOLE: Final = "not all of it was seen"
 TAKE_OUT: Final = "it lies in the good tray"
 OF_ITS_SET: Final = "its set is printed again"
 NO_END: Final = 2**62
-"""Sheets of a run of which nobody said how many it has."""
+"""Number of sheets of a run whose length is not stated."""
 Source = Literal["verdicts", "trays"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reprint:
-    """One sheet that is not delivered, or must leave the good tray."""
+    """One sheet that is not delivered, or must be taken out of the good tray."""
 
     run_sheet: int
-    """Its place in the run, from 0."""
+    """Number of the sheet in the run, from 0."""
     copy: int
-    """The copy of the job, from 1."""
+    """Copy of the job, from 1."""
     number: int
-    """The sheet's number in the job, from 1."""
+    """Number of the sheet in the job, from 1."""
     page: str
-    """Its name: that of its page, where it has one."""
+    """Name of the sheet: that of its page, if it has one."""
     pages: tuple[int, ...]
-    """Numbers of its pages in the job, from 1."""
+    """Numbers of the sheet's pages in the job, from 1."""
     set_number: int
-    """From 1."""
+    """Number of the set, from 1."""
     why: str
     behind: str
-    """The sheet that it follows in the good tray; empty: it lies below all."""
+    """Name of the sheet that it follows in the good tray; empty: it is below all others."""
     take_out: bool = False
-    """Whether a sheet of it lies in the good tray and must be taken out."""
+    """Whether a print of the sheet is in the good tray and must be taken out."""
     sheet: int | None = None
-    """Number, in the run, of the side that people look at first; None: none came, or the sheet is good and leaves the
-    good tray with its set."""
+    """Number, in the run, of the side to be examined first; None: no side came, or the sheet is good and
+    leaves the good tray with its set."""
     job_page: int | None = None
-    """Its position."""
+    """Position of that side in the run's pages."""
     verdict: Word = "good"
-    """The verdict of that side; not-inspected where the sheet did not come."""
+    """Verdict of that side; not-inspected if the sheet did not come."""
     kind: str | None = None
 
 
@@ -84,24 +84,24 @@ class ReprintList:
     """Sheets of the run that were not printed when it ended; they follow all others."""
     plan: SheetPlan
     vouched: tuple[int, ...]
-    """Sheets that are delivered because a person has vouched for them, by their place in the run."""
+    """Numbers, in the run, of the sheets that are delivered because a person has vouched for them."""
     by: Source
-    """``trays`` for a run with a gate."""
+    """Basis of the count: ``trays`` for a run with a gate."""
     trays_from: TraySource | None
-    """Where trays are known from; None if the run had no gate."""
+    """Source of the trays; None if the run had no gate."""
 
     def __len__(self) -> int:
         return len(self.sheets) + len(self.unprinted)
 
     def all(self) -> Iterator[Reprint]:
-        """One by one, those that were not printed as well."""
+        """Yield all sheets, including those that were not printed."""
         yield from self.sheets
-        behind = _behind(self)
+        behind = _name_below(self)
         for sheet in self.unprinted:
             yield _reprint(self.plan, sheet, _Lacking(why=NOT_PRINTED), behind=behind)
 
     def pages(self) -> Counter[str]:
-        """How often each sheet of the job is to be printed again, by its name."""
+        """Count how often each sheet of the job is to be printed again, by its name."""
         return Counter(one.page for one in self.all())
 
 
@@ -111,11 +111,11 @@ class _Lacking:
 
     why: str
     name: str = ""
-    """Empty: as the plan has it."""
+    """Name of the sheet; empty: the name in the plan."""
     verdict: Word = "not-inspected"
-    """As far as no row of the journal says it."""
+    """Verdict, used where the journal has no row for the sheet."""
     sheet: int | None = None
-    """Its number in the run, where the journal has it."""
+    """Number of the sheet in the run, if the journal has it."""
 
 
 @dataclass(slots=True)
@@ -123,11 +123,11 @@ class _Sheets:
     """State of a run's sheets while they are counted."""
 
     delivered: dict[int, str] = field(default_factory=dict)
-    """Names of sheets that are delivered, as far as they are not those of the plan."""
+    """Names of delivered sheets, where they differ from those of the plan."""
     lacking: dict[int, _Lacking] = field(default_factory=dict)
     """Sheets that are not delivered."""
     taken_out: set[int] = field(default_factory=set)
-    """Lacking sheets of which a print lies in the good tray."""
+    """Sheets that are not delivered although a print of them is in the good tray."""
     vouched: list[int] = field(default_factory=list)
     upto: int = 0
     """Number of sheets that have come."""
@@ -142,11 +142,19 @@ def reprint_list(
     incident_of: Callable[[int], int | None],
     gate: tuple[KeptDecisions, Reconciliation] | None = None,
 ) -> ReprintList:
-    """Sheets of a run that are to be printed again.
+    """Return the sheets of a run that are to be printed again.
 
-    pages: in order; sheets of which every side is good, in time, and without fault and note may be left out. passed:
-    positions up to the furthest side that came. incident_of: the incident to which a sheet of the run belongs. gate:
-    of a run with one, its log and what became of its sheets.
+    Parameters
+    ----------
+    pages
+        Rows of the journal in order. Sheets of which every side is good, in time, and without fault and note may be
+        left out.
+    passed
+        Number of positions up to the furthest side that came.
+    incident_of
+        Function that returns the incident to which a sheet of the run belongs.
+    gate
+        For a run with a gate: its log, and the account of its sheets.
     """
     plan = _plan(run, None if gate is None else gate[0])
     ended = run.state != "running"
@@ -192,8 +200,10 @@ class _Cleared:
         self._labels, self._incident_of = labels, incident_of
 
     def good(self, row: PageRecord) -> bool:
-        """Whether a person has vouched for it; or all of it was seen, and it was judged good, or is a misprint that
-        people called good.
+        """Return whether the row counts as good.
+
+        It does if a person has vouched for it; or if all of it was seen, and it was judged good or is a
+        misprint that was labelled good.
         """
         if self.vouched(row):
             return True
@@ -204,12 +214,12 @@ class _Cleared:
         return misprint and label is not None and label.word in OF_GOOD
 
     def vouched(self, row: PageRecord) -> bool:
-        """Whether a person has vouched for it."""
+        """Return whether a person has vouched for the row."""
         label = self._labels.of(row.sheet)
         return label is not None and label.word == VOUCHED
 
     def by_hand(self, rows: Sequence[PageRecord]) -> bool:
-        """Whether people have vouched for a sheet, whose rows these are."""
+        """Return whether people have vouched for the sheet with these rows."""
         return any(map(self.vouched, rows)) and all(map(self.good, rows))
 
 
@@ -247,9 +257,10 @@ def _by_verdicts(
 
 
 def _prints(sides: Sequence[list[PageRecord]], lacks: Sequence[bool]) -> list[list[PageRecord]]:
-    """Each print of a sheet: the rows of its sides, those left out that are good. Empty: a side never came.
+    """Return each print of a sheet as the rows of its sides, without those that are good.
 
-    Where a side came more often than another nobody can say which belong together: all are one print.
+    The list is empty if a side never came. If one side came more often than another, the sides cannot be
+    paired and all of them form one print.
     """
     shown = [[row for row in side if came(row)] for side in sides]
     if any(lack and not side for lack, side in zip(lacks, shown, strict=True)):
@@ -283,9 +294,10 @@ def _by_trays(
     cleared: _Cleared,
     taken_for_delivered: Set[int],
 ) -> _Sheets:
-    """Tally a run with a gate. A sheet that was accepted is on its way until one behind it has reached the gate.
+    """Tally a run with a gate.
 
-    taken_for_delivered: sheets of the run that were accepted, where the controller is a mere output that names no tray.
+    An accepted sheet is on its way until a later one has reached the gate. ``taken_for_delivered`` holds the
+    accepted sheets of a run whose controller is a mere output that names no tray.
     """
     tally = _Sheets()
     last = max((one.sheet for one in sheets if one.tray and one.sheet is not None), default=-1)
@@ -333,7 +345,7 @@ def _by_trays(
 
 
 def _accepted_by_output(gate_log: KeptDecisions, accounts: Reconciliation) -> set[int]:
-    """Sheets for which the output was switched, of a gate that is one output and of which there is no log of trays."""
+    """Return the sheets for which the output was switched, if the gate is one output without a log of trays."""
     style = gate_log.began.get("settings", {}).get("plc", {}).get("style")
     if style != "coil" or accounts.source == "file":
         return set()
@@ -403,8 +415,8 @@ def _reprint(
     )
 
 
-def _behind(listed: ReprintList) -> str:
-    """Name the sheet below those that were not printed."""
+def _name_below(listed: ReprintList) -> str:
+    """Return the name of the sheet below those that were not printed."""
     first = listed.unprinted.start
     if listed.sheets and listed.sheets[-1].run_sheet == first - 1:
         return listed.sheets[-1].behind
@@ -415,7 +427,7 @@ def _behind(listed: ReprintList) -> str:
 
 
 def _plan(run: RunRow, gate_log: KeptDecisions | None) -> SheetPlan:
-    """How the run's job lay on sheets."""
+    """Return how the run's job is imposed on sheets."""
     began: dict[str, Any] = {} if gate_log is None else gate_log.began
     plan = SheetPlan.of(began.get("layout")) or facts_plan(run.facts.settings)
     if plan is not None:
@@ -426,14 +438,14 @@ def _plan(run: RunRow, gate_log: KeptDecisions | None) -> SheetPlan:
 
 
 def _needed(run: RunRow, plan: SheetPlan) -> int | None:
-    """Sheets that the job needs; None: nobody said."""
+    """Return the number of sheets that the job needs; None if it is not stated."""
     if plan.sheets < NO_END:
         return plan.sheets
     return None if run.facts.sheets is None else run.facts.sheets // plan.layout.sides
 
 
 def _seen(plan: SheetPlan, passed: int, *, ended: bool) -> int:
-    """Sheets, from the first, whose sides have all passed; of a run that has ended, those of which one has."""
+    """Count the leading sheets of which all sides have passed or, in a run that has ended, at least one side."""
     sides = plan.layout.sides
     if sides == 1:
         return min(passed, plan.sheets)
@@ -447,7 +459,7 @@ def _position(row: PageRecord) -> int:
 
 
 def _rows_by_sheet(plan: SheetPlan, pages: Iterable[PageRecord]) -> dict[int, list[PageRecord]]:
-    """Rows of each sheet in the order of the run; a side that nobody can place belongs to no sheet."""
+    """Group rows by sheet in the order of the run; a side without a known position belongs to no sheet."""
     by_sheet: dict[int, list[PageRecord]] = {}
     for row in pages:
         if row.job_page is not None and 0 <= row.job_page < plan.passings:
@@ -456,7 +468,7 @@ def _rows_by_sheet(plan: SheetPlan, pages: Iterable[PageRecord]) -> dict[int, li
 
 
 def _judged_good(row: PageRecord) -> bool:
-    """Whether its verdict is good and all of it was seen."""
+    """Return whether the row's verdict is good and all of it was seen."""
     return row.verdict.verdict == "good" and not NOT_WHOLE & set(row.faults)
 
 

@@ -1,4 +1,4 @@
-"""How press, run and incidents stand, folded from the events so far: what whoever joins late must know first."""
+"""State of press, run and incidents, accumulated from the events so far, for receivers that join late."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantState:
-    """After some events."""
+    """State of the plant after some events."""
 
     stream: str = ""
     number: int = 0
-    """Of the last event that is in it."""
+    """Number of the last event that the state includes."""
     time_s: float = 0.0
     press: str = ""
     run: int | None = None
@@ -40,29 +40,29 @@ class PlantState:
     simulated: bool = False
     """Whether the run's press is the simulated one."""
     running: bool = False
-    """From the run's start to its end."""
+    """Whether a run has started and not ended."""
     ending: str | None = None
-    """How the last run ended; None: it has not. lost: Prooflight is gone without having said so."""
+    """How the last run ended; None: it has not. lost: Prooflight is gone without having reported the end."""
     states: Mapping[str, str] = field(default_factory=dict)
-    """Of press, camera, inspection and gate, as far as they have been told."""
+    """States of press, camera, inspection and gate, as far as they have been reported."""
     sheets: int = 0
-    """Judged since the run's start, as far as their events arrived."""
+    """Number of sheets judged since the run's start, as far as their events arrived."""
     good: int = 0
     misprints: int = 0
     not_inspected: int = 0
     last_sheet: int | None = None
     held: int = 0
-    """Sheets of which the disposition is hold."""
+    """Number of sheets whose disposition is hold."""
     in_good_tray: int = 0
-    """Sheets of which the controller has confirmed that they went to the good tray."""
+    """Number of sheets that the controller has confirmed to be in the good tray."""
     in_reject_tray: int = 0
     unconfirmed: int = 0
-    """Sheets that passed the gate without a word of the controller."""
+    """Number of sheets that passed the gate without a report of the controller."""
     incidents: Mapping[int, IncidentFacts] = field(default_factory=dict)
-    """That are open, by number."""
+    """Open incidents, by number."""
 
     def after(self, event: Event) -> PlantState:
-        """With one more event."""
+        """Return the state after one more event."""
         now = replace(
             self,
             stream=event.stream,
@@ -116,6 +116,6 @@ class PlantState:
         return now
 
     def json(self) -> str:
-        """For people's programs; open incidents as a list."""
-        told = asdict(self) | {"incidents": [asdict(one) for one in self.incidents.values()]}
-        return json.dumps(finite(told), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        """Return the state as JSON, with the open incidents as a list."""
+        document = asdict(self) | {"incidents": [asdict(one) for one in self.incidents.values()]}
+        return json.dumps(finite(document), ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""The one stream of events: made of what a run says, numbered, and handed to whoever listens."""
+"""The stream of events: built from the reports of a run, numbered, and passed to all listeners."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
 
 INSPECTION_STATES: Final = {"overloaded": "overloaded", "in-time": "in-time"}
-"""What a notice says of the inspection."""
+"""State of the inspection that each kind of notice reports."""
 CAMERA_STATES: Final = {
     "silent": "silent",
     "lines-again": "delivering",
     "camera-away": "away",
     "camera-back": "delivering",
 }
-"""What a notice says of the camera."""
+"""State of the camera that each kind of notice reports."""
 
 
 class EventStream:
-    """One run's events. Its methods may be called from any thread; none waits for those who listen."""
+    """Events of one run. Its methods may be called from any thread; none waits for the listeners."""
 
     def __init__(
         self,
@@ -57,10 +57,20 @@ class EventStream:
         stream: str | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """listeners: given every event in order, one at a time; they must not wait. run: its number in the journal.
+        """Begin a stream.
 
-        size_mm: of a sheet, for words. plan: how the job lies on sheets; None: a page a sheet. stream: its
-        name; None: one that nobody else has.
+        Parameters
+        ----------
+        listeners
+            Functions that receive every event in order, one at a time. They must not wait.
+        run
+            Number of the run in the journal.
+        size_mm
+            Width and height of a sheet, used in descriptions of positions.
+        plan
+            How the job is imposed on sheets; None: one page a sheet.
+        stream
+            Identifier of the stream; None: a new random one.
         """
         self._listeners = tuple(listeners)
         self._press, self._run, self._clock = press, run, clock
@@ -69,17 +79,17 @@ class EventStream:
         self._number = 0
         self._incidents, self._size_mm, self._plan = Incidents(size_mm), size_mm, plan
         self._moving: dict[int, Direction] = {}
-        """Which way open incidents were last said to go."""
+        """Direction that was last reported for each open incident."""
         self._states: dict[str, tuple[str, str]] = {}
         self._counts = dict.fromkeys(("good", "misprint", "not-inspected", "late", "incidents"), 0)
 
     @property
     def incidents(self) -> Incidents:
-        """Of the run so far."""
+        """Incidents of the run so far."""
         return self._incidents
 
     def publish(self, body: Body) -> Event:
-        """Tell something; returns what was told."""
+        """Publish an event with this body, and return it."""
         with self._guard:
             self._number += 1
             event = Event(
@@ -95,11 +105,11 @@ class EventStream:
             return event
 
     def started(self, facts: RunFacts) -> None:
-        """The run begins."""
+        """Publish that the run begins."""
         self.publish(run_started(facts, self._size_mm))
 
     def told(self, outcome: Outcome) -> None:
-        """The next sheet, in the order of the run."""
+        """Publish the outcome of the next sheet, in the order of the run."""
         record = outcome.record
         with self._guard:
             changes = self._incidents.add(record)
@@ -116,11 +126,11 @@ class EventStream:
                 self._changed(change)
 
     def at_gate(self, passed: SheetAtGate) -> None:
-        """A sheet has passed the gate."""
+        """Publish that a sheet has passed the gate."""
         self.publish(passed)
 
     def noticed(self, notice: Notice) -> None:
-        """Something that is of no sheet."""
+        """Publish a notice that belongs to no sheet."""
         with self._guard:
             self.publish(noticed(notice))
             if notice.kind in CAMERA_STATES:
@@ -131,7 +141,7 @@ class EventStream:
     def state(
         self, of: Literal["press", "camera", "inspection", "gate"], state: str, detail: str = ""
     ) -> None:
-        """Tell a state, where it is another than before."""
+        """Publish a state if it differs from the last one."""
         with self._guard:
             if self._states.get(of) == (state, detail):
                 return
@@ -139,7 +149,7 @@ class EventStream:
             self.publish(StateChanged(of=of, state=state, detail=detail))
 
     def ended(self, ending: Ending, detail: str = "") -> None:
-        """The run is over, and its incidents with it."""
+        """Publish that the run is over, and that its incidents are."""
         with self._guard:
             for change in self._incidents.finish():
                 self._changed(change)
@@ -147,7 +157,11 @@ class EventStream:
             self.publish(RunEnded(ending=ending, detail=detail, counts=dict(self._counts)))
 
     def _changed(self, change: IncidentChange) -> None:
-        """Tell of an incident what is news: of four hundred sheets of a streak nine say so."""
+        """Publish a change of an incident if it is news.
+
+        Of a streak on four hundred sheets, nine are news: events follow each doubling of the count and each
+        new direction.
+        """
         incident, facts = change.incident, incident_facts(change.incident)
         way: Direction = "unknown" if incident.score is None else incident.score.direction
         moves = way in ("grows", "shrinks") and self._moving.get(incident.number) != way

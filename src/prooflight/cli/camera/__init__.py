@@ -1,1 +1,1 @@
-"""``prooflight camera``: cameras on paper, measured, and plugged in."""
+"""``prooflight camera``: cameras as designs, as measured, and as connected devices."""

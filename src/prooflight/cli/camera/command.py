@@ -1,6 +1,6 @@
-"""``prooflight camera``: what a camera answers, how sharp it is, how it could be, and what its exposures say it is.
+"""``prooflight camera``: a camera's response and sharpness, variants of its design, and its measured sensor block.
 
-What talks to a camera that is plugged in is in ``line_cameras``.
+The commands for connected cameras are in ``line_cameras``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from prooflight.commissioning.camera.exposures import ExposureRequest
 
 app = typer.Typer(
-    help="What a camera answers, how sharp it is, how it could be, what its exposures say.",
+    help="Compute a camera's response and sharpness, compare designs, measure a sensor.",
     no_args_is_help=True,
 )
 
@@ -36,7 +36,7 @@ Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the cu
 
 def register(program: typer.Typer) -> None:
     """Add these commands to the program."""
-    app.command("list")(line_cameras.found)
+    app.command("list")(line_cameras.list_cameras)
     app.command("features")(line_cameras.features)
     app.command("view")(view.view)
     app.command("record")(line_cameras.record)
@@ -55,7 +55,7 @@ def respond(
     ],
     json: Json = False,
 ) -> None:
-    """Irradiance, electrons, volts, digital numbers and their noise for even colours, on the lens's axis."""
+    """Compute irradiance, electrons, volts, digital numbers and their noise for even colours, on the lens's axis."""
     from prooflight.camera import camera as sensing
     from prooflight.camera.reflectances import parse_reflectances
     from prooflight.press.press_file import PressFile
@@ -81,12 +81,15 @@ def mtf(
         ),
     ] = None,
     sensor: Annotated[
-        int, typer.Option(metavar="N", help="Which sensor, where there are several.", min=1)
+        int, typer.Option(metavar="N", help="Number of the sensor, if there are several.", min=1)
     ] = 1,
     picture: Picture = None,
     json: Json = False,
 ) -> None:
-    """Modulation transfer of lens and system: across the web, and along it with motion, TDI smear and binning."""
+    """Compute the modulation transfer of lens and system across the web and along it.
+
+    Along the web it includes motion, TDI smear and binning.
+    """
     import numpy as np
 
     from prooflight.camera.sharpness import nyquist_per_mm, sharpness
@@ -103,15 +106,20 @@ def mtf(
         title = f"MTF at {wave:g} nm, working F-number {camera.lens.working_f_number:.3g}"
         curves = sharpness(camera, chosen, fine, wave_nm=wave)
         tables.draw_sharpness(picture, fine, curves, nyquist=nyquist, title=title)
-    found = sharpness(camera, chosen, frequency, wave_nm=wave)
+    transfer = sharpness(camera, chosen, frequency, wave_nm=wave)
     if json:
         show.print_json(
-            {"freq": frequency, "lens": found.lens, "system": found.across, "system_along": found.along}
+            {
+                "freq": frequency,
+                "lens": transfer.lens,
+                "system": transfer.across,
+                "system_along": transfer.along,
+            }
         )
         return
     title = f"MTF of sensor {chosen.name} at {wave:g} nm"
     magnification = camera.lens.magnification
-    show.people.print(tables.sharpness_table(title, frequency, found, magnification=magnification))
+    show.people.print(tables.sharpness_table(title, frequency, transfer, magnification=magnification))
 
 
 @app.command()
@@ -119,12 +127,15 @@ def explore(
     press_file: PressFileArgument,
     vary: Annotated[
         list[str],
-        typer.Option(metavar="FIELD=a,b,c", help="e.g. lens.f_number=2.8,4; several make a grid."),
+        typer.Option(
+            metavar="FIELD=a,b,c",
+            help="Values of a field, e.g. lens.f_number=2.8,4; several options make a grid.",
+        ),
     ],
     picture: Picture = None,
     json: Json = False,
 ) -> None:
-    """Signal, noise, sharpness and speed with other numbers in the press file."""
+    """Compute signal, noise, sharpness and speed for variants of the press file."""
     from prooflight.commissioning.camera import exploring
     from prooflight.press.press_file import PressFile
 
@@ -145,25 +156,29 @@ def explore(
 def characterise(
     exposures: Annotated[
         list[str] | None,
-        typer.Argument(metavar="DARK... FLAT...", help="TIFF files or folders; dark is what lies lowest."),
+        typer.Argument(
+            metavar="DARK... FLAT...", help="TIFF files or folders; the darkest are taken as dark."
+        ),
     ] = None,
     dark: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="D.tif[@HZ]", help="Lens covered; @HZ: at another line rate than the flat exposures."
+            metavar="D.tif[@HZ]",
+            help="Exposures with the lens covered; @HZ: at another line rate than the flat ones.",
         ),
     ] = None,
     flat: Annotated[
-        list[str] | None, typer.Option(metavar="F.tif", help="Even light, at 8 or more levels.")
+        list[str] | None, typer.Option(metavar="F.tif", help="Exposures of even light, at 8 or more levels.")
     ] = None,
     like: Annotated[
-        Path | None, typer.Option(metavar="PRESS.toml", help="Where to take what exposures cannot tell from.")
+        Path | None,
+        typer.Option(metavar="PRESS.toml", help="Press file for the values that exposures cannot show."),
     ] = None,
     voltage_swing_v: Annotated[
-        float | None, typer.Option(metavar="V", help="Volts that fill the converter; default as in --like.")
+        float | None, typer.Option(metavar="V", help="Full scale of the converter [V]; default as in --like.")
     ] = None,
     bits: Annotated[
-        int | None, typer.Option(help="Of the converter; default as in --like.", min=1, max=16)
+        int | None, typer.Option(help="Bits of the converter; default as in --like.", min=1, max=16)
     ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="SENSOR.toml", help="Write the block.")
@@ -211,7 +226,7 @@ def _reading(requests: Sequence[ExposureRequest]) -> Iterator[ExposureRequest]:
 
 
 def _text_of(name: str) -> tuple[str, str]:
-    """A file's text, or standard input's, and what to call it in errors."""
+    """Return the text of a file or of standard input, and its name for errors."""
     from prooflight.camera.reflectances import REFLECTANCE_FILES as FILES
 
     if name != "-":

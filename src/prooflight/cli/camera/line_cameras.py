@@ -1,4 +1,4 @@
-"""``prooflight camera list``, ``features`` and ``record``: a camera that is plugged in."""
+"""``prooflight camera list``, ``features`` and ``record``: commands for a connected camera."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ if TYPE_CHECKING:
 
 MOST_LINES: Final = 1_000_000_000
 CameraId = Annotated[
-    str, typer.Argument(metavar="ID", help="As `camera list` shows it, or serial number or address.")
+    str, typer.Argument(metavar="ID", help="ID as in `camera list`, serial number or address.")
 ]
 
 
-def found(
-    backend: Annotated[str | None, typer.Option(metavar="NAME", help="aravis or viva; default all.")] = None,
+def list_cameras(
+    backend: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Backend: aravis or viva; default all.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Cameras that answer."""
+    """List the cameras that answer."""
     from prooflight.scans.cameras.backends import found_cameras
 
     cameras = found_cameras(backend)
@@ -50,7 +52,7 @@ def features(
     ] = None,
     json: Json = False,
 ) -> None:
-    """What a camera can be told and asked, by its own description; and set some of it."""
+    """List a camera's features from its own description, and set some of them."""
     from prooflight.scans.cameras.backends import found_camera, opened
 
     wanted = [_wanted(text) for text in set_ or ()]
@@ -58,22 +60,27 @@ def features(
     try:
         for feature, value in wanted:
             camera.set(feature, value)
-        known = camera.features()
+        available = camera.features()
     finally:
         camera.close()
     if json:
-        show.print_json([asdict(one) for one in known.values()])
+        show.print_json([asdict(one) for one in available.values()])
         return
     table = Table("feature", "value", "takes", "of")
-    for one in known.values():
+    for one in available.values():
         table.add_row(one.name, one.value, _takes(one), one.category)
     show.people.print(table)
 
 
 def record(
     name: CameraId,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="Framed raw lines.")],
-    lines: Annotated[int | None, typer.Option(help="Default until Ctrl-C.", min=1, max=MOST_LINES)] = None,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FILE", help="File of framed raw lines to write.")
+    ],
+    lines: Annotated[
+        int | None,
+        typer.Option(help="Number of lines to record; default until Ctrl-C.", min=1, max=MOST_LINES),
+    ] = None,
     camera: Annotated[
         Path | None, typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets it up.")
     ] = None,
@@ -90,12 +97,12 @@ def record(
     source = camera_lines(name, camera)
     source.tell = lambda _kind, text: faults.told(text)
     begun_s = time.monotonic()
-    said: list[str] = []
+    messages: list[str] = []
     with whole_file(out) as unfinished, unfinished.open("wb") as file, closing(source.blocks()) as blocks:
         try:
             for block in blocks:
                 write_block(file, block)
-                said += [fault.detail for fault in block.faults]
+                messages += [fault.detail for fault in block.faults]
                 if not json:
                     for fault in block.faults:
                         faults.told(fault.detail)
@@ -108,9 +115,9 @@ def record(
             source.close()
     took_s = time.monotonic() - begun_s
     if json:
-        told = total(healths.values()) | {"seconds": round(took_s, 3), "faults": said}
-        told |= {"cameras": {one: asdict(health) for one, health in healths.items()}}
-        show.print_json(told | {"sensors": source.sensors, "pixels": source.pixels})
+        facts = total(healths.values()) | {"seconds": round(took_s, 3), "faults": messages}
+        facts |= {"cameras": {one: asdict(health) for one, health in healths.items()}}
+        show.print_json(facts | {"sensors": source.sensors, "pixels": source.pixels})
         return
     for one, health in healths.items():
         show.people.print(
@@ -122,10 +129,10 @@ def record(
 
 
 def total(healths: Iterable[Health]) -> dict[str, float]:
-    """What several cameras have sent and lost together."""
+    """Return the totals of what several cameras have sent and lost."""
     added = ("lines", "lines_lost", "blocks", "blocks_broken", "resends", "away")
-    known = list(healths)
-    return {name: sum(getattr(one, name) for one in known) for name in added}
+    every = list(healths)
+    return {name: sum(getattr(one, name) for one in every) for name in added}
 
 
 def _wanted(text: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""``prooflight camera set-up``: a line camera is set up step by step, and the press file says what was measured."""
+"""``prooflight camera set-up``: set-up of a line camera step by step, with the results written to the press file."""
 
 from __future__ import annotations
 
@@ -28,27 +28,29 @@ def set_up(
     name: CameraId,
     press_file: Annotated[
         Path,
-        typer.Argument(metavar="PRESS.toml", help="Press file; begun from the prototype's if there is none."),
+        typer.Argument(
+            metavar="PRESS.toml", help="Press file; copied from the prototype's if it does not exist."
+        ),
     ],
     like: Annotated[
         Path | None, typer.Option(metavar="OTHER.toml", help="Begin a new press file from this one.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Nobody answers: Enter to every question.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Run unattended, with Enter to every question.")] = False,
     answers: Annotated[
         Path | None,
         typer.Option(
-            metavar="A.toml", help='Nobody answers: key = "answer" a question; Enter to the others.'
+            metavar="A.toml", help='Run unattended: key = "answer" for a question; Enter to the others.'
         ),
     ] = None,
     again: Annotated[
-        bool, typer.Option("--again", help="Begin anew where a set-up was left unfinished.")
+        bool, typer.Option("--again", help="Start over instead of continuing an unfinished set-up.")
     ] = False,
     json: Json = False,
 ) -> None:
     """Set a line camera up step by step: dark, light, focus, width, encoder; and write the press file.
 
-    Each step says what to do, waits for Enter, measures, and says what it found. Comments of the press file stay. A
-    set-up that was stopped goes on where it was.
+    Each step shows what to do, waits for Enter, measures, and reports its result. Comments of the press file
+    stay. A set-up that was stopped continues where it was.
     """
     from prooflight.commissioning.line_camera import dialogue
     from prooflight.commissioning.line_camera.steps import QUESTIONS
@@ -65,38 +67,38 @@ def set_up(
     settings = press.camera_settings()
     opened = ready(camera, settings, where=str(press_file))
     try:
-        tap = CameraTap(opened, names=settings.names.get(camera.model))
+        reader = CameraTap(opened, names=settings.names.get(camera.model))
         if begun:
-            _begin(press_file, press, sensors=tap.sensors, camera=camera.id)
+            _begin(press_file, press, sensors=reader.sensors, camera=camera.id)
             _say(f"{press_file} is begun from {press.path.name}", "faint", quiet=json)
         protocol = left or dialogue.Protocol(camera=camera.id, begun=begun)
         attended = not yes and given is None
-        talk = dialogue.Talk(
+        prompts = dialogue.Talk(
             say=lambda text, kind: _say(text, kind, quiet=json),
             answer=_typed if attended else _given(given, quiet=json),
             attended=attended,
         )
         try:
-            dialogue.SetUp(tap=tap, path=press_file, talk=talk, protocol=protocol).run()
+            dialogue.SetUp(tap=reader, path=press_file, talk=prompts, protocol=protocol).run()
         except dialogue.Stopped:
             _say("stopped; the same command goes on from here", "faint", quiet=json)
     finally:
         opened.close()
     if json:
-        show.print_json(_told(protocol, press_file))
+        show.print_json(_facts(protocol, press_file))
     else:
         _summary(protocol, press_file)
 
 
 def _source(like: Path | None) -> PressFile:
-    """What a new press file is begun from."""
+    """Return the press file that a new one is copied from."""
     from prooflight.press.press_file import PressFile
 
     return PressFile.prototype() if like is None else PressFile.read(like)
 
 
 def _begin(path: Path, source: PressFile, *, sensors: int, camera: str) -> None:
-    """RequestError: it is of another kind of camera."""
+    """Copy the source to a new press file; RequestError if it describes another kind of camera."""
     from prooflight.files.atomic import whole_file
 
     described = len(source.camera().sensors)
@@ -121,11 +123,11 @@ def _answers(path: Path) -> dict[str, Any]:
 
 
 def _flat(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
-    """``sheet.across = "..."`` as well as ``"sheet.across" = "..."``."""
-    found: dict[str, Any] = {}
+    """Flatten a tree, so that ``sheet.across = "..."`` equals ``"sheet.across" = "..."``."""
+    flat: dict[str, Any] = {}
     for key, value in tree.items():
-        found |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
-    return found
+        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return flat
 
 
 def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *, quiet: bool) -> None:
@@ -135,11 +137,11 @@ def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *,
         )
 
 
-def _typed(_key: str, words: str, usual: str) -> str:
+def _typed(_key: str, question: str, usual: str) -> str:
     """Read one line; the question goes to standard error, so that standard output may be a document."""
     from prooflight.commissioning.line_camera.dialogue import Stopped
 
-    show.errors.print(f"> {words}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
+    show.errors.print(f"> {question}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
     show.errors.file.flush()
     line = sys.stdin.readline()
     if not line:
@@ -148,15 +150,15 @@ def _typed(_key: str, words: str, usual: str) -> str:
 
 
 def _given(given: Callable[[str], str] | None, *, quiet: bool) -> Callable[[str, str, str], str]:
-    def answer(key: str, words: str, usual: str) -> str:
-        said = given(key) if given is not None else ""
-        _say(f"> {words} [{said or usual or 'Enter'}]", "faint", quiet=quiet)
-        return said
+    def answer(key: str, question: str, usual: str) -> str:
+        reply = given(key) if given is not None else ""
+        _say(f"> {question} [{reply or usual or 'Enter'}]", "faint", quiet=quiet)
+        return reply
 
     return answer
 
 
-def _told(protocol: Protocol, press_file: Path) -> dict[str, Any]:
+def _facts(protocol: Protocol, press_file: Path) -> dict[str, Any]:
     return {
         "camera": protocol.camera,
         "press_file": press_file,

@@ -1,4 +1,4 @@
-"""What ``prooflight camera`` shows: tables and pictures for people, plain values for JSON."""
+"""Output of ``prooflight camera``: tables and pictures for people, plain values for JSON."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def response_table(answer: SensorResponse) -> Table:
-    """One line a reflectance."""
+    """Return a table with one line a reflectance."""
     headings = ("patch", "lux", "electrons", "volts", "mean [DN]", "sigma temporal [DN]", "sigma total [DN]")
     table = table_of(f"Sensor {answer.name}", headings)
     columns = (answer.illuminance_lux, answer.electrons, answer.volts)
@@ -43,23 +43,27 @@ def response_table(answer: SensorResponse) -> Table:
 
 
 def sharpness_table(
-    title: str, frequency: NDArray[np.float64], found: Sharpness, *, magnification: float
+    title: str, frequency: NDArray[np.float64], sharpness: Sharpness, *, magnification: float
 ) -> Table:
-    """MTFs against frequency on the sensor (n,) [cycles/mm] and on the page."""
+    """Return a table of MTFs against frequency on the sensor (n,) [cycles/mm] and on the page."""
     headings = ("on sensor [cycles/mm]", "on page [cycles/mm]", "lens", "system across", "system along")
     table = table_of(title, headings)
-    for row in zip(frequency, found.lens, found.across, found.along, strict=True):
+    for row in zip(frequency, sharpness.lens, sharpness.across, sharpness.along, strict=True):
         table.add_row(f"{row[0]:g}", f"{row[0] * magnification:.3g}", *(f"{value:.4f}" for value in row[1:]))
     return table
 
 
 def draw_sharpness(
-    path: Path, frequency: NDArray[np.float64], found: Sharpness, *, nyquist: float, title: str
+    path: Path, frequency: NDArray[np.float64], sharpness: Sharpness, *, nyquist: float, title: str
 ) -> None:
-    """MTFs against frequency on the sensor (n,) [cycles/mm], as a picture."""
+    """Draw MTFs against frequency on the sensor (n,) [cycles/mm]."""
     from prooflight.reporting import camera_pictures
 
-    curves = {"lens": found.lens, "system across the web": found.across, "system along the web": found.along}
+    curves = {
+        "lens": sharpness.lens,
+        "system across the web": sharpness.across,
+        "system along the web": sharpness.along,
+    }
     camera_pictures.draw_curves(
         path,
         frequency,
@@ -72,7 +76,9 @@ def draw_sharpness(
 
 
 def design_tables(designs: Sequence[Design]) -> list[Table]:
-    """What all sensors of a design share; then each sensor's signal, and its noise and sharpness."""
+    """Return a table of what all sensors of a design share, then tables of each sensor's signal, noise and
+    sharpness.
+    """
     fields = [name.removeprefix(name.split(".")[0] + ".") for name in designs[0].vary]
     values = [tuple(str(value) for value in design.vary.values()) for design in designs]
     common = table_of("Designs", (*fields, "field [mm]", "pixel [mm]", "line [mm]", "A4 pages/s"))
@@ -106,7 +112,7 @@ def design_tables(designs: Sequence[Design]) -> list[Table]:
 
 
 def draw_designs(path: Path, designs: Sequence[Design]) -> None:
-    """The first field varied lies along x; every combination of the others has its own curves."""
+    """Draw designs with the first varied field along x; every combination of the others has its own curves."""
     from prooflight.reporting import camera_pictures
 
     field = next(iter(designs[0].vary))
@@ -130,7 +136,7 @@ def draw_designs(path: Path, designs: Sequence[Design]) -> None:
 
 
 def block_json(block: SensorBlock) -> dict[str, Any]:
-    """The block's fields, and beside them what else the exposures told."""
+    """Return the block's fields, and the other results of the exposures."""
     transfer = block.transfer
     return {
         **block.fields,
@@ -152,7 +158,7 @@ def block_json(block: SensorBlock) -> dict[str, Any]:
 
 
 def block_table(block: SensorBlock) -> Table:
-    """One line a field, with standard error and origin."""
+    """Return a table with one line a field, with standard error and origin."""
     from prooflight.commissioning.camera.sensor_block import FIELDS
 
     headings = ("field", "value", "+-", "from")
@@ -172,7 +178,7 @@ def block_table(block: SensorBlock) -> Table:
 
 
 def draw_photon_transfer(path: Path, blocks: Sequence[SensorBlock]) -> None:
-    """Variance against mean with the fitted line, as a picture."""
+    """Draw variance against mean with the fitted line."""
     from prooflight.reporting import camera_pictures
 
     camera_pictures.draw_photon_transfer(

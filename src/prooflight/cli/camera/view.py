@@ -1,4 +1,4 @@
-"""``prooflight camera view``: what a line camera shows now, while a person turns the lens."""
+"""``prooflight camera view``: live view of a line camera's measurements, while a person turns the lens."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from prooflight.reporting.camera_live import CameraShown
 
 WINDOW_LINES: Final = 4096
-"""That are looked at: a group of a ruler page, 92 mm, at 0.022 mm a line."""
+"""Lines that are analysed: a group of a ruler page, 92 mm, at 0.022 mm a line."""
 FIRST_LINES: Final = 256
-"""Before the first look."""
-LOOK_S: Final = 0.5
-"""Between two looks."""
+"""Lines before the first analysis."""
+VIEW_S: Final = 0.5
+"""Time between two analyses."""
 
 
 def view(
@@ -33,15 +33,17 @@ def view(
     press: Annotated[
         Path | None, typer.Option(metavar="PRESS.toml", help="Press file whose [camera] sets it up.")
     ] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the last look.")] = None,
-    frames: Annotated[int | None, typer.Option(help="Looks; default until Ctrl-C.", min=1)] = None,
-    seconds: Annotated[float | None, typer.Option(help="How long; default until Ctrl-C.", min=0)] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the last view.")] = None,
+    frames: Annotated[int | None, typer.Option(help="Number of views; default until Ctrl-C.", min=1)] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Duration in seconds; default until Ctrl-C.", min=0)
+    ] = None,
     json: Json = False,
 ) -> None:
-    """What a camera shows now: profile along the line, saturation, black, light, focus, lines/s, loss, temperature.
+    """Show a camera live: profile along the line, saturation, black, light, focus, lines/s, loss, temperature.
 
-    Focus is the frequency at which half of the contrast is left (MTF50), from a ruler page (`chart make --ruler`) that
-    passes, or from edges that lie still.
+    Focus is the frequency at which half of the contrast is left (MTF50), from a ruler page (`chart make
+    --ruler`) that passes, or from edges that do not move.
     """
     from rich.live import Live
 
@@ -53,16 +55,16 @@ def view(
 
     file = None if press is None else PressFile.read(press)
     settings = CameraSettings() if file is None else file.camera_settings()
-    found = found_camera(name)
-    opened = ready(found, settings, where=str(press))
+    camera = found_camera(name)
+    opened = ready(camera, settings, where=str(press))
     shown: CameraShown | None = None
     try:
-        tap = CameraTap(opened, names=settings.names.get(found.model))
+        reader = CameraTap(opened, names=settings.names.get(camera.model))
         live = not json and show.people.is_terminal
         with ExitStack() as stack:
             screen = stack.enter_context(Live(console=show.people, auto_refresh=False)) if live else None
             try:
-                for shown in _looks(tap, file, frames=frames, seconds=seconds):
+                for shown in _views(reader, file, frames=frames, seconds=seconds):
                     if json:
                         show.print_json(shown.facts())
                     elif screen is not None:
@@ -79,39 +81,39 @@ def view(
             show.written(picture)
 
 
-def _looks(
-    tap: CameraTap, file: PressFile | None, *, frames: int | None, seconds: float | None
+def _views(
+    reader: CameraTap, file: PressFile | None, *, frames: int | None, seconds: float | None
 ) -> Iterator[CameraShown]:
-    """One look after another, as lines come."""
-    begun_s = looked_s = time.monotonic()
-    looks = 0
-    for last in tap.endless(WINDOW_LINES, fresh=False):
+    """Yield one analysis after another, as lines come."""
+    begun_s = shown_s = time.monotonic()
+    count = 0
+    for last in reader.endless(WINDOW_LINES, fresh=False):
         now_s = time.monotonic()
         ends = seconds is not None and now_s - begun_s >= seconds
-        if not ends and (last.count < FIRST_LINES or (looks and now_s - looked_s < LOOK_S)):
+        if not ends and (last.count < FIRST_LINES or (count and now_s - shown_s < VIEW_S)):
             continue
-        yield _look(tap, last, file)
-        looks, looked_s = looks + 1, time.monotonic()
-        if ends or looks == frames:
+        yield _current_view(reader, last, file)
+        count, shown_s = count + 1, time.monotonic()
+        if ends or count == frames:
             return
 
 
-def _look(tap: CameraTap, last: LastLines, file: PressFile | None) -> CameraShown:
+def _current_view(reader: CameraTap, last: LastLines, file: PressFile | None) -> CameraShown:
     from prooflight.commissioning.line_camera.page_steps import lens_mtf50
     from prooflight.commissioning.line_camera.seen import sensor_views
     from prooflight.reporting.camera_live import CameraShown
 
     camera = None if file is None else file.camera()
-    top = tap.top_code_dn
-    if camera is not None and tap.form.bits == 16:
+    top = reader.top_code_dn
+    if camera is not None and reader.form.bits == 16:
         top = 2 ** camera.sensors[0].bits - 1
     lines = last.lines()
     return CameraShown(
-        camera=tap.name,
-        form=f"{tap.sensors} x {tap.pixels} pixels, {tap.form.name}",
+        camera=reader.name,
+        form=f"{reader.sensors} x {reader.pixels} pixels, {reader.form.name}",
         top_code_dn=top,
         lines=lines,
-        views=sensor_views(lines, top_code_dn=top, where=tap.name),
-        health=tap.health(),
+        views=sensor_views(lines, top_code_dn=top, where=reader.name),
+        health=reader.health(),
         lens_mtf50=None if camera is None else lens_mtf50(camera, camera.sensors[0]),
     )

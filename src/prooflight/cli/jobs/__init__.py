@@ -1,1 +1,1 @@
-"""Commands on jobs: printed, scanned, inspected; their zones and codes; the demonstration."""
+"""Commands on jobs: printing, scanning, inspection; their zones and codes; the demonstration."""

@@ -1,4 +1,4 @@
-"""``prooflight job check``: what each page of a job is made of, and what will be printed otherwise than it asks."""
+"""``prooflight job check``: the content of each page of a job, and deviations of its print from the file."""
 
 from __future__ import annotations
 
@@ -26,19 +26,17 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 ANY_DPI: Final = 75.0
-"""At which pages are drawn where no press is given, twice as finely."""
+"""Resolution without a press, at twice which pages are drawn."""
 PICTURE_PX: Final = 1200
 NAMED: Final = 12
-"""Layers, fonts and spot colours of a page that are named for people; JSON has all."""
+"""Most layers, fonts and spot colours of a page that are named for people; JSON has all."""
 
 
 def check(
     job: JobPath,
     press: Annotated[
         Path | None,
-        typer.Option(
-            "--press", metavar="X.press", help="As this press will draw them; default as MuPDF does."
-        ),
+        typer.Option("--press", metavar="X.press", help="Press that draws the pages; default MuPDF."),
     ] = None,
     pictures: Annotated[
         Path | None,
@@ -90,7 +88,7 @@ def check(
 
 
 def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
-    """Warnings of a job before its first sheet, told as lines of JSON to programs, on standard error to people."""
+    """Print warnings of a job before its first sheet: lines of JSON for programs, standard error for people."""
     from prooflight.pages.check import early_warnings
 
     def shown(numbers: Iterable[int], total: int) -> Iterable[int]:
@@ -104,7 +102,7 @@ def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
 
 
 def tell_warnings(warnings: Iterable[PageWarning], *, json: bool) -> None:
-    """A line each."""
+    """Print each warning on a line."""
     from prooflight.pages.check import in_words, plain
 
     for warning in warnings:
@@ -115,7 +113,7 @@ def tell_warnings(warnings: Iterable[PageWarning], *, json: bool) -> None:
 
 
 def _drawing(folder: Path, press: Press | None) -> Callable[[Page], None]:
-    """What writes the picture of a page into a folder."""
+    """Return a function that writes the picture of a page into a folder."""
     from prooflight.commissioning.appearance import appearance_srgb
     from prooflight.inks.built_in import built_in_inks
     from prooflight.reporting.pictures import raster_picture
@@ -130,7 +128,7 @@ def _drawing(folder: Path, press: Press | None) -> Callable[[Page], None]:
 
 
 def _plain(page: CheckedPage, press: Press | None) -> dict[str, Any]:
-    """One page as programs read it; ink is in per cent."""
+    """Return the data of one page for programs; ink is in per cent."""
     from prooflight.cmyk import INK_NAMES
     from prooflight.pages.check import plain
 
@@ -160,7 +158,7 @@ def _percent(cmyk: Sequence[int] | None) -> list[float] | None:
 
 
 def _srgb(page: CheckedPage, name: str, press: Press | None) -> str | None:
-    """What a spot colour looks like in the inks of a press, paper shown white; None: there is no press."""
+    """Return the appearance of a spot colour in the inks of a press, paper shown white; None without a press."""
     import numpy as np
 
     from prooflight.reporting.pictures import appearance
@@ -173,7 +171,7 @@ def _srgb(page: CheckedPage, name: str, press: Press | None) -> str | None:
 
 
 def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, press: Press | None) -> None:
-    """One row a page for people, then what its cells only count, then every warning."""
+    """Print one row a page for people, then what its cells only count, then every warning."""
     from prooflight.pages.check import in_words
 
     words = ("page", "size [mm]", "inks [%]", "transparency, overprint", "made of")
@@ -213,7 +211,7 @@ def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, pres
 
 
 def _cells(page: CheckedPage) -> list[str]:
-    """What stands in a page's row after its name; what it has none of is left out."""
+    """Return the cells of a page's row after its name; absent features are left out."""
     from prooflight.cmyk import INK_LETTERS
 
     size, facts = page.size_mm, page.facts
@@ -240,7 +238,7 @@ def _cells(page: CheckedPage) -> list[str]:
 
 
 def _some(what: str, are: Sequence[bool], so: str) -> str:
-    """How many there are, and how many of them are so; empty: there is none."""
+    """Return the number of items, and how many of them have the property; empty if there are none."""
     if not are:
         return ""
     those = "all" if all(are) and len(are) > 1 else "" if all(are) else f"{sum(are)}" if any(are) else "not"
@@ -248,7 +246,10 @@ def _some(what: str, are: Sequence[bool], so: str) -> str:
 
 
 def _images(images: Sequence[PlacedImage]) -> str:
-    """How many images, and the range of their resolutions; lines of single pixels are gradients, and have none."""
+    """Return the number of images, and the range of their resolutions.
+
+    Lines of single pixels are gradients, and have no resolution.
+    """
     if not images:
         return ""
     dpi = [round(min(image.dpi)) for image in images if min(image.width_px, image.height_px) > 1]
@@ -259,7 +260,7 @@ def _images(images: Sequence[PlacedImage]) -> str:
 
 
 def _by_page(done: Sequence[CheckedPage], names_of: Callable[[Any], Sequence[str]]) -> list[str]:
-    """What pages have, with the pages that have it: the same names once."""
+    """Return the names of pages' features, each set once with the pages that have it."""
     pages: dict[tuple[str, ...], list[str]] = {}
     for page in done:
         names = () if page.facts is None else tuple(dict.fromkeys(names_of(page.facts)))
@@ -274,7 +275,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _show_spots(done: Sequence[CheckedPage], press: Press | None) -> None:
-    """What is printed of each spot colour, with the pages that list it."""
+    """Print the inks of each spot colour, with the pages that list it."""
     rows: dict[tuple[str, tuple[int, ...], bool], list[CheckedPage]] = {}
     for page in done:
         for spot in () if page.facts is None else page.facts.spots:

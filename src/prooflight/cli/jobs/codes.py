@@ -29,8 +29,8 @@ def codes(
 ) -> None:
     """List the bar codes and matrix codes of a job that inspection reads on every sheet.
 
-    Each must read in the scan, to the same text, or the sheet is a misprint. Codes that this camera cannot be sure to
-    read are listed, and not asked of scans.
+    Each must read in the scan, to the same text, or the sheet is a misprint. Codes that this camera may fail
+    to read are listed, and not required in scans.
     """
     from prooflight.pages.files import page_name
     from prooflight.pages.job import parse_pages
@@ -41,16 +41,16 @@ def codes(
     with open_job(job, loaded, profile=profile) as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         walked = numbers if json else show.progress(numbers, total=len(numbers), what="reading codes")
-        found = [
+        read_codes = [
             code for number in walked for code in _of_page(opened.page(number), page_name(number), loaded)
         ]
     if json:
-        for name, one in found:
+        for name, one in read_codes:
             facts = asdict(one)
             del facts["read"]  # nothing was printed
             show.print_json({"page": name} | facts)
         return
-    if not found:
+    if not read_codes:
         show.people.print(f"{count(len(numbers), 'page')}: no code that this camera can read")
         return
     table = show.table_of(
@@ -58,7 +58,7 @@ def codes(
         ("page", "code", "text", "mm", "grade", ""),
         words=("page", "code", "text", "mm", ""),
     )
-    for name, one in found:
+    for name, one in read_codes:
         place = f"{one.width_mm:.0f} x {one.height_mm:.0f} at {one.x_mm:.0f}, {one.y_mm:.0f}"
         note = one.weakest if one.checked else TOO_FINE
         grade = "" if one.grade is None else f"{one.grade:.1f}"

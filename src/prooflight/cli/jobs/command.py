@@ -56,9 +56,9 @@ def register(app: typer.Typer) -> None:
 
 def demo(
     job: Annotated[
-        Path | None, typer.Option(metavar="F.pdf", help="Your own job; default a sample job.")
+        Path | None, typer.Option(metavar="F.pdf", help="Job to print; default a sample job.")
     ] = None,
-    pages: Annotated[int | None, typer.Option(help="How many sheets to print.", min=1)] = None,
+    pages: Annotated[int | None, typer.Option(help="Number of sheets to print.", min=1)] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
     world: World = "press",
     profile: Profile = None,
@@ -70,8 +70,8 @@ def demo(
 ) -> None:
     """Print a job on the simulated press with some misprints, inspect every sheet, write report.html.
 
-    In the press world prints move and drift as real ones do, and our detector looks at them; in the ideal world, the
-    paper's own, its first detector does.
+    In the press world, prints move and drift as real ones do, and the matched-filter detector inspects them;
+    in the ideal world, that of the paper, its first detector does.
     """
     from prooflight.cli.jobs import demonstration
     from prooflight.inspection.inspector import Inspector
@@ -231,13 +231,13 @@ def simulate(
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         job_pages, names = len(opened), {source.page_name(number) for number in numbers}
-    kept = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
+    kept_before = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
     out.mkdir(parents=True, exist_ok=True)
     work = ScanToFile(
         job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
     )
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
-    write_truth(out / "truth.json", [*kept, *truths], world=world, seed=seed, press=loaded)
+    write_truth(out / "truth.json", [*kept_before, *truths], world=world, seed=seed, press=loaded)
     if json:
         show.print_json(truths)
     else:
@@ -255,7 +255,7 @@ def inspect(
     ] = None,
     press: Annotated[
         Path | None,
-        typer.Option("--press", metavar="X.press", help="Press artefact; only --golden does without."),
+        typer.Option("--press", metavar="X.press", help="Press artefact; optional only with --golden."),
     ] = None,
     golden: Annotated[
         Path | None,
@@ -268,7 +268,7 @@ def inspect(
     profile: Profile = None,
     json: Json = False,
 ) -> None:
-    """Compare scans with the job, one verdict a page in job order.
+    """Compare scans with the job, and give one verdict a page in job order.
 
     Exits 1 if there is a misprint, 3 if a page was not inspected.
     """
@@ -305,8 +305,8 @@ def inspect(
     source = job_source(job, loaded, profile=profile)
     source, plan = laid_out.laid_out(source, layout, loaded.geometry)
     with source.open() as opened:
-        known = zones_in_force(zones, opened, loaded)
-        inspector = replace(inspector, zones=known)
+        zones_of_job = zones_in_force(zones, opened, loaded)
+        inspector = replace(inspector, zones=zones_of_job)
         pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
         early = checked_early(opened, json=json)
     work = InspectPage(job=source, inspector=inspector, scans=scans)
@@ -336,20 +336,20 @@ def inspect(
 
 
 def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
-    """What inspection makes, in the order of the job, with what the run by then says of its promise."""
+    """Yield inspected items in the order of the job, each with the run's state of the false-alarm rate by then."""
     for place, item in enumerate(items):
         promise.add(item.verdict, item.summary, place)
         yield replace(item, verdict=promise.marked(item.verdict), summary=None)
 
 
 def _later(done: Inspected[Any], early: EarlyWarnings) -> list[PageWarning]:
-    """Warnings of pages that were not told before the first of them."""
+    """Return warnings of pages that were not printed before the first of them."""
     every = dict.fromkeys(warning for item in done.items for warning in item.warnings)
     return [warning for warning in every if warning not in early.known]
 
 
 def _leave(done: Inspected[Any]) -> None:
-    """Say what was not inspected, and end with the run's exit code."""
+    """Report pages that were not inspected, and end with the run's exit code."""
     if code := done.code():
         raise typer.Exit(code)
 

@@ -1,4 +1,4 @@
-"""Zones of the sample job's letter, priced and shown at work: a stamp that may come, and a name that must be right."""
+"""Zones of the sample job's letter, priced and in use: a stamp that may come, and a name that must be right."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 LETTER: Final = "Letter"
 """Title of the page of the sample job that gets zones."""
 ADDRESS_MM: Final = (18.0, 56.0, 52.0, 27.0)
-"""Where its address stands."""
+"""Rectangle of its address."""
 STAMP_MM: Final = (115.0, 228.0, 70.0, 45.0)
-"""Where whoever receives it will stamp it: blank as it is printed."""
+"""Rectangle where the recipient will stamp it; it is printed blank."""
 BLOT_MM: Final = 6.0
 SPOTS_MM: Final = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0)
 """Diameters of spots in the address, tried until one is caught with zones."""
 
 
 def zones_of_letter(number: int, sizes_mm: Sequence[tuple[float, float]]) -> JobZones:
-    """Zones of page ``number``, from 1, of a job with pages of these sizes."""
+    """Return zones of page ``number``, from 1, of a job with pages of these sizes."""
     return JobZones.made(
         [
             ZoneEntry(name="address", kind="careful", pages=str(number), rectangle_mm=ADDRESS_MM),
@@ -52,12 +52,12 @@ def zones_at_work(
     shown: Shown,
     processes: int | None = None,
 ) -> ZonesAtWork:
-    """Price the zones of page ``number`` by as few prints as may be, and look at three prints of it.
+    """Price the zones of page ``number`` by as few prints as possible, and inspect three prints of it.
 
     Errors as ``price_of``.
     """
-    ours = press.ours
-    prints = 0 if ours is None else fewest_prints(zones, ours.ranking_rate)
+    detector = press.ours
+    prints = 0 if detector is None else fewest_prints(zones, detector.ranking_rate)
     price = price_of(job, press, zones, prints=prints, trials=0, seed=seed, processes=processes, shown=shown)
     work = ZonePrints(job=job, press=press, zones=zones.priced(price.entry), numbers=(number,), seed=seed)
     page, bare, zoned = work.ready(number)
@@ -67,23 +67,23 @@ def zones_at_work(
     address, stamp = areas_of(on_page)[:2]
     scan = work.printed(page, stream(seed, "zones-trial", 0))
     shift = zoned.inspect(scan).verdict.shift_mm or (0.0, 0.0)
-    looked = [_looked("a good print", scan, bare, zoned)]
+    inspected = [_inspected("a good print", scan, bare, zoned)]
     for at, (where, sizes) in enumerate(((stamp, (BLOT_MM,)), (address, SPOTS_MM)), start=1):
         for size in sizes:
-            spoilt = with_defect(
+            defective = with_defect(
                 scan.dn, "spot", size, where, page=page, press=press, shift_mm=shift,
                 rng=stream(seed, "zones-trial", at),  # every size at the same place
             )  # fmt: skip
-            assert spoilt is not None
+            assert defective is not None
             what = f"a spot of {size:g} mm in the zone {where.name}"
-            one = _looked(what, Scan(dn=spoilt, name=scan.name), bare, zoned)
+            one = _inspected(what, Scan(dn=defective, name=scan.name), bare, zoned)
             if one.after == "misprint":
                 break
-        looked.append(one)
+        inspected.append(one)
     return ZonesAtWork(
         page=page.name,
         picture=page_with_zones(page, on_page.zones),
-        looked=tuple(looked),
+        looked=tuple(inspected),
         prints=prints,
         alarmed_before=price.alarmed_before,
         alarmed_after=price.alarmed_after,
@@ -91,6 +91,6 @@ def zones_at_work(
     )
 
 
-def _looked(what: str, scan: Scan, bare: MatchedFilterPage, zoned: MatchedFilterPage) -> Looked:
+def _inspected(what: str, scan: Scan, bare: MatchedFilterPage, zoned: MatchedFilterPage) -> Looked:
     before: Word = bare.inspect(scan).verdict.verdict
     return Looked(what=what, before=before, after=zoned.inspect(scan).verdict.verdict)

@@ -31,14 +31,16 @@ if TYPE_CHECKING:
     from prooflight.reporting.two_worlds import TwoWorlds
 
 FEWEST_PRINTS = 8
-"""A shorter job is printed several times, so that each kind of misprint can be shown beside good prints."""
+"""Fewest prints: a shorter job is printed several times, so that each kind of misprint can be shown next
+to good prints."""
 MISPRINT_SHARE = 2 / 7
 LEAST_SEVERITY = 0.8
-"""Severities that a person sees at a glance: 0.8 to 1 of ``worlds.toml``."""
+"""Least severity of misprints: severities of 0.8 to 1 of ``worlds.toml`` are seen at a glance."""
 AT_A_GLANCE = Gate(blurred_peak_percent=math.inf, rms_percent=1.0)
-"""assumed: what a person sees at a glance changes an A4 page by as much as 6 mm2 of solid black, a short word."""
+"""Least visibility of misprints. assumed: a change that is seen at a glance is as much as 6 mm2 of solid
+black on an A4 page, a short word."""
 MARGIN_MM = 2.0
-"""Room that a widened line leaves beside a page that is too wide for the prototype's."""
+"""Margin of a widened line on either side of a page that is too wide for the prototype's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,24 +48,24 @@ class Print:
     """One sheet of the run."""
 
     index: int
-    """Place in the run, from 0."""
+    """Number of the sheet in the run, from 0."""
     page: int
     """Number of the job's page."""
     copy: int
-    """1 for the first time this page is printed."""
+    """Copy of the page; 1 for the first time this page is printed."""
     first_kind: str | None
     """Kind of misprint to try first; None: a good print."""
 
     @property
     def suffix(self) -> str:
-        """What tells later copies of a page from the first."""
+        """Suffix that distinguishes later copies of a page from the first."""
         return f"-{self.copy}" if self.copy > 1 else ""
 
 
 def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
-    """Which pages are printed, and which of them go wrong: about two in seven.
+    """Return the sheets to print, and which of them go wrong: about two in seven.
 
-    prints: how many; None: the job once, or as often as makes 8.
+    ``prints`` is their number; None: the job once, or as often as makes 8.
     """
     count = prints or max(job_pages, math.ceil(FEWEST_PRINTS / job_pages) * job_pages)
     rng = stream(seed, "demonstration-misprints")
@@ -76,9 +78,10 @@ def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
 
 
 DETECTOR: Final[dict[str, str]] = {"press": "ours", "ideal": "chi-square"}
-"""That inspects the sheets: in the paper's own world its first detector."""
+"""Detector that inspects the sheets: in the ideal world, that of the paper, the paper's first detector."""
 DESIGNS: Final = 24
-"""Printed to make our detector fit for the press, which is one of those that taught it: so few say that it is."""
+"""Designs printed to train the matched filter for the press; so few suffice, as its ranking was trained on
+this press too."""
 
 
 def demo_press(
@@ -89,7 +92,7 @@ def demo_press(
     progress: Callable[[str], None],
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Press:
-    """The paper's rig, with its second sensor and our detector in the press world.
+    """Build the paper's press, with its second sensor and the matched-filter detector in the press world.
 
     Its line is widened if some page does not fit either way round.
     """
@@ -108,18 +111,18 @@ def demo_press(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintAndInspect:
-    """The work on one print; small and picklable, so that it travels to worker processes."""
+    """The work on one print; small and picklable, so that it can be sent to worker processes."""
 
     job: JobSource
     press: Press
     world: str
     seed: int
     titles: tuple[str, ...] = ()
-    """What each page of the job is, for people; may be empty."""
+    """Title of each page of the job, for people; may be empty."""
 
     def __call__(self, sheet: Print) -> PageEntry:
         """Rip, print, scan, inspect and picture one sheet."""
-        page = self._laid(sheet.page)
+        page = self._placed(sheet.page)
         page = replace(page, name=page.name + sheet.suffix)
         scan = self.scan(page, sheet)
         inspector = Inspector.of(self.press, DETECTOR[self.world])
@@ -128,11 +131,12 @@ class PrintAndInspect:
         return page_entry(page, inspection, self.press, truth=scan.misprint, title=title)
 
     def worlds(self, sheet: Print) -> TwoWorlds | None:
-        """Why this world is not the paper's: a good print of a page in each, as chi-square and our detector see them.
+        """Compare the two worlds by a good print of a page in each, inspected by chi-square and by the
+        matched filter.
 
-        None: the page is too small to show it.
+        None: the page is too small to show the difference.
         """
-        page, paper = self._laid(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
+        page, paper = self._placed(sheet.page), Inspector.of(self.press, DETECTOR["ideal"])
         good = replace(sheet, first_kind=None)
         ideal, printed = (replace(self, world=world).scan(page, good).dn for world in ("ideal", "press"))
         return two_worlds(
@@ -143,15 +147,15 @@ class PrintAndInspect:
         )
 
     def with_worlds(self, sheets: Sequence[Print]) -> _WithWorlds:
-        """The same work, which of the first good print also says why this world is not the paper's."""
+        """Return the same work, which also compares the two worlds for the first good print."""
         first = next((sheet.index for sheet in sheets if sheet.first_kind is None), None)
         return _WithWorlds(work=self, compared=first if self.world == "press" else None)
 
-    def _laid(self, number: int) -> Page:
+    def _placed(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))
 
     def scan(self, page: Page, sheet: Print) -> SimulatedScan:
-        """A print, with a misprint of the kind to try first, or of the next that shows on this page."""
+        """Return a print with a misprint of the kind to try first, or of the next that is visible on this page."""
         rng = stream(self.seed, "print", sheet.index)
         others = tuple(number for number in range(1, len(opened(self.job)) + 1) if number != sheet.page)
         requests: list[MisprintRequest | None] = [None]
@@ -167,7 +171,7 @@ class PrintAndInspect:
                     press=self.press,
                     request=request,
                     others=others,
-                    fetch=self._laid,
+                    fetch=self._placed,
                     rng=rng,
                     least=AT_A_GLANCE,
                     session=session_of(self.press, self.seed) if self.world == "press" else None,
@@ -181,7 +185,7 @@ class PrintAndInspect:
 class _WithWorlds:
     work: PrintAndInspect
     compared: int | None
-    """Place in the run of the print that is shown in both worlds."""
+    """Number, in the run, of the print that is shown in both worlds."""
 
     def __call__(self, sheet: Print) -> tuple[PageEntry, TwoWorlds | None]:
         return self.work(sheet), self.work.worlds(sheet) if sheet.index == self.compared else None

@@ -1,4 +1,4 @@
-"""``prooflight inspect --golden``: scans against a good scan rather than a job's raster."""
+"""``prooflight inspect --golden``: comparison of scans with a good scan instead of a job's raster."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def inspect_golden(
     golden: Path, scans: Path, *, job: Path | None, press: Path | None, profile: Path | None, json: bool
 ) -> Inspected[Verdict]:
-    """Show one verdict a scan, or a page of the job."""
+    """Inspect, and show one verdict a scan, or a page of the job."""
     from prooflight.cli.jobs.inspected import inspected
     from prooflight.inspection.golden import GoldenInspector, golden_pages
     from prooflight.inspection.job import Tried, alone
@@ -48,9 +48,9 @@ def inspect_golden(
 
 
 def _lefts_mm(job: Path, press: Press | None, profile: Path | None, troubles: dict[str, str]) -> list[float]:
-    """How far each page of the job begins from the scan's left end; 0 where no press tells.
+    """Return the offset of each page of the job from the scan's left end; 0 without a press.
 
-    troubles: gets the names of pages that cannot be used, and why.
+    ``troubles`` receives the names of pages that cannot be used, and why.
     """
     with JobSource(path=job, dpi=72.0 if press is None else press.dpi, profile=profile).open() as opened:
         try:

@@ -1,4 +1,4 @@
-"""What inspection makes, page after page, whatever happens to one of them: shown, kept, and summed up."""
+"""Collection of verdicts page after page, whatever happens to one of them: printed, stored, and summed up."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Inspected(Generic[Item]):
     items: list[Item]
     verdict_of: Callable[[Item], Verdict]
     fault: Exception | None = None
-    """A defect of our own that ended it."""
+    """A defect of Prooflight itself that ended the inspection."""
 
     @property
     def verdicts(self) -> list[Verdict]:
-        """Of all pages."""
+        """Verdicts of all pages."""
         return [self.verdict_of(item) for item in self.items]
 
     @property
@@ -39,7 +39,10 @@ class Inspected(Generic[Item]):
         return any(self.verdict_of(item).verdict != "not-inspected" for item in self.items)
 
     def code(self) -> int:
-        """Say what was not inspected, in one line; returns the exit code. A defect of our own is raised."""
+        """Report pages that were not inspected, in one line, and return the exit code.
+
+        A defect of Prooflight itself is raised.
+        """
         verdicts = self.verdicts
         if self.fault is not None:
             raise self.fault
@@ -59,10 +62,11 @@ def inspected(
     unseen: Callable[[int, Verdict], Item],
     json: bool,
 ) -> Inspected[Item]:
-    """What inspection makes, as it comes: each verdict a line of JSON for programs, a progress bar for people.
+    """Collect inspected items as they come, each verdict a line of JSON for programs, a progress bar for people.
 
-    names: of the pages. unseen: what stands for a page at a place in them that was not reached: Ctrl-C or a defect of
-    our own ended the inspection. ProoflightError: no page could be inspected at all; then nothing is shown.
+    ``names`` are the names of the pages. ``unseen`` makes the item of a page, by its index in them, that was
+    not reached because Ctrl-C or a defect of Prooflight ended the inspection. ProoflightError: no page could
+    be inspected at all; then nothing is shown.
     """
     done, shown = Inspected[Item](items=[], verdict_of=verdict_of), 0
     stopped: BaseException | None = None
@@ -86,7 +90,7 @@ def inspected(
 
 
 def _printed(done: Inspected[Any], shown: int) -> int:
-    """Print verdicts from place ``shown`` on, once any page has been inspected; returns how many are printed now."""
+    """Print verdicts from index ``shown`` on, once any page has been inspected; return how many are printed now."""
     if not done.judged:
         return 0
     for item in done.items[shown:]:

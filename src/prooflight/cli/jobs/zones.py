@@ -1,4 +1,4 @@
-"""``prooflight job zones`` and ``prooflight zones``: zones on the pages of a job, what they cost, and how they lie."""
+"""``prooflight job zones`` and ``prooflight zones``: zones on the pages of a job, their price, and their pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 ANY_DPI: Final = 72.0
-"""Where only the sizes of pages are asked."""
+"""Resolution for jobs of which only the sizes of pages are needed."""
 MOST_PRINTS: Final = 100_000
 ZonesPath = Annotated[Path, typer.Argument(metavar="ZONES", help="job.zones.json.")]
 Picture = Annotated[
@@ -29,21 +29,25 @@ Picture = Annotated[
 
 
 def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None:
-    """Zones that a run is given; None: none. JobError, RequestError: see ``JobZones``; overlaps are told."""
+    """Return the zones of a run, and report overlaps; None without zones. JobError, RequestError: see ``JobZones``."""
     if path is None:
         return None
     from prooflight.pages.zones.zones_file import JobZones
 
-    known = JobZones.read(path, job.page_sizes_mm)
-    known.refuse_unpriced(press.digest, where=path)
-    for line in known.contested():
+    zones_of_job = JobZones.read(path, job.page_sizes_mm)
+    zones_of_job.refuse_unpriced(press.digest, where=path)
+    for line in zones_of_job.contested():
         faults.told(line)
-    if press.ours is not None and press.ours.told and not press.ours.told[-1].rests_on(known.zones_digest):
+    if (
+        press.ours is not None
+        and press.ours.told
+        and not press.ours.told[-1].rests_on(zones_of_job.zones_digest)
+    ):
         faults.told(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
             "of those alone; watch with --sample and calibrate it anew by pages with them"
         )
-    return known
+    return zones_of_job
 
 
 def register(app: typer.Typer) -> None:
@@ -51,12 +55,12 @@ def register(app: typer.Typer) -> None:
     from prooflight.cli.jobs.check import check
 
     job = typer.Typer(
-        help="Check a job before it is printed; zones from what it says of itself.", no_args_is_help=True
+        help="Check a job before it is printed, and make zones from its marked places.", no_args_is_help=True
     )
     job.callback()(_job)
     job.command("check")(check)
     job.command("zones")(job_zones)
-    zones = typer.Typer(help="Zones: their price, and a picture.", no_args_is_help=True)
+    zones = typer.Typer(help="Price and draw zones.", no_args_is_help=True)
     zones.command("price")(price)
     zones.command("show")(show_zones)
     zones.command("drop")(drop)
@@ -65,24 +69,26 @@ def register(app: typer.Typer) -> None:
 
 
 def _job() -> None:
-    """Check a job before it is printed; zones from what it says of itself."""
+    """Check a job before it is printed, and make zones from its marked places."""
 
 
 def job_zones(
     job: JobPath,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="F.json", help="Where to write them.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="F.json", help="File to write the zones to.")],
     layer: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=KIND", help="What an optional-content layer shows: ignore, normal or careful."
+            metavar="NAME=KIND", help="Kind of zone for an optional-content layer: ignore, normal or careful."
         ),
     ] = None,
     annotation: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=KIND", help="Annotations of this sort, field, title or subject."),
+        typer.Option(
+            metavar="NAME=KIND", help="Kind of zone for annotations of this sort, field, title or subject."
+        ),
     ] = None,
     outside_bleed: Annotated[
-        str | None, typer.Option(metavar="KIND", help="What is printed outside the BleedBox.")
+        str | None, typer.Option(metavar="KIND", help="Kind of zone for the area outside the BleedBox.")
     ] = None,
     edge_mm: Annotated[
         float,
@@ -90,7 +96,9 @@ def job_zones(
     ] = 0.0,
     press: Annotated[
         Path | None,
-        typer.Option("--press", metavar="X.press", help="Bar codes that its camera reads are careful."),
+        typer.Option(
+            "--press", metavar="X.press", help="Press whose readable bar codes become careful zones."
+        ),
     ] = None,
     pages: Pages = None,
     profile: Profile = None,
@@ -98,8 +106,8 @@ def job_zones(
 ) -> None:
     """Write zones of a job by rules: layers and annotations by name, boxes, bar codes.
 
-    What is printed is the TrimBox: nothing outside it is ever judged. The zones are in force once their price was seen
-    and saved: `prooflight zones price`.
+    The TrimBox is printed: nothing outside it is ever inspected. The zones are in force once their price was
+    shown and saved: `prooflight zones price`.
     """
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.pages.zones.rules import Rule, Rules, on_all_pages
@@ -130,31 +138,31 @@ def job_zones(
         raise RequestError(
             job, what, remedy="name layers or annotations that it has, or give --press for its codes"
         )
-    made = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
-    made.save(out)
-    for line in (*unmet, *made.contested()):
+    new_zones = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
+    new_zones.save(out)
+    for line in (*unmet, *new_zones.contested()):
         faults.told(line)
     if json:
         show.print_json(
-            {"zones": made.document.model_dump(mode="json", by_alias=True), "digest": made.digest}
+            {"zones": new_zones.document.model_dump(mode="json", by_alias=True), "digest": new_zones.digest}
         )
         return
-    show.people.print(_table(made, job.name))
+    show.people.print(_table(new_zones, job.name))
     show.written(out)
 
 
 def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple[list[ZoneEntry], list[str]]:
-    """Zones of pages, and which rules found nothing."""
+    """Return zones of pages, and the rules that matched nothing."""
     from prooflight.inspection.codes.zones import code_zones
 
-    found, seen = [], []
+    entries, seen = [], []
     for number in numbers:
         marks, size = job.marks(number), job.page_size_mm(number)
         seen += [] if marks is None else [marks]
-        found += rules.entries(marks, number, size)
+        entries += rules.entries(marks, number, size)
         if press is not None:
-            found += code_zones(job, number, press)
-    return found, rules.unmet(seen)
+            entries += code_zones(job, number, press)
+    return entries, rules.unmet(seen)
 
 
 def _table(zones: JobZones, title: str) -> Any:
@@ -176,15 +184,15 @@ def price(
     job: JobPath,
     press: PressArtefact,
     save: Annotated[
-        bool, typer.Option("--save", help="Put them in force: write the price into ZONES.")
+        bool, typer.Option("--save", help="Put the zones in force: write the price into ZONES.")
     ] = False,
     prints: Annotated[
-        int, typer.Option(help="Good prints that calibrate them.", min=12, max=MOST_PRINTS)
+        int, typer.Option(help="Number of good prints that calibrate the zones.", min=12, max=MOST_PRINTS)
     ] = 90,
     trials: Annotated[
         int,
         typer.Option(
-            help="Prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
+            help="Number of prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
         ),
     ] = 24,
     picture: Picture = None,
@@ -192,10 +200,10 @@ def price(
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """What zones cost: the smallest spot, streak and loss of density caught at 99 % with and without them.
+    """Price zones by the smallest spot, streak and loss of density caught at 99 % with and without them.
 
-    Good prints of the job's pages are simulated; they also calibrate the zones, so that the press's promise holds
-    page-wide with them in force. Nothing is written without --save.
+    Good prints of the job's pages are simulated; they also calibrate the zones, so that the press's
+    false-alarm rate holds page-wide with them in force. Nothing is written without --save.
     """
     from prooflight.commissioning.zones.price import price_of
     from prooflight.pages.zones.zones_file import JobZones
@@ -205,26 +213,26 @@ def price(
     loaded = Press.load(press)
     source = job_source(job, loaded, profile=profile)
     with source.open() as opened:
-        known = JobZones.read(zones, opened.page_sizes_mm)
-    for line in known.contested():
+        zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
+    for line in zones_of_job.contested():
         faults.told(line)
-    found = price_of(
+    priced = price_of(
         source,
         loaded,
-        known,
+        zones_of_job,
         prints=prints,
         trials=trials,
         seed=seed,
         shown=lambda items, total, what: items if json else show.progress(items, total=total, what=what),
     )
     if picture is not None:
-        _draw(picture, source, known)
+        _draw(picture, source, zones_of_job)
     if save:
-        known.priced(found.entry).save(zones)
+        zones_of_job.priced(priced.entry).save(zones)
     if json:
-        show.print_json(_plain(found, saved=save))
+        show.print_json(_plain(priced, saved=save))
         return
-    _say(found)
+    _say(priced)
     if save:
         show.written(zones)
     else:
@@ -232,7 +240,7 @@ def price(
 
 
 def _say(price: Price) -> None:
-    """The price, for people."""
+    """Print the price, for people."""
     from prooflight.commissioning.zones.defects import SORTS
 
     words = ("zone", "kind", "what is caught at 99 %")
@@ -240,9 +248,9 @@ def _say(price: Price) -> None:
     for area in price.areas:
         for at, sort in enumerate(SORTS):
             if sort.name in area.before:
-                told = (_least(area.before[sort.name], sort.unit), _least(area.after[sort.name], sort.unit))
+                sizes = (_least(area.before[sort.name], sort.unit), _least(area.after[sort.name], sort.unit))
                 first = ("", "") if at else (area.name, "" if area.kind == "rest" else area.kind)
-                table.add_row(*first, WHAT[sort.name], *told)
+                table.add_row(*first, WHAT[sort.name], *sizes)
     if price.areas:
         show.people.print(table)
     show.people.print(
@@ -284,50 +292,53 @@ def _plain(price: Price, *, saved: bool) -> dict[str, Any]:
 def show_zones(
     zones: ZonesPath, job: JobPath, picture: Picture = None, profile: Profile = None, json: Json = False
 ) -> None:
-    """List the zones of a job's pages, with the price that was told when they were saved; draw them."""
+    """List the zones of a job's pages, with the price that was shown when they were saved; draw them."""
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
     source = JobSource(path=job, dpi=DRAWN_DPI, profile=profile)
     with source.open() as opened:
-        known = JobZones.read(zones, opened.page_sizes_mm)
-    for line in known.contested():
+        zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
+    for line in zones_of_job.contested():
         faults.told(line)
     if picture is not None:
-        _draw(picture, source, known)
+        _draw(picture, source, zones_of_job)
     if json:
         show.print_json(
-            {"zones": known.document.model_dump(mode="json", by_alias=True), "digest": known.digest}
+            {
+                "zones": zones_of_job.document.model_dump(mode="json", by_alias=True),
+                "digest": zones_of_job.digest,
+            }
         )
         return
-    show.people.print(_table(known, job.name))
-    told = known.document.price
-    said = (
+    show.people.print(_table(zones_of_job, job.name))
+    price_entry = zones_of_job.document.price
+    status = (
         "not priced yet, and not in force"
-        if told is None
-        else f"priced by {count(told.prints, 'good print')}"
+        if price_entry is None
+        else f"priced by {count(price_entry.prints, 'good print')}"
     )
-    show.people.print(f"{said}; digest {known.digest[:12]}")
+    show.people.print(f"{status}; digest {zones_of_job.digest[:12]}")
 
 
 def drop(
     zones: ZonesPath,
     job: JobPath,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the zone, as `zones show` lists it.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the zone, as `zones show` lists it.")],
     profile: Profile = None,
     json: Json = False,
 ) -> None:
-    """Take a zone out of a job's zones; a file whose last zone goes is removed. The others are to be priced again."""
+    """Remove a zone from a job's zones; the others must be priced again. A file without zones is removed."""
     from prooflight.line.granting import without_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
     with JobSource(path=job, dpi=ANY_DPI, profile=profile).open() as opened:
         sizes = opened.page_sizes_mm
-    known = JobZones.read(zones, sizes)
-    left = without_zone(known, name)
+    zones_of_job = JobZones.read(zones, sizes)
+    left = without_zone(zones_of_job, name)
     if left:
-        share = known.document.careful_share
+        share = zones_of_job.document.careful_share
         JobZones.made(left, sizes, careful_share=share, where=zones).save(zones)
     else:
         zones.unlink()

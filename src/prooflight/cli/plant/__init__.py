@@ -1,1 +1,1 @@
-"""``prooflight plant``: what answers at the plant, and a plant for whoever has none."""
+"""``prooflight plant``: a check of the plant's components, and a simulated controller."""

@@ -1,4 +1,4 @@
-"""``prooflight plant``: try what a press file says of the plant; play a controller for whoever has none."""
+"""``prooflight plant``: check the plant components of a press file, and simulate a controller."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 REFRESH_S: Final = 0.2
 PORT: Final = 5020
-"""No privilege is needed for it, as it is for 502."""
+"""Default port; unlike 502, it needs no privilege."""
 
-app = typer.Typer(help="Try the plant's gate and outlets; play a controller.", no_args_is_help=True)
+app = typer.Typer(help="Check the plant's gate and outlets; simulate a controller.", no_args_is_help=True)
 
 
 def register(program: typer.Typer) -> None:
@@ -41,40 +41,47 @@ def check(
     press_file: Annotated[Path, typer.Argument(metavar="PRESS.toml", help="Press file.")],
     json: Json = False,
 ) -> None:
-    """Try the gate's controller and every outlet, and say what answers; exits 2 if one does not."""
+    """Try the gate's controller and every outlet, and report which answer; exits 2 if one does not."""
     from prooflight.plant.checking import answers
     from prooflight.press.press_file import PressFile
 
-    found = answers(PressFile.read(press_file))
-    if not found:
+    results = answers(PressFile.read(press_file))
+    if not results:
         what = "says nothing of a plant"
         raise RequestError(press_file, what, remedy="add [gate]; see docs/how-to/gate.md")
     if json:
-        show.print_json([asdict(one) for one in found])
+        show.print_json([asdict(one) for one in results])
     else:
-        show.people.print(_answers_table(found))
-    if not all(one.answers for one in found):
+        show.people.print(_answers_table(results))
+    if not all(one.answers for one in results):
         raise typer.Exit(UNUSABLE_INPUT)
 
 
 @app.command()
 def simulate(
     press_file: Annotated[
-        Path | None, typer.Argument(metavar="PRESS.toml", help="Whose [gate] is played; default one of 2 m.")
+        Path | None,
+        typer.Argument(
+            metavar="PRESS.toml", help="Press file whose [gate] is simulated; default one of 2 m."
+        ),
     ] = None,
     listen: Annotated[
         str | None,
-        typer.Option(metavar="HOST:PORT", help=f"Default that of [gate.plc], else 127.0.0.1:{PORT}."),
+        typer.Option(
+            metavar="HOST:PORT",
+            help=f"Address to listen at; default that of [gate.plc], else 127.0.0.1:{PORT}.",
+        ),
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="One JSON object a sheet, for `run reconcile`.")
+        Path | None,
+        typer.Option(metavar="FILE", help="File for one JSON object a sheet, read by `run reconcile`."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="How long; default until Ctrl-C.", min=0.1, max=1e7)
+        float | None, typer.Option(help="Duration in seconds; default until Ctrl-C.", min=0.1, max=1e7)
     ] = None,
     json: Json = False,
 ) -> None:
-    """Play a controller with a gate and two trays. `watch --source drum:N --plant ...` fills its belt."""
+    """Simulate a controller with a gate and two trays. `watch --source drum:N --plant ...` fills its belt."""
     from prooflight.plant.simulator.belt import Belt
     from prooflight.plant.simulator.plc import SimulatedPlc
     from prooflight.plant.simulator.server import PlcServer
@@ -127,7 +134,7 @@ def _shown(plc: SimulatedPlc, where: str, seconds: float | None, *, json: bool) 
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """SIGTERM ends it as Ctrl-C does."""
+    """End on SIGTERM as on Ctrl-C."""
 
     def stop(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
@@ -154,10 +161,10 @@ def _address(text: str) -> tuple[str, int]:
     return host, number
 
 
-def _answers_table(found: list[Answer]) -> Any:
+def _answers_table(results: list[Answer]) -> Any:
     headings = ("what", "where", "answers", "what it says")
     table = show.table_of("The plant", headings, words=headings)
-    for one in found:
-        word = Text("yes", style="green") if one.answers else Text("no", style="bold red")
-        table.add_row(one.what, one.where, word, one.says)
+    for one in results:
+        label = Text("yes", style="green") if one.answers else Text("no", style="bold red")
+        table.add_row(one.what, one.where, label, one.says)
     return table

@@ -1,4 +1,4 @@
-"""The simulated controller for people at a terminal: trays, belt, and registers."""
+"""View of the simulated controller for people at a terminal: trays, belt, and registers."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ ACROSS: Final = 24
 """Sheets side by side in the picture of a tray."""
 DEEP: Final = 5
 CELLS: Final = 60
-"""Of the belt from camera to gate."""
+"""Characters of the belt from camera to gate."""
 MARKS: Final = {"good": ("■", "green"), "misprint": ("■", "bold red")}
 OTHER: Final = ("▲", "magenta")
 WHY: Final = 4
-"""Reasons of the reject tray that are named."""
+"""Number of reasons of the reject tray that are named."""
 
 
 def plc_view(plc: SimulatedPlc, where: str) -> RenderableType:
-    """All of it. What a sheet is in truth, its colour says; which tray it lies in, the controller said."""
+    """Return the whole view; colours show the true state of each sheet, and trays the controller's decision."""
     rows = list(plc.rows)
     parts = [
         Columns([_tray(rows, "good"), _tray(rows, "reject")], padding=(0, 2)),

@@ -1,1 +1,1 @@
-"""Commands on runs of the journal: what a press printed, and what people say of it."""
+"""Commands on runs of the journal: the prints of a press, and the labels that people give them."""

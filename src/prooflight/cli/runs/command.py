@@ -1,4 +1,4 @@
-"""What presses were watched: ``prooflight runs``, and one run: ``run show``, export, replay, reconcile, tidy."""
+"""Runs in the journal: ``prooflight runs``, and one run: ``run show``, export, replay, reconcile, tidy."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from prooflight.journal.schema import JournalError
 
 DAMAGED_SHOWN = 5
-"""So many damaged rows are named; the rest are counted."""
+"""Number of damaged rows that are named; the rest are counted."""
 DIFFERS = 1
-"""Exit code of ``run replay`` where a figure does not come out again."""
+"""Exit code of ``run replay`` if a figure differs."""
 STATE_STYLE = {
     "running": "cyan",
     "interrupted": "yellow",
@@ -48,10 +48,10 @@ COUNTS = {
     "faulty": "faults",
     "dropped_pages": "not recorded",
 }
-"""What is counted in a list of runs, where any of them has some."""
+"""Counts in a list of runs, shown if any of the runs has some."""
 
 app = typer.Typer(
-    help="One run of the journal: show, mark, export, replay, reconcile; tidy up.", no_args_is_help=True
+    help="Show, label, export, replay or reconcile one run of the journal; tidy up.", no_args_is_help=True
 )
 
 feedback.register_of_runs(app)
@@ -65,41 +65,41 @@ def register(program: typer.Typer) -> None:
 
 def runs(
     journal: JournalUrl = None,
-    last: Annotated[int | None, typer.Option(metavar="N", help="The last N only.", min=1)] = None,
+    last: Annotated[int | None, typer.Option(metavar="N", help="Show the last N runs only.", min=1)] = None,
     json: Json = False,
 ) -> None:
-    """All runs in the journal, oldest first."""
+    """List all runs in the journal, oldest first."""
     from prooflight.journal.exporting import run_facts
 
     damaged = Damaged()
     with reading(journal) as opened:
-        found = opened.runs(damaged=damaged.add)[-last if last else 0 :]
+        listed = opened.runs(damaged=damaged.add)[-last if last else 0 :]
         path = opened.path
     if json:
-        show.print_json([run_facts(run) for run in found])
+        show.print_json([run_facts(run) for run in listed])
     else:
-        show.people.print(_runs_table(found, path))
+        show.people.print(_runs_table(listed, path))
     damaged.told()
 
 
-def _runs_table(found: list[RunRow], path: Path) -> Table:
+def _runs_table(listed: list[RunRow], path: Path) -> Table:
     table = Table(title=f"Runs in {path}", title_justify="left")
     for heading in ("run", "began", "state", "job"):
         table.add_column(
             heading, no_wrap=heading in ("run", "state"), min_width=len("2026-11-21") * (heading == "began")
         )
     table.add_column("pages", justify="right", no_wrap=True)
-    told = [name for name in COUNTS if any(getattr(run, name) for run in found)]
-    for name in told:
+    shown = [name for name in COUNTS if any(getattr(run, name) for run in listed)]
+    for name in shown:
         table.add_column(COUNTS[name], justify="right")
-    for run in found:
+    for run in listed:
         table.add_row(
             str(run.id),
             _local(run.facts.started_s),
             Text(run.state, style=STATE_STYLE[run.state]),
             visible(run.facts.job),
             f"{run.pages:,}",
-            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in told),
+            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in shown),
         )
     return table
 
@@ -108,63 +108,63 @@ def _runs_table(found: list[RunRow], path: Path) -> Table:
 def show_run(
     run: RunNumber = "last",
     journal: JournalUrl = None,
-    every: Annotated[
-        bool, typer.Option("--all", help="Good pages as well, which a person need not see.")
-    ] = False,
-    last: Annotated[int, typer.Option(metavar="N", help="Of the pages, the last N.", min=1)] = 40,
+    every: Annotated[bool, typer.Option("--all", help="Show good pages as well.")] = False,
+    last: Annotated[int, typer.Option(metavar="N", help="Show the last N of the pages.", min=1)] = 40,
     csv: Annotated[bool, typer.Option("--csv", help="Print all pages as CSV.")] = False,
     sheets: Annotated[
-        bool, typer.Option("--sheets", help="With --json: its sheets and sets in place of its pages.")
+        bool, typer.Option("--sheets", help="With --json, print its sheets and sets instead of its pages.")
     ] = False,
     json: Json = False,
 ) -> None:
-    """One run: what it was, and the pages that somebody should look at; --json and --csv: all its pages."""
+    """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
     from prooflight.journal.exporting import job_warnings, page_facts, write_csv
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run
 
     damaged = Damaged()
     with reading(journal) as opened:
-        found = run_of(opened, run)
+        run_row = run_of(opened, run)
         if sheets and json:
-            laid_out.run_facts(opened, found, damaged=damaged.add)
+            laid_out.run_facts(opened, run_row, damaged=damaged.add)
             damaged.told()
             return
         if json or csv:
-            pages = opened.pages(found.id, damaged=damaged.add)
+            pages = opened.pages(run_row.id, damaged=damaged.add)
             if json:
                 show.print_json([page_facts(page) for page in pages])
             else:
                 write_csv(pages, sys.stdout)
             damaged.told()
             return
-        asked = asked_of_run(opened, Words(opened.path), found)
+        sampled = asked_of_run(opened, Words(opened.path), run_row)
         total = 0
         shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
-        for page in opened.pages(found.id, passed=every, damaged=damaged.add):
+        for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
-        together = laid_out.of_run(opened, found, damaged=damaged.add)
-    show.people.print(_facts_table(found))
-    for line in job_warnings(found):
+        assembled = laid_out.of_run(opened, run_row, damaged=damaged.add)
+    show.people.print(_facts_table(run_row))
+    for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")
-    if found.facts.settings.get("sample") or any(one.word for one in asked):
-        for line in feedback.sample_lines(found, asked):
+    if run_row.facts.settings.get("sample") or any(one.word for one in sampled):
+        for line in feedback.sample_lines(run_row, sampled):
             show.people.print(line)
-        if open_questions := sum(not one.state for one in asked):
+        if open_questions := sum(not one.state for one in sampled):
             show.people.print(
-                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {found.id}`"
+                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run_row.id}`"
             )
     if total:
         show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
     elif not damaged.count:
-        show.people.print("Every page was good, in time and without a fault." if found.pages else "No pages.")
+        show.people.print(
+            "Every page was good, in time and without a fault." if run_row.pages else "No pages."
+        )
     if total > len(shown):
         show.people.print(
             f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
         )
-    if together is not None:
-        laid_out.sheets_told([*together.sheets, *together.sets], together.counts, last=last)
+    if assembled is not None:
+        laid_out.sheets_told([*assembled.sheets, *assembled.sets], assembled.counts, last=last)
     elif sheets:
         show.people.print("The run was watched without --layout: every page is a sheet of its own.")
     damaged.told()
@@ -177,14 +177,16 @@ def pair(
     journal: JournalUrl = None,
     backs_journal: Annotated[
         str | None,
-        typer.Option("--backs-journal", metavar="URL", help="Where the backs are; default there too."),
+        typer.Option(
+            "--backs-journal", metavar="URL", help="Journal of the backs; default that of the fronts."
+        ),
     ] = None,
     pages_a_set: Annotated[
-        int | None, typer.Option(metavar="N", help="Pages, of both sides, that belong together.", min=2)
+        int | None, typer.Option(metavar="N", help="Number of pages, of both sides, in a set.", min=2)
     ] = None,
     json: Json = False,
 ) -> None:
-    """Sheets of a press with a camera a side: two runs put together; exits 1 for a misprint, 3 for a missing side."""
+    """Pair two runs of a press with a camera a side into sheets; exits 1 for a misprint, 3 for a missing side."""
     from prooflight.cli.runs import pairing
 
     damaged = Damaged()
@@ -206,10 +208,11 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Write JSON, one object a line.")] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: print it.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="File to write; default standard output."),
     ] = None,
 ) -> None:
-    """All pages of one run as CSV or JSON."""
+    """Export all pages of one run as CSV or JSON."""
     from prooflight.files.atomic import whole_file
 
     if csv and json:
@@ -233,21 +236,21 @@ def replay(
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Make a verdict again from the evidence that was kept; exits 1 if a figure differs."""
+    """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
     from prooflight.press.artefact import Press
 
     loaded = Press.load(press)
     with reading(journal) as opened:
-        found = run_of(opened, run)
-        page = opened.page(found.id, sheet)
+        run_row = run_of(opened, run)
+        page = opened.page(run_row.id, sheet)
         where = opened.path
-    wanted, given = found.facts.press_digest, loaded.digest
+    wanted, given = run_row.facts.press_digest, loaded.digest
     if given != wanted:
-        what = f"has digest {given[:16]}, run {found.id} was judged by {wanted[:16]}"
-        raise PressError(press, what, remedy=f"give the artefact of press {found.facts.press} of that day")
+        what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
+        raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:
-        what = f"no evidence of sheet {sheet} of run {found.id} is kept"
+        what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
         raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
     figures = replayed(page.verdict, page.evidence, loaded)
     same = all(figure.same for figure in figures)
@@ -255,7 +258,7 @@ def replay(
         rows = {figure.name: {"recorded": figure.recorded, "again": figure.again} for figure in figures}
         show.print_json(
             {
-                "run": found.id,
+                "run": run_row.id,
                 "sheet": sheet,
                 "page": page.verdict.page,
                 "same": same,
@@ -265,12 +268,12 @@ def replay(
         )
     else:
         headings = ("", "recorded", "again", "")
-        told = (f"Sheet {sheet} of run {found.id}", page.verdict.page, show.reserved(page.verdict))
-        title = ", ".join(filter(None, told))
+        parts = (f"Sheet {sheet} of run {run_row.id}", page.verdict.page, show.reserved(page.verdict))
+        title = ", ".join(filter(None, parts))
         table = show.table_of(title, headings, words=headings)
         for figure in figures:
-            word = Text("same", style="green") if figure.same else Text("differs", style="bold red")
-            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), word)
+            label = Text("same", style="green") if figure.same else Text("differs", style="bold red")
+            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), label)
         show.people.print(table)
     if not same:
         raise typer.Exit(DIFFERS)
@@ -282,8 +285,8 @@ def reconcile(
 ) -> None:
     """Account for every sheet of a run with a gate, in the journal and in the trays alike.
 
-    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate, or if the
-    controller's log differs from what the controller said over the wire.
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate,
+    or if the controller's log differs from what the controller reported over the wire.
     """
     with reading(journal) as opened:
         run_gate.reconcile(opened, run_of(opened, run), trays=trays, json=json)
@@ -295,13 +298,15 @@ def reprint_list(
     trays: TraysFile = None,
     journal: JournalUrl = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE.json", help="Write it; default print it.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE.json", help="File to write; default standard output."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Every sheet that the job needs and that does not lie in the good tray, where it goes in the stack, and why.
+    """List every sheet that the job needs and that is not in the good tray, its position in the stack, and why.
 
-    Of a run without a gate: every sheet that was not judged good, nor called a false alarm, nor vouched for.
+    For a run without a gate, list every sheet that was not judged good, nor labelled a false alarm, nor
+    vouched for.
     """
     with reading(journal) as opened:
         run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
@@ -309,16 +314,17 @@ def reprint_list(
 
 @app.command()
 def tidy(
-    days: Annotated[float, typer.Option(help="Keep runs so long after they ended.", min=0.001)] = float(
+    days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
         "inf"
     ),
     megabytes: Annotated[
-        float, typer.Option(help="Keep so much: the oldest evidence goes first, then runs.", min=0.001)
+        float,
+        typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
     ] = float("inf"),
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Remove what is older or larger than wanted; the last run stays. Exits 2 if something had to stay."""
+    """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay."""
     from prooflight.journal.journal import Journal
     from prooflight.journal.records import Retention
     from prooflight.plant.gate.log import log_path
@@ -327,8 +333,8 @@ def tidy(
         retention = Retention(days=days, megabytes=megabytes)
     except ValueError as error:
         raise RequestError("run tidy", str(error), remedy="give a number of days or of megabytes") from error
-    said: list[str] = []
-    with Journal.open(url_of(journal), announce=said.append) as opened:
+    messages: list[str] = []
+    with Journal.open(url_of(journal), announce=messages.append) as opened:
         tidied = opened.tidy(retention, now_s=time.time())
         for removed in tidied.runs:
             log_path(opened.path, removed).unlink(missing_ok=True)
@@ -355,7 +361,7 @@ def tidy(
         show.people.print(
             f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
         )
-    for line in (*said, *tidied.refused):
+    for line in (*messages, *tidied.refused):
         faults.told(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)
@@ -369,13 +375,13 @@ class Damaged:
         self._first: list[JournalError] = []
 
     def add(self, error: JournalError) -> None:
-        """One more."""
+        """Add one damaged row."""
         self.count += 1
         if len(self._first) < DAMAGED_SHOWN:
             self._first.append(error)
 
     def told(self) -> None:
-        """Name them and exit, if there are any."""
+        """Name the rows and exit, if there are any."""
         for error in self._first:
             faults.told(error)
         if more := self.count - len(self._first):

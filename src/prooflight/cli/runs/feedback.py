@@ -1,5 +1,5 @@
-"""What people say of sheets, and what follows: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``
-and ``press go-back``.
+"""Labels of sheets, and their use: ``run mark``, ``run asked``, ``run tolerances``, ``press recalibrate``,
+``go-back``.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 REPLAYED_RUNS: Final = 5
 ANY_DPI: Final = 72.0
-"""Where only the sizes of pages are asked."""
+"""Resolution for jobs of which only the sizes of pages are needed."""
 SHOWN: Final = 40
-"""Sheets that are listed."""
+"""Number of sheets that are listed."""
 MARKS: Final = ("misprint", "good", "unknown")
 UNDO: Final = "undo"
 
@@ -51,14 +51,16 @@ def mark(
     sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.", min=0)],
     word: Annotated[
         str,
-        typer.Argument(metavar="WORD", help="What it was: misprint, good or unknown; undo: the last word."),
+        typer.Argument(
+            metavar="WORD", help="Label: misprint, good or unknown; undo: removes the last label."
+        ),
     ],
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who says so.")],
-    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Anything else.")] = "",
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Name of the person who labels.")],
+    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Note to the label.")] = "",
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Say what a sheet was, also while its run goes on. Words are added, none is replaced; the last one counts."""
+    """Label a sheet, also while its run goes on. Labels are added, none is replaced; the last one counts."""
     from prooflight.journal.words import GOOD, MOST_NOTE, Labels, Words, run_key
 
     if word not in (*MARKS, UNDO):
@@ -66,55 +68,55 @@ def mark(
     if len(why) > MOST_NOTE:
         raise RequestError("--why", f"has {len(why):,} letters", remedy=f"give {MOST_NOTE:,} at most")
     with reading(journal) as opened:
-        found = run_of(opened, run)
-        page = opened.page(found.id, sheet)
-        words, key, now_s = Words(opened.path), run_key(found), time.time()
+        run_row = run_of(opened, run)
+        page = opened.page(run_row.id, sheet)
+        label_store, key, now_s = Words(opened.path), run_key(run_row), time.time()
         if word == UNDO:
-            last = Labels(words.of_run(key)).of(sheet)
+            last = Labels(label_store.of_run(key)).of(sheet)
             if last is None:
-                what = f"nobody has said what sheet {sheet} of run {found.id} was"
+                what = f"nobody has said what sheet {sheet} of run {run_row.id} was"
                 raise RequestError("undo", what, remedy="see `prooflight run asked --all`")
-            said = words.undo(last.id, run=key, by=by, at_s=now_s)
+            label = label_store.undo(last.id, run=key, by=by, at_s=now_s)
         else:
-            said = words.say(word, run=key, sheet=sheet, by=by, at_s=now_s, note=why)
+            label = label_store.say(word, run=key, sheet=sheet, by=by, at_s=now_s, note=why)
     if json:
         show.print_json(
-            {"run": found.id} | {name: value for name, value in asdict(said).items() if name != "run"}
+            {"run": run_row.id} | {name: value for name, value in asdict(label).items() if name != "run"}
         )
         return
     counts = "" if page.asked is not None else "; it was not asked about, so it moves no threshold"
-    if said.word == GOOD and page.verdict.verdict == "not-inspected":
+    if label.word == GOOD and page.verdict.verdict == "not-inspected":
         counts += ", and it was not inspected: vouch for it in the console, or print it again"
-    show.people.print(f"sheet {sheet} of run {found.id}: {said.word}, says {said.by}{counts}")
+    show.people.print(f"sheet {sheet} of run {run_row.id}: {label.word}, says {label.by}{counts}")
 
 
 def asked(
     run: RunNumber = "last",
     journal: JournalUrl = None,
-    every: Annotated[bool, typer.Option("--all", help="Those that were told as well.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="List labelled sheets as well.")] = False,
     json: Json = False,
 ) -> None:
-    """Sheets about which people are asked and have not told, and what those that were told say of the run."""
+    """List the sheets that await a label, and the rates that the labelled sheets of the run show."""
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run, counts_of
 
     with reading(journal) as opened:
-        found = run_of(opened, run)
-        sheets = asked_of_run(opened, Words(opened.path), found)
-    counts = counts_of(found, sheets)
+        run_row = run_of(opened, run)
+        sheets = asked_of_run(opened, Words(opened.path), run_row)
+    counts = counts_of(run_row, sheets)
     listed = [one for one in sheets if every or not one.state]
     if json:
         show.print_json(
             {
-                "run": found.id,
+                "run": run_row.id,
                 **asdict(counts),
                 "false_alarms": None if counts.false_alarms is None else asdict(counts.false_alarms),
                 "missed": None if counts.missed is None else asdict(counts.missed),
-                "sheets": [_asked_facts(one) for one in listed],
+                "sheets": [_sampled_facts(one) for one in listed],
             }
         )
         return
-    title = f"Run {found.id}: asked" + ("" if every else ", not yet told")
+    title = f"Run {run_row.id}: asked" + ("" if every else ", not yet told")
     headings = ("sheet", "page", "verdict", "drawn with", "told")
     table = show.table_of(title, headings, words=("page", "verdict", "told"))
     for one in listed[:SHOWN]:
@@ -129,17 +131,17 @@ def asked(
     show.people.print(table)
     if (more := len(listed) - SHOWN) > 0:
         show.people.print(f"and {count(more, 'more sheet')}")
-    for line in sample_lines(found, sheets):
+    for line in sample_lines(run_row, sheets):
         show.people.print(line)
 
 
 def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
-    """What the asked sheets of a run say of it, for people."""
+    """Return the rates that the sheets sampled for review show, for people."""
     from prooflight.line.told import counts_of
 
     counts = counts_of(run, sheets)
-    told = f"{counts.passed_told} of the sheets that passed and {counts.alarms_told} of {count(counts.alarms, 'alarm')}"
-    lines = [f"told: {told}"]
+    text = f"{counts.passed_told} of the sheets that passed and {counts.alarms_told} of {count(counts.alarms, 'alarm')}"
+    lines = [f"told: {text}"]
     if (rate := counts.false_alarms) is not None:
         lines.append(
             f"false alarms: {rate.value:.2%} of good sheets (95 %: {rate.low:.2%} to {rate.high:.2%}), "
@@ -155,60 +157,62 @@ def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
 
 def tolerances(
     journal: JournalUrl = None,
-    runs: Annotated[int, typer.Option(metavar="N", help="Look at the last N runs.", min=1)] = 20,
+    runs: Annotated[int, typer.Option(metavar="N", help="Number of last runs to analyse.", min=1)] = 20,
     grant: Annotated[
         int | None, typer.Option(metavar="N", help="Put proposal N into --zones.", min=1)
     ] = None,
     zones: Annotated[
-        Path | None, typer.Option(metavar="F.json", help="Zones of the job; made where there are none.")
+        Path | None,
+        typer.Option(metavar="F.json", help="Zones of the job; the file is created if it does not exist."),
     ] = None,
     job: Annotated[Path | None, typer.Option(metavar="JOB", help="The job that was printed.")] = None,
     json: Json = False,
 ) -> None:
-    """False alarms that come again and again at one place, each as a tolerance that could be granted, with its price.
+    """List false alarms that recur at one place, each as a tolerance that could be granted, with its price.
 
-    Nothing is applied but what --grant names: its place becomes an ignored zone of the job, in force once its price was
-    seen and saved (`prooflight zones price --save`). `prooflight zones drop` takes it back.
+    Nothing is applied but the proposal that --grant names: its place becomes an ignored zone of the job, in
+    force once its price was shown and saved (`prooflight zones price --save`). `prooflight zones drop`
+    revokes it.
     """
     from prooflight.journal.words import Words
     from prooflight.line.tolerances import proposals
 
     with reading(journal) as opened:
-        found = proposals(opened, Words(opened.path), opened.runs(damaged=lambda _: None)[-runs:])
+        listed = proposals(opened, Words(opened.path), opened.runs(damaged=lambda _: None)[-runs:])
     if grant is not None:
-        _grant(found, grant, zones=zones, job=job, json=json)
+        _grant(listed, grant, zones=zones, job=job, json=json)
         return
     if json:
-        show.print_json([asdict(one) for one in found])
+        show.print_json([asdict(one) for one in listed])
         return
-    if not found:
+    if not listed:
         show.people.print("No false alarm comes often enough at one place to propose a tolerance.")
         return
-    for number, one in enumerate(found, 1):
+    for number, one in enumerate(listed, 1):
         show.people.print(f"{number}.", show.strong(f"{one.kind} {one.where}"), f"on {', '.join(one.pages)}")
         for line in one.told:
             show.people.print(f"  {line}")
     show.people.print("None of these is applied: --grant N puts one into the zones of its job.")
 
 
-def _grant(found: list[Proposal], number: int, *, zones: Path | None, job: Path | None, json: bool) -> None:
-    """Write one proposal's zone into a job's zones, whose price is void by it."""
+def _grant(listed: list[Proposal], number: int, *, zones: Path | None, job: Path | None, json: bool) -> None:
+    """Write one proposal's zone into a job's zones, which makes their price invalid."""
     from prooflight.line.granting import granted, with_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
     if zones is None or job is None:
         raise RequestError("--grant", "needs the job and its zones", remedy="give --zones F.json --job JOB")
-    if number > len(found):
-        what = f"there {'is' if len(found) == 1 else 'are'} {count(len(found), 'proposal')}"
+    if number > len(listed):
+        what = f"there {'is' if len(listed) == 1 else 'are'} {count(len(listed), 'proposal')}"
         raise RequestError("--grant", what, remedy="see `prooflight run tolerances` for their numbers")
-    proposal = found[number - 1]
+    proposal = listed[number - 1]
     with JobSource(path=job, dpi=ANY_DPI).open() as opened:
         sizes = opened.page_sizes_mm
-    known = JobZones.read(zones, sizes) if zones.exists() else None
+    zones_of_job = JobZones.read(zones, sizes) if zones.exists() else None
     entry = granted(proposal, sizes)
-    share = {} if known is None else {"careful_share": known.document.careful_share}
-    JobZones.made(with_zone(known, entry), sizes, where=zones, **share).save(zones)
+    share = {} if zones_of_job is None else {"careful_share": zones_of_job.document.careful_share}
+    JobZones.made(with_zone(zones_of_job, entry), sizes, where=zones, **share).save(zones)
     if json:
         show.print_json({"zones": str(zones), "granted": entry.model_dump(mode="json", exclude_none=True)})
         return
@@ -226,21 +230,26 @@ def _grant(found: list[Proposal], number: int, *, zones: Path | None, job: Path 
 
 def recalibrate(
     artefact: Annotated[Path, typer.Argument(metavar="X.press", help="Press artefact.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="Y.press", help="Where to write the new one.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="Y.press", help="Where to write the new artefact.")
+    ],
     journal: Annotated[
         list[str] | None,
         typer.Option(
-            "--journal", metavar="URL", help="Journal with words on its sheets; may be given again."
+            "--journal", metavar="URL", help="Journal with labels of its sheets; may be given repeatedly."
         ),
     ] = None,
     promise: Annotated[
         float | None,
-        typer.Option(metavar="N", help="One good page in N may alarm; default what X.press promises.", min=2),
+        typer.Option(metavar="N", help="One good page in N may alarm; default the rate of X.press.", min=2),
     ] = None,
     half_life: Annotated[
         float | None,
         typer.Option(
-            "--half-life", metavar="DAYS", help="Pages count half after so long; default all alike.", min=0.01
+            "--half-life",
+            metavar="DAYS",
+            help="Age in days at which pages count half; default no decay.",
+            min=0.01,
         ),
     ] = None,
     replay: Annotated[
@@ -248,7 +257,7 @@ def recalibrate(
     ] = REPLAYED_RUNS,
     json: Json = False,
 ) -> None:
-    """Set the threshold anew by what people told of alarms and of the random sample; X.press stays as it is."""
+    """Set the threshold again by the labels of alarms and of the random sample; X.press stays as it is."""
     from prooflight.journal.words import Words
     from prooflight.line.told import asked_of_run, replayed_run, told_pages
     from prooflight.press.artefact import Press
@@ -263,12 +272,12 @@ def recalibrate(
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
         journals = [stack.enter_context(reading(one)) for one in given]
-        found = [
+        sampled = [
             [(run, asked_of_run(opened, Words(opened.path), run)) for run in opened.runs()]
             for opened in journals
         ]
         told = told_pages(
-            [one for of_journal in found for one in of_journal],
+            [one for of_journal in sampled for one in of_journal],
             digests=digests,
             replaces=press.digest,
             rate=1 / promise if promise else press.ours.promise.rate,
@@ -276,22 +285,22 @@ def recalibrate(
             journals=[opened.path.name for opened in journals],
             half_life_days=half_life,
         )
-        ours = press.ours.recalibrated(told)
+        detector = press.ours.recalibrated(told)
         replays: list[Replayed] = []
-        for opened, of_journal in zip(journals, found, strict=True):
+        for opened, of_journal in zip(journals, sampled, strict=True):
             of_press = [one for one in of_journal if one[0].facts.press_digest in digests]
             for run, sheets in of_press[max(len(of_press) - replay, 0) :]:
-                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=ours.threshold))
-    digest = replace(press, ours=ours).save(out)
+                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=detector.threshold))
+    digest = replace(press, ours=detector).save(out)
     if json:
         show.print_json(
             {
                 "press": str(out),
                 "digest": digest,
                 "replaces": press.digest,
-                "promise": str(ours.promise),
+                "promise": str(detector.promise),
                 "threshold_before": press.ours.threshold,
-                "threshold": ours.threshold,
+                "threshold": detector.threshold,
                 "sampled": int(told.passed.sum()),
                 "false_alarms": int((~told.passed).sum()),
                 "replayed": [asdict(one) for one in replays],
@@ -299,22 +308,22 @@ def recalibrate(
         )
         return
     show.people.print(
-        f"threshold {press.ours.threshold:.2f} before, {ours.threshold:.2f} now: {ours.promise}"
+        f"threshold {press.ours.threshold:.2f} before, {detector.threshold:.2f} now: {detector.promise}"
     )
     _show_replays(replays)
     show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {press.digest[:16]}")
 
 
 def _show_replays(replays: list[Replayed]) -> None:
-    """Which alarms of runs would go and come at another threshold."""
+    """Print which alarms of runs would vanish and which would appear at another threshold."""
     if not replays:
         return
     headings = ("run", "sheets", "alarms", "would go", "of these told", "would come")
     table = show.table_of("At the new threshold", headings, words=("of these told",))
     for one in replays:
-        said = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())
+        text = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())
         table.add_row(
-            str(one.run), f"{one.sheets:,}", str(one.alarms), str(len(one.gone)), said, str(len(one.come))
+            str(one.run), f"{one.sheets:,}", str(one.alarms), str(len(one.gone)), text, str(len(one.come))
         )
     show.people.print(table)
     for one in replays:
@@ -326,14 +335,14 @@ def _show_replays(replays: list[Replayed]) -> None:
 
 def go_back(
     artefact: Annotated[
-        Path, typer.Argument(metavar="Y.press", help="Press artefact that was calibrated anew.")
+        Path, typer.Argument(metavar="Y.press", help="Press artefact that was recalibrated.")
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the one before.")
+        Path, typer.Option("-o", "--out", metavar="X.press", help="Where to write the previous artefact.")
     ],
     json: Json = False,
 ) -> None:
-    """The press artefact that `press recalibrate` replaced, of the same digest: it stands in the new one."""
+    """Restore the press artefact that `press recalibrate` replaced, with the same digest; the new one contains it."""
     from prooflight.press.artefact import Press
 
     before = before_recalibration(Press.load(artefact), artefact)
@@ -345,11 +354,11 @@ def go_back(
 
 
 def before_recalibration(press: Press, where: Path) -> Press:
-    """The press that this one replaced; RequestError: it replaced none, or another one than it names."""
-    ours = None if press.ours is None else press.ours.before_told()
-    if press.ours is None or ours is None:
+    """Return the press that this one replaced; RequestError if it replaced none, or another one than it names."""
+    detector = None if press.ours is None else press.ours.before_told()
+    if press.ours is None or detector is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
-    before = replace(press, ours=ours)
+    before = replace(press, ours=detector)
     wanted = press.ours.told[-1].replaces
     if before.digest != wanted:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
@@ -357,7 +366,7 @@ def before_recalibration(press: Press, where: Path) -> Press:
     return before
 
 
-def _asked_facts(one: AskedSheet) -> dict[str, Any]:
+def _sampled_facts(one: AskedSheet) -> dict[str, Any]:
     record, word = one.record, one.word
     return {
         "sheet": record.sheet,

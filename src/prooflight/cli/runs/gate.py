@@ -1,4 +1,4 @@
-"""``prooflight run reconcile`` and ``reprint-list``: what became of every sheet, and what must be printed again."""
+"""``prooflight run reconcile`` and ``reprint-list``: the account of every sheet, and the sheets to print again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TraysFile = Annotated[
     typer.Option(
         "--trays",
         metavar="FILE",
-        help="The controller's log: JSON lines or CSV of session, tag, tray, count; default what it told us.",
+        help="The controller's log: JSON lines or CSV of session, tag, tray, count; default its reports over the wire.",
     ),
 ]
 WORDS: Final = {
@@ -50,41 +50,42 @@ WORDS: Final = {
 def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -> None:
     """Account for every sheet of a run.
 
-    Exits 1 if one is in the good tray that must not be, 3 if one is open or the controller's log and the wire differ.
+    Exits 1 if one is in the good tray that must not be, 3 if one is open or the controller's log and the wire
+    differ.
     """
     from prooflight.plant.gate.log import REMEDY, PlantError, log_path
 
-    listed, found = reprints(opened, run, trays)
-    if found is None:
+    listed, accounts = reprints(opened, run, trays)
+    if accounts is None:
         raise PlantError(log_path(opened.path, run.id), "does not exist", remedy=REMEDY)
     if json:
         show.print_json(
             {
                 "run": run.id,
-                "counts": dict(found.counts),
-                "lost_by": dict(found.lost_by),
-                "off_mm": _off_facts(found),
+                "counts": dict(accounts.counts),
+                "lost_by": dict(accounts.lost_by),
+                "off_mm": _off_facts(accounts),
                 "to_print_again": len(listed),
                 "unprinted": len(listed.unprinted),
-                "trays_from": found.source,
-                "disagreements": [asdict(one) for one in found.disagreements],
+                "trays_from": accounts.source,
+                "disagreements": [asdict(one) for one in accounts.disagreements],
                 "not_in_the_journal": sum(
-                    not one.in_journal and one.sheet is not None for one in found.sheets
+                    not one.in_journal and one.sheet is not None for one in accounts.sheets
                 ),
-                "sheets": [asdict(one) for one in found.sheets],
+                "sheets": [asdict(one) for one in accounts.sheets],
             }
         )
     else:
-        _told(found, run)
+        _print(accounts, run)
         show.people.print(f"To print again: {count(len(listed), 'sheet')}; see `prooflight run reprint-list`")
-    if found.wrong:
+    if accounts.wrong:
         raise typer.Exit(MISPRINT_FOUND)
-    if found.open or found.disagreements:
+    if accounts.open or accounts.disagreements:
         raise typer.Exit(NOT_ALL_INSPECTED)
 
 
 def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path | None, json: bool) -> None:
-    """What must be printed again, where it goes, and why."""
+    """List the sheets to print again, their positions in the stack, and why."""
     from prooflight.files.atomic import whole_file
     from prooflight.journal.schema import json_text
     from prooflight.plant.reprinting import NOT_PRINTED
@@ -125,7 +126,7 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
 
 
 def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintList, Reconciliation | None]:
-    """What of a run is to be printed again, and what became of its sheets; None: it had no gate.
+    """Return the sheets of a run to print again, and the account of its sheets; None if it had no gate.
 
     PlantError: the gate's log is damaged. RequestError: the controller's log is none, or is not of this run.
     """
@@ -138,10 +139,10 @@ def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintL
     pages = list(opened.pages(run.id))
     path, gate = log_path(opened.path, run.id), None
     if path.is_file():
-        kept = KeptDecisions.read(path)
+        gate_log = KeptDecisions.read(path)
         rows = None if trays is None else read_trays(trays)
-        gate = kept, reconciled(pages, kept, rows)
-        if trays is not None and kept.sessions and gate[1].source == "wire":
+        gate = gate_log, reconciled(pages, gate_log, rows)
+        if trays is not None and gate_log.sessions and gate[1].source == "wire":
             remedy = "give the log that the controller wrote during the run, or leave out --trays"
             raise RequestError(trays, f"has no sheet of run {run.id}", remedy=remedy)
     listed = reprint_list(
@@ -155,41 +156,43 @@ def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintL
     return listed, None if gate is None else gate[1]
 
 
-def _told(found: Reconciliation, run: RunRow) -> None:
+def _print(accounts: Reconciliation, run: RunRow) -> None:
     headings = ("sheets", "what became of them")
     table = show.table_of(f"Run {run.id}, reconciled", headings, words=headings[1:])
     for account, words in WORDS.items():
-        if number := found.counts[account]:
+        if number := accounts.counts[account]:
             style = "bold red" if account == "wrong" else ""
             table.add_row(f"{number:,}", Text(words, style=style))
-    table.add_row(f"{len(found.sheets):,}", Text("all", style="bold"))
+    table.add_row(f"{len(accounts.sheets):,}", Text("all", style="bold"))
     show.people.print(table)
-    _reasons("Good sheets lost", found.lost_by)
-    _reasons("Never judged", Counter(one.why for one in found.sheets if one.account == "unseen"))
-    if off := _off_facts(found):
+    _reasons("Good sheets lost", accounts.lost_by)
+    _reasons("Never judged", Counter(one.why for one in accounts.sheets if one.account == "unseen"))
+    if off := _off_facts(accounts):
         show.people.print(
             f"Sheets reached the gate {off['median']:+.1f} mm from their place (median), {off['greatest']:.1f} mm at "
             "most; a constant part of it goes into [gate] distance_mm."
         )
-    for different in found.disagreements[:SHOWN]:
+    for different in accounts.disagreements[:SHOWN]:
         where = different.file or "no row of it"
         faults.told(
             f"sheet {different.sheet}: {different.wire} tray over the wire, {where} in the controller's log"
         )
-    if len(found.disagreements) > SHOWN:
-        faults.told(f"the two differ for {count(len(found.disagreements) - SHOWN, 'more sheet')}")
-    for one in found.wrong[:SHOWN]:
+    if len(accounts.disagreements) > SHOWN:
+        faults.told(f"the two differ for {count(len(accounts.disagreements) - SHOWN, 'more sheet')}")
+    for one in accounts.wrong[:SHOWN]:
         faults.told(f"{_name(one)} is in the good tray: {one.why}")
-    if len(found.wrong) > SHOWN:
-        faults.told(f"{count(len(found.wrong) - SHOWN, 'more sheet')} in the good tray against the decision")
+    if len(accounts.wrong) > SHOWN:
+        faults.told(
+            f"{count(len(accounts.wrong) - SHOWN, 'more sheet')} in the good tray against the decision"
+        )
 
 
-def _off_facts(found: Reconciliation) -> dict[str, float]:
-    """How far from their places sheets reached the gate; empty: nobody knows."""
-    if not found.off_mm:
+def _off_facts(accounts: Reconciliation) -> dict[str, float]:
+    """Return the offsets at which sheets reached the gate; empty if they are not known."""
+    if not accounts.off_mm:
         return {}
-    greatest = max(map(abs, found.off_mm))
-    return {"median": round(median(found.off_mm), 2), "greatest": round(greatest, 2)}
+    greatest = max(map(abs, accounts.off_mm))
+    return {"median": round(median(accounts.off_mm), 2), "greatest": round(greatest, 2)}
 
 
 def _reasons(title: str, counts: Counter[str]) -> None:

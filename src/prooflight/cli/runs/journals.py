@@ -1,4 +1,4 @@
-"""``--journal`` and the number of a run: what commands on runs have in common."""
+"""The option ``--journal`` and the number of a run, which commands on runs have in common."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ if TYPE_CHECKING:
 
 JournalUrl = Annotated[
     str | None,
-    typer.Option("--journal", metavar="URL", help="sqlite:///FILE, or the file; default in the user's data."),
+    typer.Option(
+        "--journal", metavar="URL", help="Journal: sqlite:///FILE, or the file; default in the user's data."
+    ),
 ]
 RunNumber = Annotated[str, typer.Argument(metavar="ID", help="Number of a run, or `last`.")]
 
 
 def reading(journal: str | None) -> Journal:
-    """A journal to be read, by what ``--journal`` says; JournalError."""
+    """Open the journal of ``--journal`` for reading; JournalError if it cannot be read."""
     from prooflight.journal.journal import Journal
 
     return Journal.open(url_of(journal), read_only=True)
 
 
 def url_of(journal: str | None) -> str:
-    """What ``--journal`` says, or where the user's lies."""
+    """Return the value of ``--journal``, or the path of the user's journal."""
     from prooflight.journal.opening import default_journal
 
     return journal or str(default_journal())
 
 
 def run_of(journal: Journal, number: str) -> RunRow:
-    """The run of that number, or the last; JournalError: there is none."""
+    """Return the run with this number, or the last; JournalError if there is none."""
     if number == "last":
         return journal.last_run()
     try:

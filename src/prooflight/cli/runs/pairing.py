@@ -25,21 +25,21 @@ def pair(
     damaged: Damaged,
     json: bool,
 ) -> None:
-    """Tell the sheets and sets of two runs; exits 1 if one is a misprint, 3 if one was not inspected whole."""
+    """Print the sheets and sets of two runs; exits 1 if one is a misprint, 3 if one was not inspected whole."""
     of_job = max(_pages_of(*fronts, damaged=damaged), _pages_of(*backs, damaged=damaged))
     plan = pair_plan(fronts[1], backs[1], sheets_a_job=of_job, pages_a_set=pages_a_set)
     rows = (journal.pages(run.id, damaged=damaged) for journal, run in (fronts, backs))
-    found = list(paired(plan, *rows))
-    counts = Counts.of(found)
+    parts = list(paired(plan, *rows))
+    counts = Counts.of(parts)
     if json:
         facts: dict[str, list[Any]] = {"sheets": [], "sets": []}
-        for one in found:
-            for name, told in laid_out.sheet_facts(one).items():
-                facts["sheets" if name == "sheet_verdict" else "sets"].append(told)
+        for one in parts:
+            for name, entry in laid_out.sheet_facts(one).items():
+                facts["sheets" if name == "sheet_verdict" else "sets"].append(entry)
         show.print_json({"fronts": fronts[1].id, "backs": backs[1].id, **facts, "counts": counts.facts})
     else:
-        laid_out.sheets_told(found, counts)
-    sheets = [one for one in found if isinstance(one, SheetVerdict)]
+        laid_out.sheets_told(parts, counts)
+    sheets = [one for one in parts if isinstance(one, SheetVerdict)]
     code = exit_codes.of_run(
         misprints=sum(one.verdict == "misprint" for one in sheets),
         complete=all(one.verdict != "not-inspected" for one in sheets),
@@ -49,7 +49,10 @@ def pair(
 
 
 def _pages_of(journal: Journal, run: RunRow, *, damaged: Damaged) -> int:
-    """Pages of one copy of a run's job, by the names of those that came: a page is called by its number in the job."""
+    """Return the number of pages of one copy of a run's job, from the names of the pages that came.
+
+    A page's name is its number in the job.
+    """
     names = (
         re.fullmatch(r"p(\d{4,7})", page.verdict.page) for page in journal.pages(run.id, damaged=damaged)
     )

@@ -1,1 +1,1 @@
-"""``prooflight watch``: where its lines come from, what it shows, and the plant and the console beside it."""
+"""``prooflight watch``: the source of its lines, its output, and the plant and the console next to it."""

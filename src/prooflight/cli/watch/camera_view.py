@@ -1,7 +1,7 @@
-"""What the camera of a run sees, for the console: computed beside the run while somebody looks, at most once a second.
+"""View of a run's camera for the console, computed while somebody watches, at most once a second.
 
-Blocks of lines are only held on to as they pass. All else happens in a thread of lowest priority, so a verdict waits
-for none of it.
+The blocks of lines are only referenced as they pass. All else happens in a thread of lowest priority, so a
+verdict waits for none of it.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LOOK_S: Final = 1.0
-"""Between two looks: each costs some 0.15 s of CPU at 7,296 pixels, 0.3 s where print moves."""
+"""Time between two views: each costs some 0.15 s of CPU at 7,296 pixels, 0.3 s where print moves."""
 WINDOW_LINES: Final = 512
-"""That are looked at. assumed: enough for percentiles and still edges; the ruler of `camera view` asks for more."""
+"""Lines that are analysed. assumed: enough for percentiles and still edges; the ruler of `camera view`
+needs more."""
 RATE_BLOCKS: Final = 64
 PLACES: Final = 240
-"""Along the line: more cannot be told apart on a screen."""
+"""Positions along the line: more cannot be distinguished on a screen."""
 LEAST_PRIORITY: Final = 15
 
 
@@ -52,7 +53,11 @@ class ShownLines:
         healths: Callable[[], Mapping[str, Health]] | None = None,
         look_s: float = LOOK_S,
     ) -> None:
-        """name: of the source, for people. healths: what cameras say of themselves; None: it is none."""
+        """Wrap a source.
+
+        ``name`` is that of the source, for people. ``healths`` returns the health of cameras; None: the
+        source is no camera.
+        """
         self._source, self._exchange, self._press = source, exchange, press
         self._name, self._healths, self._look_s = name, healths, look_s
         self._blocks: deque[LineBlock] = deque()
@@ -63,22 +68,22 @@ class ShownLines:
 
     @property
     def sensors(self) -> int:
-        """As ``LineSource``."""
+        """Number of sensors, as in ``LineSource``."""
         return self._source.sensors
 
     @property
     def pixels(self) -> int:
-        """As ``LineSource``."""
+        """Number of pixels, as in ``LineSource``."""
         return self._source.pixels
 
     def blocks(self) -> Iterator[LineBlock]:
-        """As ``LineSource``; the last ones are held on to."""
+        """Yield the blocks as in ``LineSource``, and store the last ones."""
         for block in self._source.blocks():
             self._hold(block)
             yield block
 
     def close(self) -> None:
-        """As ``LineSource``."""
+        """Close the source, as in ``LineSource``."""
         self._source.close()
 
     def __enter__(self) -> ShownLines:
@@ -91,7 +96,7 @@ class ShownLines:
         self._exchange.clear()
 
     def told(self) -> dict[str, Any] | None:
-        """What is seen at this moment, as JSON holds it; None: no line has come yet."""
+        """Return the current view in the form of JSON; None if no line has come yet."""
         from prooflight.commissioning.line_camera.seen import sensor_views
 
         with self._guard:
@@ -143,16 +148,16 @@ class ShownLines:
             if not self._exchange.asked():
                 continue
             try:
-                told = self.told()
-                if told is not None:
-                    self._exchange.write(told)
+                view = self.told()
+                if view is not None:
+                    self._exchange.write(view)
             except Exception:  # whoever looks must not end the inspection
                 _log.exception("the camera's view")
                 return
 
 
 def _rate(times: list[tuple[float, int]]) -> float:
-    """Lines a second over the last blocks; 0: not known, or none come."""
+    """Return lines a second over the last blocks; 0 if not known, or none come."""
     if len(times) < 2:
         return 0.0
     (begun_s, first), (_, last) = times[0], times[-1]
@@ -175,6 +180,6 @@ def _facts(view: SensorView) -> dict[str, Any]:
 
 
 def _places(profile: NDArray[np.float64]) -> list[float]:
-    """(pixels,) as means of ``PLACES`` parts of the line, or as it is where it has fewer pixels. [DN]"""
+    """Return (pixels,) as means of ``PLACES`` parts of the line, or as it is if it has fewer pixels. [DN]"""
     parts = np.array_split(profile, min(PLACES, profile.size))
     return [round(float(part.mean()), 1) for part in parts]

@@ -1,4 +1,4 @@
-"""``prooflight watch``: the running press, live."""
+"""``prooflight watch``: live inspection of the running press."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 Told = TypeVar("Told")
 MOST_SHEETS: Final = 10_000_000
-"""Three weeks at 5 sheets a second."""
+"""Largest number of sheets: three weeks at 5 sheets a second."""
 MOST_LINES: Final = 1_000_000
-"""From trigger to trigger: 100 m of paper."""
+"""Largest number of lines from trigger to trigger: 100 m of paper."""
 MOST_THREADS: Final = 256
 HOUR_S: Final = 3600.0
 
@@ -59,7 +59,7 @@ def watch(
     sheets: Annotated[
         int | None,
         typer.Option(
-            help="How many are printed, the job over and over; default once.", min=1, max=MOST_SHEETS
+            help="Number of sheets printed, the job repeated as needed; default once.", min=1, max=MOST_SHEETS
         ),
     ] = None,
     layout: LayoutWords = None,
@@ -69,7 +69,7 @@ def watch(
         typer.Option(
             "--deadline",
             metavar="MS",
-            help="From a page's last line to its verdict.",
+            help="Longest time from a page's last line to its verdict.",
             min=1,
             max=1e3 * HOUR_S,
         ),
@@ -79,29 +79,31 @@ def watch(
         typer.Option(
             "--stall",
             metavar="SECONDS",
-            help="Without a line, after which that is announced.",
+            help="Time without a line after which that is announced.",
             min=0.1,
             max=24 * HOUR_S,
         ),
     ] = STALL_S,
     journal: Annotated[
-        str | None, typer.Option(metavar="URL", help="sqlite:///FILE, a file, or `none`; default the user's.")
+        str | None,
+        typer.Option(metavar="URL", help="Journal: sqlite:///FILE, a file, or `none`; default the user's."),
     ] = None,
-    keep: Annotated[str, typer.Option(help="Evidence kept: all, misprints or none.")] = "misprints",
+    keep: Annotated[str, typer.Option(help="Evidence stored: all, misprints or none.")] = "misprints",
     sample: Annotated[
         float,
         typer.Option(
-            metavar="SHARE", help="Of the sheets that pass, about which people are asked.", min=0, max=1
+            metavar="SHARE", help="Share of the passing sheets that people are asked to label.", min=0, max=1
         ),
     ] = 0.0,
     false_alarms: Annotated[
-        float, typer.Option(help="Of the run level, a 100,000 pages.", min=1e-6, max=1e4)
+        float,
+        typer.Option(help="Number of false alarms of the run level per 100,000 pages.", min=1e-6, max=1e4),
     ] = 1.0,
     trigger: Annotated[
         int | None,
         typer.Option(
             metavar="LINES",
-            help="From page to page; default sheets are found by their edges.",
+            help="Lines from page to page; default sheets are found by their edges.",
             min=1,
             max=MOST_LINES,
         ),
@@ -116,35 +118,37 @@ def watch(
         typer.Option(metavar="PRESS.toml", help="Press file whose [gate] and [plant] are served."),
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(help="That inspect; default one a core.", min=1, max=MOST_THREADS)
+        int | None,
+        typer.Option(help="Number of inspecting threads; default one a core.", min=1, max=MOST_THREADS),
     ] = None,
     start_at_once: Annotated[
         bool,
         typer.Option(
             "--start-at-once",
-            help="Read lines before all designs are ready; sheets that come before theirs is are not inspected.",
+            help="Read lines before all designs are ready; sheets whose design is not ready are not inspected.",
         ),
     ] = False,
     follow: Annotated[
         bool, typer.Option("--follow/--no-follow", help="Follow slow changes of lamp and paper.")
     ] = True,
-    world: Annotated[str, typer.Option(help="Of the drum: ideal or press.")] = "press",
+    world: Annotated[str, typer.Option(help="World of the drum: ideal or press.")] = "press",
     misprint: Annotated[
-        str | None, typer.Option(metavar="KIND[:SEVERITY],...", help="On some of the drum's prints, in turn.")
+        str | None,
+        typer.Option(metavar="KIND[:SEVERITY],...", help="Misprints on some of the drum's prints, in turn."),
     ] = None,
-    every: Annotated[int, typer.Option(help="On every so many of them.", min=1)] = 10,
+    every: Annotated[int, typer.Option(help="Period of misprints, in prints.", min=1)] = 10,
     fault_every: Annotated[
         int | None,
-        typer.Option(help="The drum's paper path or camera errs every so many sheets.", min=4),
+        typer.Option(help="Period of faults of the drum's paper path or camera, in sheets.", min=4),
     ] = None,
     zones: Zones = None,
     profile: Profile = None,
     seed: Seed = 1,
     serve: Annotated[
-        bool, typer.Option("--serve", help="Show it in the console, a process of its own: see `serve`.")
+        bool, typer.Option("--serve", help="Show the run in the console, a process of its own: see `serve`.")
     ] = False,
     serve_port: Annotated[
-        int, typer.Option("--serve-port", metavar="PORT", help="Of the console.", min=0, max=65_535)
+        int, typer.Option("--serve-port", metavar="PORT", help="Port of the console.", min=0, max=65_535)
     ] = 8080,
     trays: Annotated[
         Path | None,
@@ -152,10 +156,11 @@ def watch(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Inspect a press while it runs: every page's verdict as it passes.
+    """Inspect a press while it runs, and show every page's verdict as it passes.
 
-    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if inspection could
-    not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops it, and says so.
+    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if
+    inspection could not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops
+    it, and reports that.
     """
     from prooflight.cli.jobs.check import checked_early
     from prooflight.cli.jobs.zones import zones_in_force
@@ -182,9 +187,9 @@ def watch(
     with printed.open() as opened:
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         served = Plant.tried(plant, opened, loaded)
-        known = zones_in_force(zones, opened, loaded)
+        zones_of_job = zones_in_force(zones, opened, loaded)
         early = checked_early(opened, json=json)
-    inspector = replace(inspector, zones=known)
+    inspector = replace(inspector, zones=zones_of_job)
     plan = served.with_sets(plan, pages=pages, sheets=sheets)
     count = (sheets or pages) if plan is None else plan.passings
     served.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
@@ -240,7 +245,11 @@ def watch(
         settings=asdict(settings)
         | {"job_pages": pages}
         | ({} if plan is None else {"layout": plan.facts})
-        | ({} if known is None else {"zones": known.digest, "zones_alone": known.zones_digest})
+        | (
+            {}
+            if zones_of_job is None
+            else {"zones": zones_of_job.digest, "zones_alone": zones_of_job.zones_digest}
+        )
         | ({"warnings": early.plain} if early.warnings else {}),
     )
     planned = PlannedRun(
@@ -275,13 +284,13 @@ def watch(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedRun:
-    """All that a run is made of, before its first line."""
+    """Configuration of a run before its first line."""
 
     facts: RunFacts
     inspector: Inspector
     job: JobSource
     pages: int
-    """Of the job."""
+    """Number of pages of the job."""
     flaws: Mapping[int, Exception]
     """Pages, from 1, that cannot be used, and why."""
     given: Opened
@@ -290,55 +299,55 @@ class PlannedRun:
     keep: Keep
     follow: bool
     false_alarms: float
-    """Of the run level, a 100,000 pages."""
+    """Number of false alarms of the run level per 100,000 pages."""
     plan: SheetPlan | None = None
-    """How the job lies on sheets; None: a page a sheet."""
+    """Imposition of the job on sheets; None: one page a sheet."""
     warnings: tuple[PageWarning, ...] = ()
-    """Of the job that were told before the run."""
+    """Warnings of the job that were printed before the run."""
 
     def position(self, number: int) -> int:
-        """When page ``number`` of the job, from 1, first passes."""
+        """Return the position at which page ``number`` of the job, from 1, first passes."""
         plan = self.plan
         return number - 1 if plan is None else plan.layout.position_of(number - 1, plan.sheets)
 
     @property
     def sheets(self) -> int:
-        """That pass."""
+        """Number of sheets that pass."""
         assert self.facts.sheets is not None  # a run on a press always says
         return self.facts.sheets
 
 
 def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching) -> Status:
-    """Watch until the lines end or somebody stops it; how it stands then."""
+    """Watch until the lines end or a person stops the run, and return its final status."""
     from prooflight.line.book import JobBook
     from prooflight.line.notices import Notice, PageWarnings
     from prooflight.line.recording import ending_of
     from prooflight.line.watching import watched
 
     press, given, sheets = planned.inspector.press, planned.given, planned.sheets
-    said = console.noticed
+    notify = console.noticed
     with plant.served(
         planned.facts,
         press,
         job_pages=planned.pages,
         plan=planned.plan,
         recorder=recorder,
-        notice=lambda one: said(one),
+        notice=lambda one: notify(one),
         progress=show.steps(quiet=console.json),
     ) as served:
         console.phase, console.too_late = served.phase, served.too_late
-        book = JobBook(
+        job_book = JobBook(
             job=planned.job,
             press=press,
             pages=planned.pages,
             sheets=sheets,
             plan=planned.plan,
-            warnings=PageWarnings(lambda one: said(one), planned.warnings),
+            warnings=PageWarnings(lambda one: notify(one), planned.warnings),
         )
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
-            book=book,
+            book=job_book,
             start=planned.start,
             settings=planned.settings,
             keep=planned.keep,
@@ -349,7 +358,7 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
-            name=book.name,
+            name=job_book.name,
             flaws={
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
@@ -358,9 +367,9 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
         if given.camera is not None:
             console.cameras = given.camera.healths
             given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
-        said = running.note  # from now on it stands in the journal too
+        notify = running.note  # from now on it stands in the journal too
         stopped = console.until_ended(running)
-        said = console.noticed
+        notify = console.noticed
         status = running.status()
         lacks = console.lacks(status, sheets=sheets)
         if recorder is not None:
@@ -372,9 +381,9 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
 def _decided_first(
     decide: Callable[[Outcome], Outcome] | None, tell: Callable[[Outcome], None]
 ) -> Callable[[Outcome], None]:
-    """Have the gate decide a sheet before it is told; decide: None, there is no gate.
+    """Return a function that lets the gate decide a sheet before it is reported; ``decide`` None: there is no gate.
 
-    A sheet that the gate fails to decide is told as held.
+    A sheet that the gate fails to decide is reported as held.
     """
     if decide is None:
         return tell
@@ -390,7 +399,9 @@ def _decided_first(
 
 
 def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
-    """One after the other, those that there are; one that fails keeps none of the others from being told."""
+    """Return a function that calls all given ones in order; an error of one does not keep the others from
+    being called.
+    """
     there = [one for one in reversed(tells) if one is not None]
 
     def tell(what: Told) -> None:
@@ -402,7 +413,7 @@ def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
 
 
 def _ended(status: Status, lacks: str) -> int:
-    """Say what keeps a run from being complete or its promise from holding, if anything does; its exit code."""
+    """Report why a run is incomplete or its false-alarm rate does not hold, if so; return its exit code."""
     from prooflight.line.status import Phase
 
     broke_off = status.phase is Phase.FAULT
@@ -418,7 +429,7 @@ def _ended(status: Status, lacks: str) -> int:
 
 @contextmanager
 def _shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun]:
-    """The run with a source that the console can look at, where there is a journal beside which that lies."""
+    """Give the run with a source that the console can view, if there is a journal next to which the view is stored."""
     if journal == "none":
         yield planned
         return
@@ -440,7 +451,7 @@ def _shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun]:
 
 @contextmanager
 def _recorder(journal: str | None, facts: RunFacts) -> Iterator[Recorder | None]:
-    """Of a new run, in the journal that the option names; None: there is to be none."""
+    """Give the recorder of a new run in the journal of the option; None if there is to be none."""
     if journal == "none":
         yield None
         return

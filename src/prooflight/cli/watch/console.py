@@ -1,4 +1,4 @@
-"""``watch --serve``: the console in a process of its own, beside the run that it shows."""
+"""``watch --serve``: the console in a process of its own, next to the run that it shows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 MISSING: Final = 'install it with pip install "prooflight[server]"'
 END_S: Final = 10.0
-"""For a console to end; then it is killed."""
+"""Time for a console to end; then it is killed."""
 
 
 @contextmanager
@@ -31,10 +31,10 @@ def console_beside(
     trays: Path | None = None,
     told: Told | None = None,
 ) -> Iterator[None]:
-    """Started before the run and ended after it; it reads the journal and no more. RequestError: it cannot be.
+    """Run the console from before the run until after it; it only reads the journal. RequestError: it cannot run.
 
-    trays: the controller's log of its trays. told: the address, and the link for a first admin, in the console's
-    process; None: they are printed.
+    ``trays`` is the controller's log of its trays. ``told`` receives the address, and the link for a first
+    admin, in the console's process; None: they are printed.
     """
     if not wanted:
         yield
@@ -67,14 +67,14 @@ def console_beside(
 
 
 def told_aside(address: str, link: str | None) -> None:
-    """On standard error: what the run tells goes to standard output."""
+    """Print on standard error, because the run's output goes to standard output."""
     faults.told(f"the console is at {address}")
     if link is not None:
         faults.told(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")
 
 
 def needed() -> None:
-    """RequestError: the extra is not installed."""
+    """Raise RequestError if the extra is not installed."""
     for name in ("argon2", "fastapi", "python_multipart", "uvicorn"):
         if find_spec(name) is None:
             raise RequestError("serve", f"{name} is not installed", remedy=MISSING)

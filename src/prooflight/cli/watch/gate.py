@@ -1,4 +1,4 @@
-"""The gate of ``prooflight watch --plant PRESS.toml``: what is refused before the run, and what is told of it."""
+"""The gate of ``prooflight watch --plant PRESS.toml``: checks before the run, and notices during it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 
 def gate_settings(plant: PressFile | None) -> GateSettings | None:
-    """``[gate]``, if its controller answers as it should; None: there is none. PlantError: it does not."""
+    """Return ``[gate]`` of a press file; None if there is none.
+
+    PlantError: its controller does not answer as it should.
+    """
     settings = None if plant is None else plant.gate_settings()
     if settings is not None:
         from prooflight.plant.gate.gate import try_controller
@@ -36,7 +39,7 @@ def gate_settings(plant: PressFile | None) -> GateSettings | None:
 
 
 def simulated(settings: GateSettings | None) -> PlcSettings | None:
-    """The controller of a gate, if it is a simulated one."""
+    """Return the controller of a gate, if it is a simulated one."""
     if settings is None:
         return None
     from prooflight.plant.simulator.feed import is_simulated
@@ -53,10 +56,12 @@ def refuse_unfit(
     lengths_mm: list[float],
     deadline_s: float,
 ) -> None:
-    """RequestError: the source keeps no time. PlantError: sheets reach the gate before their verdicts can, or are
-    nearer to each other than the gate can tell.
+    """Raise an error if the gate cannot work with this source and job.
 
-    source: as the option names it. lengths_mm: of the job's pages.
+    RequestError: the source keeps no time. PlantError: sheets reach the gate before their verdicts can, or
+    are nearer to each other than the gate can distinguish.
+
+    ``source`` is the value of the option. ``lengths_mm`` are the lengths of the job's pages.
     """
     from prooflight.plant.gate.gate import Travel, exchange_s, refuse_close, refuse_near
 
@@ -83,28 +88,31 @@ def refuse_unfit(
 
 
 def lengths_mm(job: Job, press: Press) -> list[float]:
-    """Of its pages along the travel, as they lie in the press; pages whose size cannot be read are left out."""
-    geometry, found = press.geometry, list[float]()
+    """Return the lengths of the job's pages along the travel, as they enter the press, without unreadable pages."""
+    geometry, lengths = press.geometry, list[float]()
     for number in range(1, len(job) + 1):
         with suppress(JobError):
             width_mm, height_mm = job.page_size_mm(number)
             turned = width_mm > geometry.pixels * geometry.pixel_pitch_mm
-            found.append(width_mm if turned else height_mm)
-    return found or [0.0]
+            lengths.append(width_mm if turned else height_mm)
+    return lengths or [0.0]
 
 
 def with_sets(
     plan: SheetPlan | None, pages_a_set: int, *, pages: int, sheets: int | None, where: object
 ) -> SheetPlan:
-    """The plan with the gate's sets, where it has none. where: the press file; else as of ``Plant.with_sets``."""
+    """Return the plan with the gate's sets, if it has none.
+
+    ``where`` is the press file; the other arguments are those of ``Plant.with_sets``.
+    """
     from prooflight.pages.layout.layout import Layout
     from prooflight.pages.layout.plan import SheetPlan
 
     if plan is None:
         return SheetPlan(layout=Layout(pages_a_set=pages_a_set), sides=pages, sheets=sheets or pages)
-    said = plan.layout.pages_a_set
-    if said is not None and said != pages_a_set:
-        what = f"[gate] pages_a_set = {pages_a_set}, and --layout says pages-a-set={said}"
+    stated = plan.layout.pages_a_set
+    if stated is not None and stated != pages_a_set:
+        what = f"[gate] pages_a_set = {pages_a_set}, and --layout says pages-a-set={stated}"
         raise RequestError(where, what, remedy="take it out of [gate]: sets are the job's")
     if pages_a_set % plan.layout.pages_a_sheet:
         what = f"[gate] pages_a_set = {pages_a_set}, and a sheet takes {plan.layout.pages_a_sheet} pages"
@@ -125,10 +133,11 @@ def gate_of(
     report: Callable[[SheetAtGate], None] = lambda _passed: None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> Iterator[Gate | None]:
-    """The gate, served until the last sheets have reached it; None: the press has none.
+    """Serve the gate until the last sheets have reached it; None if the press has none.
 
-    progress: told that they are waited for. notice: told when it is ready and when it is not; state: told of every
-    step of the handshake, and why. report: with every sheet that has passed the gate.
+    ``progress`` is called when they are waited for. ``notice`` is called when the gate becomes ready and when
+    it does not stay so; ``state``, with every step of the handshake, and why; ``report``, with every sheet
+    that has passed the gate.
     """
     if settings is None:
         yield None

@@ -19,16 +19,16 @@ MISPRINTS: Final = "streak:0.9,spots-voids:0.9,missing-content:0.9,ghost-smear:0
 EVERY: Final = 7
 FAULT_EVERY: Final = 60
 SHEETS: Final = 100_000
-"""A day at one a second."""
+"""Number of sheets: a day at one a second."""
 SEED: Final = 1
 
 
 def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float = 1.0) -> None:
-    """Make job and press where they are not there yet, and watch the press print until Ctrl-C."""
+    """Create job and press if they do not exist yet, and watch the press print until Ctrl-C."""
     from prooflight.cli.watch.command import watch
 
     job, press = FOLDER / JOB, FOLDER / PRESS
-    _made_ready(job, press)
+    _prepare(job, press)
     watch(
         job,
         press,
@@ -51,7 +51,7 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
     )
 
 
-def _made_ready(job: Path, press: Path) -> None:
+def _prepare(job: Path, press: Path) -> None:
     from prooflight.cli.jobs.demonstration import demo_press
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
@@ -67,16 +67,16 @@ def _made_ready(job: Path, press: Path) -> None:
     except (OSError, ProoflightError):
         with JobSource(path=job, dpi=1.0).open() as opened:
             sizes = opened.page_sizes_mm
-        made = demo_press(
+        built = demo_press(
             sizes,
             world="press",
             seed=SEED,
             progress=say,
             shown=lambda days, total, what: show.progress(iter(days), total=total, what=what),
         )
-        made.save(press)
+        built.save(press)
 
 
 def ended(error: typer.Exit) -> int:
-    """What a demonstration comes to: its misprints are meant."""
+    """Return the exit code of a demonstration, whose misprints are intended."""
     return 0 if error.exit_code in (1, 3) else error.exit_code

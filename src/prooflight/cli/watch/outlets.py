@@ -1,4 +1,4 @@
-"""The outlets of ``prooflight watch --plant PRESS.toml``: the run's events, and who is told of them."""
+"""The outlets of ``prooflight watch --plant PRESS.toml``: the run's events and their receivers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REMEDY: Final = "see `prooflight plant check`, mend it, or take its block out of
 
 
 def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:
-    """Those that a press file names, each tried; press: the name that events have.
+    """Return the outlets that a press file names, each tried; ``press`` is the name in the events.
 
     RequestError: one does not answer; others as of ``outlets_of``.
     """
@@ -31,12 +31,12 @@ def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:
     from prooflight.plant.outlets.made import outlets_of
     from prooflight.plant.outlets.outlet import check
 
-    found = outlets_of(plant, press)
-    for outlet in found:
+    outlets = outlets_of(plant, press)
+    for outlet in outlets:
         tried = check(outlet)
         if not tried.ok:
             raise RequestError(tried.name, f"does not answer ({tried.said})", remedy=REMEDY)
-    return found
+    return outlets
 
 
 @contextmanager
@@ -50,9 +50,10 @@ def events_told(
     plan: SheetPlan | None,
     notice: Callable[[Notice], None],
 ) -> Iterator[EventStream | None]:
-    """The run's stream of events while its outlets are served; None: there are no outlets.
+    """Give the run's stream of events while its outlets are served; None if there are no outlets.
 
-    size_mm: of a sheet. plan: as of ``EventStream``. notice: told when an outlet is connected or is no longer.
+    ``size_mm`` is the size of a sheet, and ``plan`` as for ``EventStream``. ``notice`` is called when an
+    outlet connects or disconnects.
     """
     if not outlets:
         yield None

@@ -1,4 +1,4 @@
-"""The plant of ``prooflight watch --plant PRESS.toml``: its gate and its outlets together, or nothing where none is."""
+"""The plant of ``prooflight watch --plant PRESS.toml``: its gate and its outlets, or neither."""
 
 from __future__ import annotations
 
@@ -32,19 +32,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plant:
-    """What a press file says of the plant, each part tried."""
+    """Plant components of a press file, each tried."""
 
     file: PressFile | None
     gate: GateSettings | None
     outlets: Sequence[Outlet]
     lengths_mm: list[float]
-    """Of the job's pages along the travel."""
+    """Lengths of the job's pages along the travel."""
     size_mm: tuple[float, float] | None
-    """Of the job's first page; None: it cannot be read."""
+    """Size of the job's first page; None: it cannot be read."""
 
     @classmethod
     def tried(cls, path: Path | None, job: Job, press: Press) -> Self:
-        """None: there is no plant. RequestError, PlantError: an outlet or the controller does not answer."""
+        """Try the components of a press file's plant; ``path`` None: there is no plant.
+
+        RequestError, PlantError: an outlet or the controller does not answer.
+        """
         if path is None:
             return cls(file=None, gate=None, outlets=(), lengths_mm=[0.0], size_mm=None)
         lengths_mm = watch_gate.lengths_mm(job, press)
@@ -55,17 +58,17 @@ class Plant:
         return cls(file=file, gate=gate, outlets=outlets, lengths_mm=lengths_mm, size_mm=size_mm)
 
     def refuse_unfit(self, source: str, press: Press, *, deadline_s: float) -> None:
-        """See ``watch_gate.refuse_unfit``."""
+        """Check the gate; see ``watch_gate.refuse_unfit``."""
         if self.file is not None and self.gate is not None:
             watch_gate.refuse_unfit(
                 self.file, self.gate, source, press, lengths_mm=self.lengths_mm, deadline_s=deadline_s
             )
 
     def with_sets(self, plan: SheetPlan | None, *, pages: int, sheets: int | None) -> SheetPlan | None:
-        """The plan of the run with the sets of ``[gate] pages_a_set``, where the layout says none.
+        """Return the plan of the run with the sets of ``[gate] pages_a_set``, if the layout states none.
 
-        pages: of the job; sheets: of the run, None: the job once. RequestError: both say sets, and not the same, or
-        the set is no whole number of sheets.
+        ``pages`` is the number of pages of the job, and ``sheets`` that of the run; None: the job once.
+        RequestError: both state sets, and not the same, or the set is no whole number of sheets.
         """
         own = 1 if self.gate is None else self.gate.pages_a_set
         if self.file is None or own == 1:
@@ -89,7 +92,10 @@ class Plant:
         notice: Callable[[Notice], None],
         progress: Callable[[str], None],
     ) -> Iterator[ServedPlant]:
-        """While the run lasts, and until the last sheets have reached the gate; notice, progress: as of ``gate_of``."""
+        """Serve the plant until the run is over and the last sheets have reached the gate.
+
+        ``notice`` and ``progress`` are those of ``gate_of``.
+        """
         with ExitStack() as stack:
             stream = stack.enter_context(
                 watch_outlets.events_told(
@@ -121,35 +127,35 @@ class Plant:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServedPlant:
-    """Gate and stream of events of one run; either may be missing, and is then told nothing."""
+    """Gate and stream of events of one run; either may be missing, and then receives nothing."""
 
     gate: Gate | None
     stream: EventStream | None
     after_gate: ExitStack
-    """Called back when the last sheets have passed the gate."""
+    """Callbacks that run when the last sheets have passed the gate."""
 
     def followed(self, source: LineSource) -> LineSource:
-        """The source, whose lines the gate tracks."""
+        """Return the source, whose lines the gate tracks."""
         return source if self.gate is None else self.gate.followed(source)
 
     def arrived(self, number: int, page: SeenPage) -> None:
-        """A sheet has passed the camera."""
+        """Note that a sheet has passed the camera."""
         if self.gate is not None:
             self.gate.arrived(number, page)
 
     @property
     def gate_told(self) -> Callable[[Outcome], Outcome] | None:
-        """Told of every sheet, before anybody else, for the gate is due; returns it with what was decided."""
+        """Function that decides every sheet and returns it with the decision; called first, because the gate is due."""
         return None if self.gate is None else self.gate.told
 
     @property
     def stream_told(self) -> Callable[[Outcome], None] | None:
-        """Told of every sheet, when it stands in the journal."""
+        """Function that receives every sheet, after the sheet is in the journal."""
         return None if self.stream is None else self.stream.told
 
     @property
     def noticed(self) -> Callable[[Notice], None] | None:
-        """Told of what is of no sheet."""
+        """Function that receives notices that belong to no sheet."""
         return None if self.stream is None else self.stream.noticed
 
     def too_late(self) -> int:
@@ -157,11 +163,11 @@ class ServedPlant:
         return 0 if self.gate is None else self.gate.talk.too_late
 
     def phase(self, phase: str, detail: str) -> None:
-        """The run is in this phase."""
+        """Publish the run's phase."""
         if self.stream is not None:
             self.stream.state("press", phase, detail)
 
     def ended(self, ending: Ending, lacks: str) -> None:
-        """The run is over; told when the gate has told of its last sheets."""
+        """Publish the end of the run, after the gate has reported its last sheets."""
         if self.stream is not None:
             self.after_gate.callback(self.stream.ended, ending, lacks)

@@ -1,4 +1,4 @@
-"""``--source`` of ``prooflight watch``: where lines come from."""
+"""``--source`` of ``prooflight watch``: the sources of lines."""
 
 from __future__ import annotations
 
@@ -28,39 +28,39 @@ REMEDY = (
 )
 
 SLOWEST, FASTEST = 0.001, 1000.0
-"""Of the drum. [pages/s]"""
+"""Slowest and fastest speed of the drum. [pages/s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrumWishes:
-    """What the simulated drum should show."""
+    """Requested content of the simulated drum."""
 
     pages: int
-    """Of the job."""
+    """Number of pages of the job."""
     sheets: int
-    """That pass in all."""
+    """Number of sheets that pass in all."""
     world: str
     misprint: str | None
     every: int
-    """Every so many prints is a misprint."""
+    """Period of misprints, in prints."""
     fault_every: int | None
-    """A fault of the paper path or the camera about every so many sheets."""
+    """Approximate period of faults of the paper path or the camera, in sheets."""
     seed: int
     fed: PlcSettings | None = None
-    """A simulated controller that is told which sheets lie on its belt."""
+    """Simulated controller that receives the sheets on its belt."""
     plan: SheetPlan | None = None
-    """How the job lies on sheets; its pages are sides then."""
+    """Imposition of the job on sheets; its pages then are sides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opened:
-    """A source, and whether it has a clock of its own pace."""
+    """A source, and whether it has a pace of its own."""
 
     source: LineSource
     waits: bool
-    """Whether it can be made to wait."""
+    """Whether the source can be made to wait."""
     camera: CameraLines | SeveralCameras | None = None
-    """The source, where it is cameras: it says when one is away, and how they are."""
+    """The source, if it consists of cameras: it reports when one is away, and their health."""
 
 
 def open_source(
@@ -73,9 +73,9 @@ def open_source(
     wishes: DrumWishes,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
 ) -> Opened:
-    """What ``--source`` names; RequestError if there is no such thing.
+    """Open the source that ``--source`` names; RequestError if there is none of that name.
 
-    settings: the press file by which a camera is set up. shown: shows how rendering goes on.
+    ``settings`` is the press file by which a camera is set up. ``shown`` shows the progress of rendering.
     """
     kind, _, rest = text.partition(":")
     sensors, pixels = len(press.sensors), press.geometry.pixels
@@ -105,7 +105,7 @@ def open_source(
 
 
 def _refuse_other(text: str, lines: CameraLines | SeveralCameras, press: Press) -> None:
-    """RequestError: a camera's lines are not those that the press was made for."""
+    """Raise RequestError if a camera's lines are not those that the press was made for."""
     sensors, pixels = len(press.sensors), press.geometry.pixels
     if (lines.sensors, lines.pixels) != (sensors, pixels):
         what = f"sends {lines.sensors} sensors x {lines.pixels} pixels"
@@ -120,7 +120,7 @@ def _refuse_other(text: str, lines: CameraLines | SeveralCameras, press: Press) 
 
 
 def _refuse_unaligned(settings: Path | None, press: Press) -> None:
-    """RequestError: a press was built for sensors that lie otherwise than its press file says."""
+    """Raise RequestError if a press was built for other sensor offsets than those of its press file."""
     from prooflight.press.press_file import PressFile
     from prooflight.scans.alignment import disagreement
 
@@ -130,18 +130,19 @@ def _refuse_unaligned(settings: Path | None, press: Press) -> None:
     if len(offsets) != len(press.sensors):
         what = f"has {len(offsets)} sensors, press {press.name} has {len(press.sensors)}"
         raise RequestError(settings, what, remedy="name the press file that the press was built from")
-    found = disagreement([sensor.footprint for sensor in press.sensors], offsets, press.geometry)
-    if found is not None:
-        place, built, stated = found
+    mismatch = disagreement([sensor.footprint for sensor in press.sensors], offsets, press.geometry)
+    if mismatch is not None:
+        place, built, stated = mismatch
         what = f"says that sensor {place + 1} lies {stated:+.2f} beside whole lines or pixels"
         remedy = f"press {press.name} was built for {built:+.2f}: build it again from this file"
         raise RequestError(settings, what, remedy=remedy)
 
 
 def camera_lines(name: str, settings: Path | None) -> CameraLines | SeveralCameras:
-    """The lines of cameras by ID, serial number or address, with + between them, set up as a press file says.
+    """Open cameras by ID, serial number or address, with + between them, set up as in a press file.
 
-    name empty: the cameras that the press file names. RequestError: it does not say which, or of how many.
+    ``name`` empty: the cameras that the press file names. RequestError: it does not state which, or for how
+    many.
     """
     from prooflight.press.press_file import PressFile
     from prooflight.scans.cameras.setting_up import CameraSettings
@@ -170,7 +171,7 @@ def camera_lines(name: str, settings: Path | None) -> CameraLines | SeveralCamer
 def _settings_of(
     names: Sequence[str], stated: Sequence[CameraSettings], settings: Path | None
 ) -> list[CameraSettings]:
-    """Of each camera that is named, what the press file says: by its ID, or in the file's order."""
+    """Return the settings in the press file for each named camera: by its ID, or in the file's order."""
     by_id = {one.id: one for one in stated if one.id}
     if set(names) <= set(by_id):
         return [by_id[name] for name in names]
@@ -190,7 +191,7 @@ def _one_camera(name: str, wanted: CameraSettings, settings: Path | None) -> Cam
 
 
 def drum_rate(text: str, rest: str) -> float:
-    """Of ``drum:...`` [pages/s]; RequestError: it names no speed."""
+    """Return the speed of ``drum:...`` [pages/s]; RequestError if it names no speed."""
     try:
         rate = float(rest)
     except ValueError:
@@ -225,8 +226,8 @@ def _drum(
         seed=wishes.seed,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    found = list(shown(rendered(prints, count), count))
-    scans = [one.dn for one in found]
+    drawn = list(shown(rendered(prints, count), count))
+    scans = [one.dn for one in drawn]
     blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
     passing = _passing(wishes)
     if wishes.fed is None or rate is None:
@@ -237,7 +238,7 @@ def _drum(
         wishes.fed,
         press.geometry,
         passing,
-        misprints=lambda sheet: found[sheet % count].misprint is not None,
+        misprints=lambda sheet: drawn[sheet % count].misprint is not None,
         sides=1 if wishes.plan is None else wishes.plan.layout.sides,
         speed_mm_s=rate * scans[0].shape[1] * press.geometry.line_pitch_mm,
     )
@@ -246,7 +247,7 @@ def _drum(
 
 
 def _passing(wishes: DrumWishes) -> Iterable[Turn]:
-    """What passes; a turn's page is the side of the run that it shows, whenever that passes."""
+    """Return the turns that pass; a turn's page is the side of the run that it shows, at any position."""
     plan = wishes.plan
     if plan is None:
         return _in_turn(wishes)
@@ -257,7 +258,7 @@ def _passing(wishes: DrumWishes) -> Iterable[Turn]:
 
 
 def _in_turn(wishes: DrumWishes) -> Iterable[Turn]:
-    """What passes by its position, with faults of all kinds in turn where they are wished for."""
+    """Return the turns by position, with faults of all kinds in turn if they are requested."""
     from prooflight.rng import stream
     from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault, Turn, turns
 

@@ -1,4 +1,4 @@
-"""What a person or a program sees of a run of ``prooflight watch``, and how a person ends it."""
+"""Display of a run of ``prooflight watch`` for people and programs, and the signals that end it."""
 
 from __future__ import annotations
 
@@ -35,64 +35,66 @@ if TYPE_CHECKING:
 
 REFRESH_S: Final = 0.25
 TELL_S: Final = 5.0
-"""Between two lines of JSON that say how cameras are, or that the run is still being prepared."""
+"""Time between two lines of JSON that report the cameras' health, or that the run is still being prepared."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Watching:
-    """What a person or a program sees of a run."""
+    """Display of a run for a person or a program."""
 
     title: str
     recent: Recent
     deadline_s: float | None
     json: bool
     sheets: Assembling | None = None
-    """Puts sides together to sheets and sets; None: the job has neither."""
+    """Combination of sides into sheets and sets; None: the job has neither."""
     first_passed: str = ""
     """The first sheet that was not inspected, and why."""
     phase: Callable[[str, str], None] = lambda _phase, _detail: None
-    """Told of the run's phase, and of what went wrong, each time it is looked at."""
+    """Function that receives the run's phase and error at each refresh."""
     too_late: Callable[[], int] = lambda: 0
-    """How many sheets have passed the gate before their result could be written."""
+    """Function that returns how many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
-    """How the cameras of the source are, by name."""
+    """Function that returns the health of the source's cameras, by name."""
     told_s: float = 0.0
-    """When a program was told that last."""
+    """Time at which a program last received the cameras' health."""
     last_phase: Phase | None = None
     phase_s: float = 0.0
-    """What a program was told of the phase last, and when."""
+    """Time at which a program last received the phase, which is ``last_phase``."""
     live: threading.Event = field(default_factory=threading.Event)
-    """Whether the live view is on, in which notices stand."""
+    """Whether the live view is on, which shows the notices."""
 
     def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
-        """One sheet: into the journal first, then shown."""
+        """Record one sheet in the journal first, then show it."""
         verdict = outcome.record.verdict
         if outcome.came and verdict.verdict == "not-inspected" and not self.first_passed:
             self.first_passed = f"{verdict.page}: {verdict.reason}"
         if recorder is not None:
             recorder.record(outcome.record)
-        found = [] if self.sheets is None else self.sheets.add(outcome.record)
+        parts = [] if self.sheets is None else self.sheets.add(outcome.record)
         if not self.json:
             self.recent.add(outcome)
             return
         latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
-        said = [asdict(one) for one in outcome.announcements]
-        show.print_json(page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": said})
-        self._tell_sheets(found)
+        announcements = [asdict(one) for one in outcome.announcements]
+        show.print_json(
+            page_facts(outcome.record) | {"latency_ms": latency_ms, "announcements": announcements}
+        )
+        self._tell_sheets(parts)
 
     def told_all(self) -> None:
-        """No more sheets come: those that waited for more are told."""
+        """Show the sheets that waited for more sides, because no more sheets come."""
         if self.sheets is not None:
-            found = self.sheets.end()
+            parts = self.sheets.end()
             if self.json:
-                self._tell_sheets(found)
+                self._tell_sheets(parts)
 
-    def _tell_sheets(self, found: Iterable[SheetVerdict | SetVerdict]) -> None:
-        for one in found:
+    def _tell_sheets(self, parts: Iterable[SheetVerdict | SetVerdict]) -> None:
+        for one in parts:
             show.print_json(sheet_facts(one))
 
     def noticed(self, notice: Notice) -> None:
-        """Something that is of no sheet: said at once."""
+        """Show at once a notice that belongs to no sheet."""
         self.recent.notice(notice)
         if self.json:
             show.print_json({"notice": notice.kind, "text": notice.text})
@@ -100,7 +102,7 @@ class Watching:
             faults.told(notice.text)
 
     def view(self, status: Status) -> RenderableType:
-        """The whole screen."""
+        """Return the whole screen."""
         return live_view(
             status,
             self.recent,
@@ -111,7 +113,7 @@ class Watching:
         )
 
     def tell_phase(self, status: Status) -> None:
-        """How far the preparation is, to a program: now and then, and when it is over."""
+        """Print the progress of the preparation for a program, now and then, and when it is over."""
         now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
         begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
         if self.json and (begins or (prepares and now_s - self.phase_s >= TELL_S)):
@@ -120,13 +122,13 @@ class Watching:
             show.print_json({"phase": str(status.phase), "detail": detail})
 
     def tell_cameras(self) -> None:
-        """How they are, to a program: a line of JSON each time."""
-        known = self.cameras()
-        if known:
-            show.print_json({"cameras": {name: asdict(health) for name, health in known.items()}})
+        """Print the cameras' health for a program, as a line of JSON."""
+        healths = self.cameras()
+        if healths:
+            show.print_json({"cameras": {name: asdict(health) for name, health in healths.items()}})
 
     def until_ended(self, running: Running) -> bool:
-        """Start the run and wait for its end; whether a person ended it."""
+        """Start the run and wait for its end; return whether a person ended it."""
         with _signals(running) as stops, ExitStack() as stack:
             view = None
             if not self.json and show.people.is_terminal:
@@ -150,7 +152,7 @@ class Watching:
         return bool(stops)
 
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
-        """What keeps a run of so many sheets from being complete, in one line; empty: nothing does."""
+        """Return why a run of ``sheets`` sheets is incomplete, in one line; empty if it is complete."""
         parts = []
         if status.overloads:
             late = count(status.out_of_time, "sheet")
@@ -160,8 +162,8 @@ class Watching:
         if unseen := status.not_inspected:
             parts.append(not_inspected(count(unseen, "sheet"), unseen, self.first_passed))
         if status.unvouched:
-            held = f"{count(status.unvouched, 'sheet')} well printed, but not released"
-            parts.append(f"{held}: lines of it were lost, or it came out of its place")
+            text = f"{count(status.unvouched, 'sheet')} well printed, but not released"
+            parts.append(f"{text}: lines of it were lost, or it came out of its place")
         if too_late := self.too_late():
             parts.append(f"{count(too_late, 'sheet')} passed the gate before the controller had the result")
         if status.untold:
@@ -173,7 +175,7 @@ class Watching:
 
 @contextmanager
 def _signals(running: Running) -> Iterator[list[int]]:
-    """The first Ctrl-C or SIGTERM ends the run cleanly, the second drops what waits."""
+    """End the run cleanly at the first Ctrl-C or SIGTERM, and drop waiting sheets at the second."""
     stops: list[int] = []
 
     def stop(number: int, _frame: object) -> None:

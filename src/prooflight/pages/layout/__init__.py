@@ -1,1 +1,1 @@
-"""A job laid on sheets: sides, places of pages on them, sets, and the order in which sides pass."""
+"""Imposition of a job on sheets: sides, positions of pages on them, sets, and the order in which sides pass."""

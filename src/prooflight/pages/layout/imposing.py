@@ -1,7 +1,7 @@
-"""Pages laid on the raster of one side, and back: where on the side a page lies, and what of a page lies there.
+"""Imposition of pages on the raster of one side, and the map between points of a page and of its side.
 
-A place is the same map in millimetres and in raster pixels: a rectangle on the side, and by how many quarter turns,
-clockwise, its page lies in it.
+A place is the same map in millimetres and in raster pixels: a rectangle on the side, and the number of
+quarter turns, clockwise, of its page in it.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.layout import Layout
 
 SAME_MM: Final = 0.5
-"""Pages on one sheet may differ by so much, which is less than anybody cuts to; they are cut or filled at their right
-and lower edges."""
+"""Largest difference between the pages on one side, which is less than the cutting tolerance; they are cut
+or filled at their right and lower edges."""
 
 Box = tuple[float, float, float, float]
-"""x, y, width and height."""
+"""A rectangle: x, y, width and height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where a page lies on its side; in one unit, mm or raster pixels."""
+    """Position of a page on its side, in one unit: mm or raster pixels."""
 
     x: float
     y: float
     width: float
-    """Across the side."""
+    """Width across the side."""
     height: float
     turns: int
     """Quarter turns of the page, clockwise."""
 
     def on_side(self, x: float, y: float) -> tuple[float, float]:
-        """Where a point of the page lies on the side."""
+        """Map a point of the page to the side."""
         return (
             (self.x + x, self.y + y),
             (self.x + self.width - y, self.y + x),
@@ -52,44 +52,44 @@ class Place:
         )[self.turns]
 
     def on_page(self, x: float, y: float) -> tuple[float, float]:
-        """Which point of the page lies at a point of the side: what ``on_side`` undoes; it may lie beside the page."""
+        """Map a point of the side to the page, the inverse of ``on_side``; the result may be outside the page."""
         x, y = x - self.x, y - self.y
         return ((x, y), (y, self.width - x), (self.width - x, self.height - y), (self.height - y, x))[
             self.turns
         ]
 
     def box_on_side(self, box: Box) -> Box:
-        """A rectangle of the page, on the side."""
+        """Map a rectangle of the page to the side."""
         return _between(self.on_side(box[0], box[1]), self.on_side(box[0] + box[2], box[1] + box[3]))
 
     def box_on_page(self, box: Box) -> Box:
-        """A rectangle of the side, on the page; it may reach beyond the page."""
+        """Map a rectangle of the side to the page; the result may reach beyond the page."""
         return _between(self.on_page(box[0], box[1]), self.on_page(box[0] + box[2], box[1] + box[3]))
 
     def meets(self, box: Box) -> bool:
-        """Whether a rectangle of the side shares any area with the place."""
+        """Return whether a rectangle of the side shares any area with the place."""
         x, y, width, height = box
         across = min(x + width, self.x + self.width) - max(x, self.x)
         along = min(y + height, self.y + self.height) - max(y, self.y)
         return across > 0 and along > 0
 
     def turned(self, width: float, height: float, turns: int = 1) -> Place:
-        """The place on a side of that width and height that is turned by quarter turns, clockwise."""
-        found = self
+        """Return the place on a side of this width and height after the side is turned by quarter turns, clockwise."""
+        place = self
         for _ in range(turns % 4):
-            found = Place(
-                x=height - found.y - found.height,
-                y=found.x,
-                width=found.height,
-                height=found.width,
-                turns=(found.turns + 1) % 4,
+            place = Place(
+                x=height - place.y - place.height,
+                y=place.x,
+                width=place.height,
+                height=place.width,
+                turns=(place.turns + 1) % 4,
             )
             width, height = height, width
-        return found
+        return place
 
 
 def side_size(page: tuple[float, float], layout: Layout) -> tuple[float, float]:
-    """Width and height of a side whose pages have this size. [mm]
+    """Return width and height of a side whose pages have this size. [mm]
 
     RequestError: they need more than the sheet has.
     """
@@ -119,17 +119,18 @@ def places_on(
     *,
     back: bool,
 ) -> list[Place]:
-    """Where the pages of a side lie, row by row from the top left of the side as it was laid out.
+    """Return the places of the pages of a side, row by row from the top left of the side as it was imposed.
 
-    page, side, gutter: width and height, all in one unit. The pages lie in the middle of the side, to a whole unit
-    where the unit is a pixel and all are whole. A back that the press turns is turned with all its places.
+    ``page``, ``side`` and ``gutter`` are width and height, all in one unit. The pages are centred on the
+    side, rounded to a whole unit if the unit is a pixel and all are whole. A back that the press turns is
+    turned with all its places.
     """
     width, height = page[::-1] if layout.rotate % 180 else page
     left = (side[0] - layout.columns * width - (layout.columns - 1) * gutter[0]) / 2
     top = (side[1] - layout.rows * height - (layout.rows - 1) * gutter[1]) / 2
     if all(isinstance(one, int) for one in (*page, *side, *gutter)):
         left, top = int(left // 1), int(top // 1)
-    found = [
+    places = [
         Place(
             x=left + column * (width + gutter[0]),
             y=top + row * (height + gutter[1]),
@@ -141,14 +142,14 @@ def places_on(
         for column in range(layout.columns)
     ]
     if back and layout.backs == "turned":
-        return [place.turned(*side, turns=2) for place in found]
-    return found
+        return [place.turned(*side, turns=2) for place in places]
+    return places
 
 
 def refuse_other_size(
     number: int, size_mm: tuple[float, float], first: int, first_mm: tuple[float, float]
 ) -> None:
-    """JobError: page ``number`` is not as large as page ``first`` of its sheet."""
+    """Raise JobError if page ``number`` differs in size from page ``first`` of its sheet."""
     if any(abs(one - other) > SAME_MM for one, other in zip(size_mm, first_mm, strict=True)):
         what = (
             f"is {size_mm[0]:.1f} x {size_mm[1]:.1f} mm, and page {first}, on the same sheet, "
@@ -158,9 +159,10 @@ def refuse_other_size(
 
 
 def imposed(pages: Sequence[Page], layout: Layout, number: int) -> Page:
-    """Side ``number`` of the job, from 1, with these pages at its places (``Layout.pages_on``), as the press prints it.
+    """Return side ``number`` of the job, from 1, with these pages at its places, as the press prints it.
 
-    RequestError: they need more than the sheet has. JobError: their rasters do not go together.
+    The pages are those of ``Layout.pages_on``. RequestError: they need more than the sheet has. JobError:
+    their rasters do not match.
     """
     first = pages[0]
     for page in pages[1:]:

@@ -1,7 +1,8 @@
-"""How a job lies on its sheets, in words that are said once: ``sides=2,n-up=2x1,pages-a-set=8``.
+"""Imposition of a job on its sheets, written as ``sides=2,n-up=2x1,pages-a-set=8``.
 
-A side is what one passing of the camera shows. The sides of a job are numbered from 1, sheet after sheet, the front
-before the back; ``side`` counts them through the run, from 0, and ``position`` counts passings, from 0.
+A side is the content of one passing of the camera. The sides of a job are numbered from 1, sheet after sheet,
+the front before the back; ``side`` counts them through the run, from 0, and ``position`` counts passings,
+from 0.
 """
 
 from __future__ import annotations
@@ -21,56 +22,56 @@ Order = Literal["alternate", "batch", "loop"]
 Backs = Literal["upright", "turned", "long-edge", "short-edge"]
 WHERE: Final = "layout"
 MOST_ALONG: Final = 64
-"""Places along one side of a sheet."""
+"""Largest number of places along one edge of a sheet."""
 MOST_DEPTH: Final = 1_000_000
 MOST_NAMED: Final = 6
-"""Sizes of sets that a message names."""
+"""Largest number of set sizes that a message names."""
 MOST_MM: Final = 10_000.0
 EXAMPLE: Final = "write e.g. sides=2,n-up=2x1,pages-a-set=8"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """What lies on a sheet, and in which order its sides pass the camera."""
+    """Arrangement of pages on a sheet, and the order in which its sides pass the camera."""
 
     sides: int = 1
-    """1 or 2."""
+    """Sides of a sheet: 1 or 2."""
     order: Order = "alternate"
-    """alternate: front 1, back 1, front 2, back 2. batch: the fronts of ``depth`` sheets, then their backs. loop: the
-    fronts of ``depth`` sheets, then a back and the next front in turn, as where so many sheets fill a duplex loop."""
+    """Order of passing. alternate: front 1, back 1, front 2, back 2. batch: the fronts of ``depth``
+    sheets, then their backs. loop: the fronts of ``depth`` sheets, then a back and the next front in turn,
+    as when so many sheets fill a duplex loop."""
     depth: int = 1
     """Sheets of a batch, or in the loop."""
     backs: Backs = "upright"
-    """upright, turned: how the press prints the raster of a back, turned by 180 degrees or not. long-edge, short-edge:
-    at which edge the printed sheet is turned over, on a press that swaps leading and trailing edge between its sides
-    (``backs_at``)."""
+    """Orientation of backs. upright, turned: whether the press prints the raster of a back as it is or
+    turned by 180 degrees. long-edge, short-edge: the edge about which the printed sheet is turned over, on
+    a press that swaps leading and trailing edge between its sides (``backs_at``)."""
     columns: int = 1
     rows: int = 1
     """Places across the web and along the travel."""
     places: tuple[int, ...] = ()
-    """Which of the sheet's pages, from 1, each place shows: the front's places row by row from its top left, then the
+    """Page of the sheet, from 1, at each place: the front's places row by row from its top left, then the
     back's; empty: in order."""
     repeat: bool = False
     """Whether all places of a side show one page."""
     gutter_mm: tuple[float, float] = (0.0, 0.0)
-    """Between places, across and along. [mm]"""
+    """Gap between places, across and along. [mm]"""
     sheet_mm: tuple[float, float] | None = None
-    """Width and height of a side, in whose middle the pages lie; None: as large as its pages need. [mm]"""
+    """Width and height of a side, on which the pages are centred; None: the size that its pages need. [mm]"""
     rotate: int = 0
-    """By how many degrees pages are turned on the sheet, clockwise: 0, 90, 180 or 270."""
+    """Clockwise rotation of pages on the sheet, in degrees: 0, 90, 180 or 270."""
     pages_a_set: int | None = None
-    """Pages that belong together; None: nobody said."""
+    """Pages of a set; None: not stated."""
     job_pages: int | None = None
-    """Pages of the job (``of``): places on its last sheet that are left stay blank; None: its pages fill all places."""
+    """Pages of the job (``of``): unused places on its last sheet stay blank. None: the pages fill all places."""
 
     @classmethod
     def parse(cls, text: str) -> Layout:
-        """``word=value,...``; RequestError: a word or a value is none.
+        """Parse ``word=value,...``; RequestError if a word or a value is not valid.
 
-        >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm
-        (4.0, 4.0)
+        >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm (4.0, 4.0)
         """
-        told: dict[str, object] = {}
+        given: dict[str, object] = {}
         for part in text.split(","):
             word, _, value = (one.strip() for one in part.partition("="))
             if word not in _WORDS:
@@ -80,16 +81,16 @@ class Layout:
             values = read(value)
             if values is None:
                 raise RequestError(WHERE, f"{word} is {shortly(value)!r}", remedy=f"write {word}={example}")
-            if fields[0] in told:
+            if fields[0] in given:
                 raise RequestError(WHERE, f"{word} is said twice", remedy="say it once")
-            told.update(zip(fields, values, strict=True))
-        return _checked(cls(**told))  # type: ignore[arg-type]
+            given.update(zip(fields, values, strict=True))
+        return _checked(cls(**given))  # type: ignore[arg-type]
 
     @property
     def words(self) -> str:
-        """What ``parse`` takes; without what nobody need say."""
+        """Text of the layout for ``parse``, without values that are the default."""
         gutter, sheet = self.gutter_mm, self.sheet_mm
-        said = {
+        texts = {
             "sides": str(self.sides) if self.sides > 1 else "",
             "order": "" if self.order == "alternate" else f"{self.order}:{self.depth}",
             "backs": "" if self.backs == "upright" else self.backs,
@@ -101,7 +102,7 @@ class Layout:
             "rotate": str(self.rotate) if self.rotate else "",
             "pages-a-set": "" if self.pages_a_set is None else str(self.pages_a_set),
         }
-        return ",".join(f"{word}={value}" for word, value in said.items() if value) or "sides=1"
+        return ",".join(f"{word}={value}" for word, value in texts.items() if value) or "sides=1"
 
     @property
     def places_a_side(self) -> int:
@@ -120,11 +121,11 @@ class Layout:
 
     @property
     def sheets_a_set(self) -> int | None:
-        """Sheets that belong together; None: nobody said."""
+        """Sheets of a set; None: not stated."""
         return None if self.pages_a_set is None else self.pages_a_set // self.pages_a_sheet
 
     def of(self, pages: int) -> Layout:
-        """The layout of a job of so many pages; RequestError: their sheets fill no whole sets."""
+        """Return the layout of a job with this number of pages; RequestError if its sheets fill no whole sets."""
         sheets, of_set = -(-pages // self.pages_a_sheet), self.sheets_a_set
         if of_set is not None and sheets % of_set and of_set % sheets:
             has, takes = _count(sheets, "sheet"), _count(of_set, "sheet")
@@ -138,7 +139,7 @@ class Layout:
         return replace(self, job_pages=pages)
 
     def sides_of(self, pages: int) -> int:
-        """Sides of a job of so many pages, with those of its last sheet that stay blank."""
+        """Return the number of sides of a job with this number of pages, including blank sides of its last sheet."""
         return -(-pages // self.pages_a_sheet) * self.sides
 
     @property
@@ -147,14 +148,12 @@ class Layout:
         return 0 if self.job_pages is None else -self.job_pages % self.pages_a_sheet
 
     def pages_on(self, number: int) -> tuple[int | None, ...]:
-        """Numbers of the pages, from 1, that side ``number`` of the job, from 1, shows at its places, row by row.
+        """Return the page numbers, from 1, at the places of side ``number`` of the job, from 1, row by row.
 
         None: the place stays blank.
 
-        >>> Layout.parse("sides=2,n-up=2x1").pages_on(4)
-        (7, 8)
-        >>> Layout.parse("sides=2,n-up=2x1").of(5).pages_on(3)
-        (5, None)
+        >>> Layout.parse("sides=2,n-up=2x1").pages_on(4) (7, 8) >>>
+        Layout.parse("sides=2,n-up=2x1").of(5).pages_on(3) (5, None)
         """
         first, of_side = self.first_page(number), self.pages_a_side
         back = (number - 1) % self.sides
@@ -164,14 +163,14 @@ class Layout:
         return tuple(pages) * (self.places_a_side if self.repeat else 1)
 
     def first_page(self, number: int) -> int:
-        """Number of the first page on the sheet of side ``number``, both from 1: every sheet has one."""
+        """Return the number of the first page on the sheet of side ``number``, both from 1: every sheet has one."""
         return (number - 1) // self.sides * self.pages_a_sheet + 1
 
     def side_name(self, number: int) -> str:
-        """Of side ``number`` of the job, from 1: of its page where it has one, else of its sheet.
+        """Return the name of side ``number`` of the job, from 1: that of its page if it has one, else of its sheet.
 
-        >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4)
-        ('p0004', 's0002-back')
+        >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4) ('p0004',
+        's0002-back')
         """
         page = self.pages_on(number)[0]
         if self.pages_a_side == 1 and page is not None:
@@ -180,14 +179,15 @@ class Layout:
         return self.sheet_name(sheet + 1) + (("-front", "-back")[back] if self.sides > 1 else "")
 
     def sheet_name(self, number: int) -> str:
-        """Of sheet ``number`` of the job, from 1: of its page where it has one."""
+        """Return the name of sheet ``number`` of the job, from 1: that of its page if it has one."""
         return page_name(number) if self.pages_a_sheet == 1 else f"s{number:04d}"
 
     def side_at(self, position: int, sheets: int) -> int:
-        """Which side of the run passes at a position. sheets: of the run, of which the last may leave a gap.
+        """Return the side of the run that passes at a position.
 
-        >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)]
-        [0, 2, 1, 4, 3, 6, 5, 7]
+        ``sheets`` is the number of sheets of the run, of which the last batch or loop may be incomplete.
+
+        >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)] [0, 2, 1, 4, 3, 6, 5, 7]
         """
         if self.sides == 1 or self.order == "alternate":
             return position
@@ -205,7 +205,7 @@ class Layout:
         return 2 * (position - sheets) + 1
 
     def position_of(self, side: int, sheets: int) -> int:
-        """When a side of the run passes: what ``side_at`` undoes."""
+        """Return the position at which a side of the run passes, the inverse of ``side_at``."""
         if self.sides == 1 or self.order == "alternate":
             return side
         sheet, back = divmod(side, 2)
@@ -220,10 +220,10 @@ class Layout:
 
 
 def backs_at(edge: Backs, *, across_mm: float, along_mm: float) -> Backs:
-    """How a back passes, upright or turned, by the sheet's size as it lies on the press. [mm]
+    """Return whether a back passes upright or turned, by the sheet's size as it enters the press. [mm]
 
-    The press swaps leading and trailing edge, so that it turns the sheet over about an axis across the web. Where that
-    is the axis about which a reader turns it, the back passes upright, else turned by 180 degrees.
+    The press swaps leading and trailing edge, so that it turns the sheet over about an axis across the web.
+    If that is the axis about which a reader turns it, the back passes upright, else turned by 180 degrees.
     """
     if edge in ("upright", "turned"):
         return edge
@@ -268,8 +268,8 @@ def _order(text: str) -> tuple[str, int] | None:
     if text == "alternate":
         return text, 1
     kind, _, depth = text.partition(":")
-    found = _whole(1, MOST_DEPTH)(depth)
-    return (kind, found[0]) if kind in ("batch", "loop") and found else None
+    parsed = _whole(1, MOST_DEPTH)(depth)
+    return (kind, parsed[0]) if kind in ("batch", "loop") and parsed else None
 
 
 def _grid(text: str) -> tuple[int, int] | None:
@@ -281,15 +281,15 @@ def _grid(text: str) -> tuple[int, int] | None:
 
 
 def _lengths(*, one: bool, least: float) -> Callable[[str], tuple[tuple[float, float]] | None]:
-    """Of ``AxB``, or of one number for both. [mm]"""
+    """Return a reader of ``AxB``, or of one number for both. [mm]"""
 
     def read(text: str) -> tuple[tuple[float, float]] | None:
         number = r"([0-9]{1,5}(?:\.[0-9]{1,4})?)"
         match = re.fullmatch(f"{number}x{number}", text) or (re.fullmatch(number, text) if one else None)
         if not match:
             return None
-        found = float(match[1]), float(match[match.lastindex or 1])
-        return (found,) if all(least <= length <= MOST_MM for length in found) else None
+        lengths = float(match[1]), float(match[match.lastindex or 1])
+        return (lengths,) if all(least <= length <= MOST_MM for length in lengths) else None
 
     return read
 
@@ -324,4 +324,4 @@ _WORDS: Final[dict[str, tuple[tuple[str, ...], Callable[[str], tuple[object, ...
     ),
     "pages-a-set": (("pages_a_set",), _whole(1, MOST_DEPTH), "8"),
 }
-"""Of each word: the fields it gives, how its value is read (None: it is none), and what would be one."""
+"""For each word: the fields that it sets, the reader of its value (None if invalid), and an example."""

@@ -1,4 +1,4 @@
-"""A run's sheets: which side passes when, on which sheet and in which set it is, and where its pages lie."""
+"""Plan of a run's sheets: the side that passes at each position, its sheet and set, and the places of its pages."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetPlan:
-    """A job on the sheets of one run; what it says of a run's sheets counts from 0."""
+    """A job on the sheets of one run; numbers of the run's sheets count from 0."""
 
     layout: Layout
     sides: int
-    """Of one copy of the job."""
+    """Sides of one copy of the job."""
     sheets: int
-    """Of the run."""
+    """Sheets of the run."""
     page_mm: tuple[float, float] | None = None
-    """Width and height of a page; None: nobody knows, or they are not all alike. [mm]"""
+    """Width and height of a page; None: not known, or not the same for all pages. [mm]"""
     laid_turned: bool = False
-    """Whether sides enter the press turned by 90 degrees, because only so they fit (``ScanGeometry.lay``)."""
+    """Whether sides enter the press turned by 90 degrees, because they fit in no other way
+    (``ScanGeometry.lay``)."""
 
     @classmethod
     def of(cls, facts: object) -> Self | None:
-        """From what ``facts`` gave; None: the run was none of sheets, or nobody can read what it says."""
+        """Return the plan from the result of ``facts``; None if the run had no sheets, or the facts cannot be read."""
         if not isinstance(facts, dict):
             return None
         try:
             size, pages = facts["page_mm"], facts.get("job_pages")
-            found = cls(
+            plan = cls(
                 layout=replace(Layout.parse(facts["words"]), job_pages=None if pages is None else int(pages)),
                 sides=int(facts["sides"]),
                 sheets=int(facts["sheets"]),
@@ -42,11 +43,11 @@ class SheetPlan:
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError):
             return None
-        return found if found.sides > 0 and found.sheets > 0 else None
+        return plan if plan.sides > 0 and plan.sheets > 0 else None
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What JSON can hold; for a run's settings and its gate's log."""
+        """Content of the plan that JSON can hold, for a run's settings and its gate's log."""
         return {
             "words": self.layout.words,
             "job_pages": self.layout.job_pages,
@@ -58,7 +59,7 @@ class SheetPlan:
 
     @property
     def passings(self) -> int:
-        """How often the camera sees a side."""
+        """Number of sides that pass the camera."""
         return self.sheets * self.layout.sides
 
     @property
@@ -67,54 +68,54 @@ class SheetPlan:
         return self.sides // self.layout.sides
 
     def side_at(self, position: int) -> int:
-        """Which side of the run passes at a position."""
+        """Return the side of the run that passes at a position."""
         return self.layout.side_at(position, self.sheets)
 
     def number_at(self, position: int) -> int:
-        """Which side of the job passes, from 1."""
+        """Return the side of the job, from 1, that passes at a position."""
         return self.side_at(position) % self.sides + 1
 
     def sheet_at(self, position: int) -> tuple[int, int]:
-        """Sheet of the run, and 0 for its front or 1 for its back."""
+        """Return the sheet of the run, and 0 for its front or 1 for its back."""
         return divmod(self.side_at(position), self.layout.sides)
 
     def positions(self, sheet: int) -> tuple[int, ...]:
-        """When the sides of a sheet pass, front first."""
+        """Return the positions at which the sides of a sheet pass, front first."""
         sides = self.layout.sides
         return tuple(self.layout.position_of(sheet * sides + side, self.sheets) for side in range(sides))
 
     def name(self, sheet: int) -> str:
-        """Of a sheet of the run, for people."""
+        """Return the name of a sheet of the run, for people."""
         return self.layout.sheet_name(sheet % self.sheets_a_job + 1)
 
     def pages(self, sheet: int) -> tuple[int, ...]:
-        """Numbers of the job's pages on a sheet, from 1, each once."""
+        """Return the numbers of the job's pages on a sheet, from 1, each once."""
         sides, first = self.layout.sides, sheet % self.sheets_a_job * self.layout.sides
-        found = [page for side in range(sides) for page in self.layout.pages_on(first + side + 1)]
-        return tuple(dict.fromkeys(page for page in found if page is not None))
+        numbers = [page for side in range(sides) for page in self.layout.pages_on(first + side + 1)]
+        return tuple(dict.fromkeys(page for page in numbers if page is not None))
 
     def set_of(self, sheet: int) -> int | None:
-        """Set of a sheet; None: the job has none."""
+        """Return the set of a sheet; None if the job has no sets."""
         of_set = self.layout.sheets_a_set
         return None if of_set is None else sheet // of_set
 
     def sheets_of(self, set_number: int) -> range:
-        """Sheets of a set."""
+        """Return the sheets of a set."""
         of_set = self.layout.sheets_a_set or 1
         return range(set_number * of_set, min((set_number + 1) * of_set, self.sheets))
 
     def places(self, *, back: bool) -> list[Place]:
-        """Where the pages of a side lie as the camera sees it, in the order of ``Layout.pages_on``. [mm]
+        """Return the places of the pages of a side as the camera sees it, in the order of ``Layout.pages_on``. [mm]
 
-        Empty: the size of the pages is not known.
+        The list is empty if the size of the pages is not known.
         """
         if self.page_mm is None:
             return []
         side_mm = side_size(self.page_mm, self.layout)
-        found = places_on(self.page_mm, side_mm, self.layout.gutter_mm, self.layout, back=back)
-        return [place.turned(*side_mm) for place in found] if self.laid_turned else found
+        places = places_on(self.page_mm, side_mm, self.layout.gutter_mm, self.layout, back=back)
+        return [place.turned(*side_mm) for place in places] if self.laid_turned else places
 
 
 def facts_plan(settings: Mapping[str, Any]) -> SheetPlan | None:
-    """Of a run's settings; None: its job was laid on no sheets."""
+    """Return the plan of a run's settings; None if its job was not imposed on sheets."""
     return SheetPlan.of(settings.get("layout"))

@@ -1,1 +1,1 @@
-"""PDF -> plates, as a digital press rips it; MuPDF is entered in a process of its own."""
+"""Ripping of PDFs to plates, as on a digital press; MuPDF runs in a process of its own."""

@@ -1,7 +1,7 @@
-"""What of a PDF page is printed (ISO 32000-2, 14.11.2): its boxes, turn and unit, refused where they make no sense.
+"""The printed part of a PDF page (ISO 32000-2, 14.11.2): its boxes, turn and unit, refused if they are invalid.
 
-MuPDF takes 612 x 792 points where a MediaBox is none: a page of another size would be inspected as if it were sound.
-Imported late, by ``pdf_file`` only: it needs PyMuPDF at import.
+MuPDF takes 612 x 792 points where a MediaBox is invalid: a page of another size would be inspected as if it
+were sound. Imported late, by ``pdf_file`` only: it needs PyMuPDF at import.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from typing import Any, Final
 from pymupdf import mupdf
 
 EXTENT_MAX: Final = 1e6
-"""Of coordinates; beyond, MuPDF's single precision is off by a sixteenth of a point. [points]"""
+"""Largest coordinate; beyond, MuPDF's single precision is off by a sixteenth of a point. [points]"""
 Box = tuple[float, float, float, float]
 
 
 class BoxError(ValueError):
-    """A page does not say what of it is printed; its text says why."""
+    """A page does not define its printed part; the message states why."""
 
 
 def printed_box(page: Any) -> tuple[Any, list[str]]:
-    """What is printed of a page (``mupdf.PdfPage``) as a ``mupdf.FzRect``, and warnings.
+    """Return the printed part of a page (``mupdf.PdfPage``) as a ``mupdf.FzRect``, and warnings.
 
-    That is its TrimBox, else the CropBox, else the MediaBox; of the first two, one without any area is passed over.
-    BoxError: one of them, or the page's turn or unit, makes no sense.
+    It is the TrimBox, else the CropBox, else the MediaBox; one of the first two without any area is ignored.
+    BoxError: one of them, or the page's turn or unit, is invalid.
     """
     media = _box(page, "MediaBox", inherited=True)
     if media is None:
@@ -59,7 +59,7 @@ def printed_box(page: Any) -> tuple[Any, list[str]]:
 
 
 def deciding_box(page: Any) -> str:
-    """Name the box that ``printed_box`` will give: the first of an area."""
+    """Name the box that ``printed_box`` will return: the first that has an area."""
     for name in ("TrimBox", "CropBox"):
         array = mupdf.pdf_dict_gets(page.obj(), name)
         if name == "CropBox":
@@ -71,7 +71,7 @@ def deciding_box(page: Any) -> str:
 
 
 def _box(page: Any, name: str, *, inherited: bool) -> Box | None:
-    """A box with its corners in order; None if the page has none."""
+    """Return a box with its corners in order; None if the page has none."""
     array = _get(page, name, inherited=inherited)
     if mupdf.pdf_is_null(array):
         return None

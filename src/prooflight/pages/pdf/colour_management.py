@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 ToInk = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""From colours (colours, components) of some space to ink amounts 0..1 (colours, 4)."""
+"""Conversion of colours (colours, components) of some space to ink amounts 0..1 (colours, 4)."""
 _INTENT_BITS = 3  # MuPDF keeps a flag of its own above the rendering intent
 _LAB_SCALE = (2.55, 1.0, 1.0)  # Pillow's LAB: L* as 255 L*/100, a* and b* as signed bytes
 
 
 def address(pointer: Any) -> int:
-    """Where a MuPDF object lies in memory; 0 for none."""
+    """Return the memory address of a MuPDF object; 0 for none."""
     return int(pointer.this) if pointer else 0
 
 
 def profile_of(space: Any) -> bytes | None:
-    """The ICC profile of a MuPDF colour space (``mupdf.FzColorspace``); None if it has none."""
+    """Return the ICC profile of a MuPDF colour space (``mupdf.FzColorspace``); None if it has none."""
     # A PSD is the one thing MuPDF writes with the profile in it; it cannot write one into memory.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "one-pixel.psd"
@@ -49,10 +49,11 @@ def profile_of(space: Any) -> bytes | None:
 def fine_link(
     source: bytes | None, target: bytes, *, mode: str, intent: int, black_point: bool
 ) -> ImageCms.ImageCmsTransform:
-    """Conversion to CMYK ``target``; source None: CIELAB. mode: Pillow's name of the source's colours.
+    """Return a conversion to CMYK ``target``; ``source`` None is CIELAB.
 
-    intent: 0 perceptual, 1 relative colorimetric, 2 saturation, 3 absolute colorimetric (ICC.1:2022, 7.2.15).
-    PyCMSError: a profile is broken, or not for these colours.
+    ``mode`` is Pillow's name of the source's colours. ``intent`` is 0 perceptual, 1 relative colorimetric, 2
+    saturation, 3 absolute colorimetric (ICC.1:2022, 7.2.15). PyCMSError: a profile is broken, or not for
+    these colours.
     """
     opened = ImageCms.createProfile("LAB") if source is None else ImageCms.getOpenProfile(io.BytesIO(source))
     flags = ImageCms.Flags.HIGHRESPRECALC
@@ -74,18 +75,20 @@ def apply_link(link: ImageCms.ImageCmsTransform, samples: NDArray[np.uint8]) -> 
 
 
 class Inks:
-    """The target of all conversions: a CMYK colour space of MuPDF with its profile."""
+    """Target of all conversions: a CMYK colour space of MuPDF with its profile."""
 
     def __init__(self, space: Any) -> None:
-        """``space``: a ``mupdf.FzColorspace``."""
+        """Take ``space``, a ``mupdf.FzColorspace``."""
         self.space = space
         self.troubles: list[str] = []
-        """Profiles that could not be used."""
+        """Messages about profiles that could not be used."""
         self._profile = profile_of(space)
         self._profiles: dict[int, tuple[Any, bytes | None]] = {}
 
     def is_native(self, space: Any) -> bool:
-        """Is a colour of ``space`` (low level) printed as it stands? ICC-based CMYK of the same profile is, too."""
+        """Return whether a colour of ``space`` (low level) is printed as it is, as ICC-based CMYK of the same
+        profile is too.
+        """
         return bool(
             address(space) == address(self.space.m_internal)
             or mupdf.ll_fz_colorspace_is_device_cmyk(space)
@@ -96,9 +99,9 @@ class Inks:
         )
 
     def link(self, space: Any, parameters: Any) -> ImageCms.ImageCmsTransform | None:
-        """The conversion from ``space`` (low level), which is not native; None if MuPDF must do it.
+        """Return the conversion from ``space`` (low level), which is not native; None if MuPDF must do it.
 
-        parameters: MuPDF's, with rendering intent and black point compensation.
+        ``parameters`` are MuPDF's, with rendering intent and black point compensation.
         """
         if self._profile is None:
             return None
@@ -124,7 +127,7 @@ class Inks:
     def convert(
         self, space: Any, colours: Sequence[Sequence[float]] | NDArray[np.float64], parameters: Any
     ) -> NDArray[np.float64] | None:
-        """Ink amounts 0..1 (colours, 4) of colours of ``space``; None if only MuPDF can convert them."""
+        """Return ink amounts 0..1 (colours, 4) of colours of ``space``; None if only MuPDF can convert them."""
         amounts = np.asarray(colours, dtype=np.float64)
         if mupdf.ll_fz_colorspace_is_device_gray(space):
             inks = np.zeros((len(amounts), 4))  # not np.pad: pages of many drawn lines ask ten thousand times
@@ -142,7 +145,7 @@ class Inks:
     def amounts(
         self, space: Any, colours: Sequence[Sequence[float]] | NDArray[np.float64], parameters: Any
     ) -> NDArray[np.float64]:
-        """As ``convert``, by MuPDF where only that can."""
+        """Return ink amounts as ``convert``, computed by MuPDF where only MuPDF can."""
         found = self.convert(space, colours, parameters)
         if found is not None:
             return found

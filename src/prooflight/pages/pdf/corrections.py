@@ -1,4 +1,4 @@
-"""What MuPDF reads otherwise than ISO 32000 says, put right in the document in memory before a page is drawn.
+"""Corrections of the document in memory, before a page is drawn, where MuPDF deviates from ISO 32000.
 
 Imported late, by ``document`` only: it needs PyMuPDF at import.
 """
@@ -41,22 +41,23 @@ BLEND_MODES: Final = frozenset(
     ]
 )
 LAB_RANGE: Final = (-100, 100, -100, 100)
-"""Of a* and b* where a space states none (8.6.5.4)."""
+"""Range of a* and b* for a space that states none (8.6.5.4)."""
 _PRINTED: Final = 4
-"""Flag of annotations (ISO 32000-2, 12.5.3)."""
+"""Flag of printed annotations (ISO 32000-2, 12.5.3)."""
 
 
 @dataclass(slots=True, kw_only=True)
 class PageContents:
-    """What was found in the resources of a page."""
+    """Content of a page's resources that affects its print."""
 
     tinted: Tinted = field(default_factory=Tinted)
     fonts: list[Resource] = field(default_factory=list)
     images: list[Resource] = field(default_factory=list)
     transfers: list[str] = field(default_factory=list)
-    """Graphics states with a transfer function."""
+    """Names of graphics states with a transfer function."""
     text_knockout: bool = True
-    """False: a graphics state switches it off; MuPDF does not say for which texts."""
+    """Whether glyphs knock each other out. False: a graphics state switches it off; MuPDF does not report
+    for which texts."""
 
 
 def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageContents:
@@ -95,7 +96,7 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
 
 
 def _let_links_print(annotation: Any) -> None:
-    """MuPDF draws no link; one with an appearance is an annotation like others (ISO 32000-2, 12.5.5)."""
+    """Make a link with an appearance an annotation like others (ISO 32000-2, 12.5.5), because MuPDF draws no links."""
     is_link = name_of(get(annotation, "Subtype")) == "Link" and get(get(annotation, "AP"), "N") is not None
     flags = get(annotation, "F")
     if is_link and flags is not None and mupdf.pdf_to_int(flags) & _PRINTED:
@@ -103,7 +104,7 @@ def _let_links_print(annotation: Any) -> None:
 
 
 def _choose_blend_mode(state: Any) -> None:
-    """Of a list of blend modes the first that is known counts (11.3.5), Normal if none is."""
+    """Choose the first known mode in a list of blend modes (11.3.5), or Normal if none is known."""
     modes = get(state, "BM")
     if modes is not None and mupdf.pdf_is_array(modes):
         mode = next((mode for mode in map(name_of, items(modes)) if mode in BLEND_MODES), "Normal")
@@ -111,7 +112,7 @@ def _choose_blend_mode(state: Any) -> None:
 
 
 def _has_transfer(state: Any) -> bool:
-    """Whether a graphics state has a transfer function other than the identity or the device's own (8.4.5)."""
+    """Return whether a graphics state has a transfer function other than the identity or the device's own (8.4.5)."""
     transfer = get(state, "TR2") or get(state, "TR")
     return transfer is not None and any(
         name_of(one) not in ("Identity", "Default") for one in items(transfer) or [transfer]
@@ -119,7 +120,7 @@ def _has_transfer(state: Any) -> bool:
 
 
 def _drop_background(gradient: Resource) -> None:
-    """Drop the background of a gradient that is painted by itself: it counts in a pattern alone (8.7.4.3)."""
+    """Drop the background of a gradient that is painted by itself, because it applies only in a pattern (8.7.4.3)."""
     if get(gradient.thing, "Background") is not None and not mupdf.pdf_is_stream(gradient.thing):
         own = mupdf.pdf_copy_dict(gradient.thing)  # a pattern may use the same gradient
         mupdf.pdf_dict_dels(own, "Background")
@@ -127,7 +128,7 @@ def _drop_background(gradient: Resource) -> None:
 
 
 def _choose_alternate(image: Resource) -> None:
-    """Let the alternate that is made for printing stand for an image (8.9.5.4)."""
+    """Replace an image by the alternate that is made for printing (8.9.5.4)."""
     for alternate in items(get(image.thing, "Alternates")):
         chosen, default = get(alternate, "Image"), get(alternate, "DefaultForPrinting")
         if chosen is not None and default is not None and mupdf.pdf_to_bool(default):
@@ -136,7 +137,7 @@ def _choose_alternate(image: Resource) -> None:
 
 
 def _state_lab_decode(image: Any) -> None:
-    """Samples of a Lab image span the range of its space (8.9.5.2, table 88); MuPDF takes -128 to 127."""
+    """State that samples of a Lab image span the range of its space (8.9.5.2, table 88); MuPDF takes -128 to 127."""
     space = get(image, "ColorSpace")
     if space is None or name_of(mupdf.pdf_array_get(space, 0)) != "Lab" or get(image, "Decode") is not None:
         return
@@ -148,7 +149,7 @@ def _state_lab_decode(image: Any) -> None:
 
 
 def _let_damage_show(image: Any) -> None:
-    """MuPDF leaves out a JPEG 2000 image that it cannot open; as another kind it is drawn, and seen to be damaged."""
+    """Change the kind of a JPEG 2000 image that MuPDF cannot open, so that it is not omitted but drawn as damaged."""
     try:
         mupdf.pdf_load_image(mupdf.pdf_get_bound_document(image), image)
     except mupdf.FzErrorBase:
@@ -165,7 +166,7 @@ def _let_damage_show(image: Any) -> None:
 
 
 def _drop_unasked_alpha(image: Any) -> None:
-    """Drop the opacity that a JPEG 2000 image holds where SMaskInData does not ask for it (8.9.5.1)."""
+    """Drop the opacity of a JPEG 2000 image unless SMaskInData requests it (8.9.5.1)."""
     asked = get(image, "SMaskInData")
     if asked is not None and mupdf.pdf_to_int(asked):
         return

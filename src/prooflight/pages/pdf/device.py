@@ -31,8 +31,8 @@ _FORWARDED = {
 } | {"begin_tile": "begin_tile_tid"}
 """Drawing calls without a colour, and the function that takes all of their arguments."""
 _PAINTING = {"fill_path": 3, "stroke_path": 3, "fill_text": 2, "stroke_text": 3}
-"""Drawing calls with a colour, and where among their arguments the colour space stands; the colour and its opacity
-follow."""
+"""Drawing calls with a colour, and the index of the colour space among their arguments; the colour and its
+opacity follow."""
 _CLIPPING = ("clip_text", "clip_stroke_text")
 _OVERRIDDEN = (
     *("fill_shade", "fill_image", "fill_image_mask", "clip_image_mask"),
@@ -44,26 +44,26 @@ COLOURS_KEPT: Final = 4096
 
 
 def nearest_byte(value: float) -> float:
-    """The number of 0..1 that MuPDF's truncation turns into the byte ``round(255 * value)``; above 0 stays above 0.
+    """Return the number in 0..1 that MuPDF truncates to the byte ``round(255 * value)``; above 0 stays above 0.
 
-    Overprint mode 1 leaves alone what is exactly 0, so a trace of ink must not become 0 here. MuPDF holds colours
-    in single precision: six decimals bring back the number that the file states.
+    Overprint mode 1 does not paint amounts of exactly 0, so a trace of ink must not become 0 here. MuPDF
+    stores colours in single precision: six decimals restore the number that the file states.
     """
     return min(1.0, (round(255 * round(value, 6)) + 0.25) / 255) if value > 0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observed:
-    """What was seen of a page while it was drawn."""
+    """Observations of a page while it was drawn."""
 
     troubles: dict[str, None] = field(default_factory=dict)
-    """What could not be drawn, in MuPDF's words."""
+    """Errors of drawing, in MuPDF's words."""
     faults: list[ImageFault] = field(default_factory=list)
     fonts: DrawnFonts = field(default_factory=DrawnFonts)
     plates: dict[tuple[str, ...], None] = field(default_factory=dict)
-    """Plates that were painted on, those of one colour space together."""
+    """Plates that were painted on, those of one colour space as one entry."""
     transparent: list[bool] = field(default_factory=list)
-    """Not empty: something is not opaque, or blends."""
+    """Not empty: an object is not opaque, or blends."""
     separated: list[bool] = field(default_factory=list)
     """Not empty: ink was painted in a group that blends in other colours, and is separated again."""
 
@@ -71,15 +71,15 @@ class Observed:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Group:
     foreign: bool
-    """Are its colours other than the press's?"""
+    """Whether its colours are other than the press's."""
     mask: bool = False
-    """Is it a soft mask, or within one? Then its colours print nothing."""
+    """Whether it is a soft mask, or within one; its colours then print nothing."""
     knockout: bool = False
     drawn: bool = True
 
 
 class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
-    """Draws on another MuPDF device. ``close`` it once the page is drawn."""
+    """Device that draws on another MuPDF device. ``close`` it once the page is drawn."""
 
     def __init__(
         self,
@@ -98,11 +98,12 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         group_is_ours: bool,
         text_knockout: bool,
     ) -> None:
-        """``inks`` stand for DeviceCMYK and ``rgb`` for DeviceRGB, whatever the document's output intent is.
+        """Prepare drawing with ``inks`` for DeviceCMYK and ``rgb`` for DeviceRGB.
 
-        plates: those that are drawn on. page_group: the first group is the page's, and page_knockout is its K.
-        group_is_ours: it names no colours to blend in, so these are the press's inks (ISO 32000-2, 11.4.7).
-        text_knockout: glyphs knock each other out.
+        They apply whatever the document's output intent is. ``plates`` are those that are drawn on.
+        ``page_group``: the first group is the page's, and ``page_knockout`` is its K. ``group_is_ours``: it
+        names no colours to blend in, so these are the press's inks (ISO 32000-2, 11.4.7). ``text_knockout``:
+        glyphs knock each other out.
         """
         super().__init__()
         self._drawing, self._inks, self._rgb, self._raster = drawing.m_internal, inks, rgb, raster
@@ -128,7 +129,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         mupdf.ll_fz_drop_default_colorspaces(self._defaults)
 
     def pass_on(self, draw: Callable[..., Any], *arguments: Any) -> Any:
-        """Draw; what fails is noted and left out, as MuPDF itself does with a damaged image or font."""
+        """Draw; an error is recorded and the object omitted, as MuPDF itself does with a damaged image or font."""
         try:
             return draw(self._drawing, *arguments)
         except mupdf.FzErrorBase as error:
@@ -136,7 +137,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
             return 0
 
     def set_default_colorspaces(self, _context: Any, defaults: Any) -> None:
-        """Let the press's inks stand for DeviceCMYK; a /DefaultCMYK, /DefaultRGB or /DefaultGray stays."""
+        """Use the press's inks for DeviceCMYK; a /DefaultCMYK, /DefaultRGB or /DefaultGray stays."""
         mine = mupdf.ll_fz_clone_default_colorspaces(defaults)
         own = {"gray": mupdf.fz_device_gray(), "rgb": self._rgb, "cmyk": self._inks.space}
         for colours, space in own.items():
@@ -151,10 +152,11 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
     def begin_group(
         self, _context: Any, area: Any, space: Any, isolated: int, knockout: int, blend: int, alpha: float
     ) -> None:
-        """Inside a group that blends in other colours, MuPDF converts: to them first, and to ink at its end.
+        """Begin a group.
 
-        A group that is not isolated blends in the colours around it (ISO 32000-2, 11.6.6). If it is opaque and nothing
-        in it is knocked out, it is drawn as what it holds.
+        Inside a group that blends in other colours, MuPDF converts to them first, and to ink at its end. A
+        group that is not isolated blends in the colours around it (ISO 32000-2, 11.6.6). If it is opaque and
+        nothing in it is knocked out, its content is drawn directly.
         """
         if not isolated or (self._page_group and self._group_is_ours):
             space = None
@@ -175,23 +177,23 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self.pass_on(_mupdf.ll_fz_begin_group, area, space, isolated, knockout, blend, opacity)
 
     def end_group(self, _context: Any) -> None:
-        """Back to the colours of the group around this one."""
+        """End a group, and return to the colours of the group around it."""
         if self._groups.pop().drawn:
             self.pass_on(_mupdf.ll_fz_end_group)
 
     def begin_mask(self, _context: Any, *arguments: Any) -> None:
-        """A soft mask is grey."""
+        """Begin a soft mask, which is grey."""
         self.observed.transparent.append(True)
         self._groups.append(_Group(foreign=True, mask=True))
         self.pass_on(_mupdf.ll_fz_begin_mask, *arguments)
 
     def end_mask(self, _context: Any, function: Any) -> None:
-        """From here to its pop_clip the mask clips."""
+        """End a soft mask, which clips from here to its pop_clip."""
         self._groups.pop()
         self.pass_on(_mupdf.ll_fz_end_mask_tr, function)
 
     def fill_shade(self, _context: Any, shade: Any, ctm: Any, alpha: float, parameters: Any) -> None:
-        """Draw a gradient, a mesh without a function as an image of what it shows."""
+        """Draw a gradient; a mesh without a function is drawn as an image of its colours."""
         space = shade.colorspace
         if not self._leaves_mark(space, alpha, parameters):
             return
@@ -215,7 +217,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
                 self.pass_on(_mupdf.ll_fz_fill_image, image.m_internal, matrix, alpha, parameters)
 
     def fill_image(self, _context: Any, image: Any, ctm: Any, alpha: float, parameters: Any) -> None:
-        """Draw an image, in ink if it was in colours to be converted."""
+        """Draw an image, in ink if its colours must be converted."""
         space = image.colorspace
         if space and mupdf.ll_fz_colorspace_is_indexed(space):
             space = mupdf.ll_fz_base_colorspace(space)
@@ -256,7 +258,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self.pass_on(draw, best.m_internal, matrix, *rest)
 
     def paint(self, draw: Callable[..., Any], place: int, arguments: tuple[Any, ...]) -> None:
-        """Draw a path or a text; ``place``: where among its arguments colour space, colour and opacity stand."""
+        """Draw a path or a text; ``place`` is the index of colour space, colour and opacity among its arguments."""
         (space, colour, alpha), parameters = arguments[place : place + 3], arguments[-1]
         if self._leaves_mark(space, alpha, parameters):
             exact = self.exact(space, colour, parameters)
@@ -287,7 +289,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self.pass_on(draw, *arguments)
 
     def exact(self, space: Any, colour: Any, parameters: Any) -> tuple[Any, Any]:
-        """Colour space and colour (float*) to paint with: ink amounts are rounded, other colours converted to ink."""
+        """Return colour space and colour (float*) to paint with: rounded ink amounts, or other colours in ink."""
         if not space:
             return space, colour
         amounts = tuple(mupdf.floats_getitem(colour, i) for i in range(space.n))
@@ -324,7 +326,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         return press, list(map(nearest_byte, inks))
 
     def _leaves_mark(self, space: Any, alpha: float, parameters: Any) -> bool:
-        """Whether anything of a colour space is painted; what it is painted with is noted."""
+        """Return whether anything of a colour space is painted, and record its plates."""
         if alpha < 1:
             self.observed.transparent.append(True)
         use = self._use(space)
@@ -353,10 +355,11 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         return self._uses[key]
 
     def _to_ink(self, space: Any, parameters: Any) -> ToInk | None:
-        """How colours of a space (low level) become ink here; None: MuPDF paints them right.
+        """Return the conversion of colours of a space (low level) to ink here; None if MuPDF paints them correctly.
 
-        All is as much of each process ink, and knocks spots out, because their plates are not printed. What becomes
-        ink by a computation overprints as OPM 0 (ISO 32000-2, 11.7.4.3: mode 1 is for DeviceCMYK alone).
+        All is as much of each process ink, and knocks spots out, because their plates are not printed. Ink
+        that results from a computation overprints as OPM 0 (ISO 32000-2, 11.7.4.3: mode 1 is for DeviceCMYK
+        alone).
         """
         use = self._use(space)
         if use.is_all:
@@ -379,7 +382,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         return lambda colours: self._inks.amounts(actual, colours, parameters)
 
     def _resolved(self, space: Any) -> Any:
-        """What a device colour space stands for on this page."""
+        """Return the colour space that a device colour space represents on this page."""
         if not self._defaults or not mupdf.ll_fz_colorspace_is_device(space):
             return space
         for colours in ("cmyk", "rgb", "gray"):

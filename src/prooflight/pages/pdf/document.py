@@ -1,7 +1,7 @@
 """One PDF read with MuPDF: its pages counted, measured and drawn.
 
-Used in the process that rips (``rip_worker``) alone: MuPDF's state is global, and a PDF may be made to exhaust time and
-memory. It needs PyMuPDF at import.
+Used only in the process that rips (``rip_worker``): MuPDF's state is global, and a PDF may be made to exhaust
+time and memory. It needs PyMuPDF at import.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
-"""While drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
+"""Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
 BAND_PIXELS: Final = 2**24
-"""Of a page that is drawn finer than its raster: so many at once, a page of A4 at 960 dpi in six bands."""
+"""Pixels that are drawn at once of a page finer than its raster: a page of A4 at 960 dpi in six bands."""
 PIXELS_MAX: Final = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
 ICC_HEADER_BYTES: Final = 128  # ICC.1:2022, 7.2
 ICC_BYTES_MAX: Final = 64 * 2**20
 _OF_COLOURS: Final = re.compile(r"(?i)\bicc\b|colou?r ?space|color conversion")
-"""What MuPDF says when colours are not converted as the file asks."""
+"""Messages of MuPDF about colours that are not converted as the file requests."""
 _NO_NEWS: Final = re.compile(r"^encountered syntax errors; page may not|^\.\.\. repeated|^dropping unclosed")
-"""What it says beside another message."""
+"""Messages of MuPDF that only accompany another message."""
 _NO_MEMORY: Final = re.compile(
     r"alloc \(.*\) failed|(?i:out of|insufficient|not enough) memory|memory allocation"
 )
 
 
 def read_profile(path: Path, shown: str) -> bytes:
-    """An ICC profile of CMYK output as its bytes; ProfileError if it is broken or of other colours."""
+    """Return an ICC profile of CMYK output as its bytes; ProfileError if it is broken or of other colours."""
     with path.open("rb") as file:
         data = file.read(ICC_BYTES_MAX)
     remedy = "give a CMYK output profile (.icc)"
@@ -83,7 +83,10 @@ class PdfFile:
     """An open PDF."""
 
     def __init__(self, path: Path, shown: str, profile: bytes | None) -> None:
-        """``shown``: how errors name it. JobError: encrypted, empty or damaged; MemoryError: beyond its limit."""
+        """Open a PDF; ``shown`` is its name in errors.
+
+        JobError: encrypted, empty or damaged; MemoryError: beyond its limit.
+        """
         self._path, self._shown, self._profile = path, shown, profile
         self._warnings = dict[PageWarning, None]()
         self._tints, self._contents = TintSpaces(), dict[int, PageContents]()
@@ -95,31 +98,31 @@ class PdfFile:
             raise JobError(shown, "the PDF has no pages", remedy="give a job with at least one page")
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._document.close()
 
     def warnings(self) -> list[PageWarning]:
-        """Warnings since this was last called, each once, in their order."""
+        """Return the warnings since the last call, each once, in their order."""
         found, self._warnings = list(self._warnings), {}
         return found
 
     def sizes_points(self) -> list[tuple[float, float]]:
-        """Width and height of every page as printed. JobError: a page does not say."""
+        """Return width and height of every page as printed; JobError if a page does not state them."""
         with self._listening("the PDF is damaged"):
             boxes = [self._box(self._load(number), number) for number in range(1, self.pages + 1)]
         return [(box.x1 - box.x0, box.y1 - box.y0) for box in boxes]
 
     def marks(self, number: int) -> dict[str, Any]:
-        """What page ``number`` says of its own places (``pages.pdf.marks``); errors as ``draw``."""
+        """Return the marked places of page ``number`` (``pages.pdf.marks``); errors as ``draw``."""
         with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
             box = self._box(page, number)
             return page_marks(page, (box.x0, box.y0))
 
     def facts(self, number: int, swatches: Path) -> dict[str, Any]:
-        """Facts of page ``number`` (``page_facts``), as long as nothing has been drawn; errors as ``draw``.
+        """Return facts of page ``number`` (``page_facts``), as long as nothing has been drawn; errors as ``draw``.
 
-        swatches: where a PDF of its spot colours is written; "swatches" of what is returned names them.
+        A PDF of its spot colours is written to ``swatches``; "swatches" of the result names them.
         """
         from prooflight.pages.pdf.page_facts import page_facts, write_swatches
 
@@ -141,9 +144,9 @@ class PdfFile:
     ) -> NDArray[np.uint8]:
         """Draw page ``number`` into the empty array that ``raster`` gives for its shape, (rows, columns, 4).
 
-        raster: is also told how many pixels are drawn at once. drawn_dpi: drawn at another resolution than its
-        raster's, and ``taken_together`` by ``light``. RequestError: there is no such page; JobError: it cannot be
-        ripped; MemoryError: not within its limit.
+        The second argument of ``raster`` is the number of pixels drawn at once. With ``drawn_dpi``, the page
+        is drawn at another resolution than its raster's, and ``taken_together`` by ``light``. RequestError:
+        there is no such page; JobError: it cannot be ripped; MemoryError: not within its limit.
         """
         with self._listening(f"page {number} is damaged", number):
             contents = self._corrected(number)
@@ -191,9 +194,10 @@ class PdfFile:
         drawn_dpi: float | None = None,
         light: InkLight | None = None,
     ) -> NDArray[np.uint8]:
-        """Have another engine draw page ``number`` at once, not in bands; else as ``draw``.
+        """Draw page ``number`` by another engine, at once and not in bands; otherwise as ``draw``.
 
-        folder: where it writes. room_bytes: that it may take beside its raster.
+        ``folder`` is where the engine writes. ``room_bytes`` is the memory that it may take in addition to
+        its raster.
         """
         with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
@@ -228,7 +232,7 @@ class PdfFile:
         return cmyk
 
     def _corrected(self, number: int) -> PageContents:
-        """What a page uses, once the page is as it is to be read; before it is loaded."""
+        """Correct a page before it is loaded, and return what it uses."""
         self._refuse_number(number)
         if number not in self._contents:
             document = self._pdf()
@@ -249,9 +253,9 @@ class PdfFile:
     def _refuse_faults(
         self, number: int, faults: list[ImageFault], contents: PageContents, corner: tuple[float, float]
     ) -> None:
-        """JobError: an image of the page, or what else it is drawn with, cannot be decoded.
+        """Raise JobError if an image of the page, or any other stream that it is drawn with, cannot be decoded.
 
-        corner: of what is printed. [points]
+        ``corner`` is the corner of the printed part. [points]
         """
         said = lost()
         if said and not faults:
@@ -279,7 +283,7 @@ class PdfFile:
         faults.clear()
 
     def _image_place(self, fault: ImageFault, contents: PageContents, corner: tuple[float, float]) -> str:
-        """Which image that is, and where."""
+        """Describe an image and its position."""
         x0, y0, x1, y1 = (MM_PER_INCH / POINTS_PER_INCH * value for value in fault.box)
         x, y = (MM_PER_INCH / POINTS_PER_INCH * value for value in corner)
         name = self._image_name(fault.image, contents)
@@ -295,7 +299,7 @@ class PdfFile:
         return "an inline image"
 
     def _warn_of(self, number: int, drawing: PageDrawing, contents: PageContents) -> None:
-        """Warnings about what a page is printed with, now that it is drawn."""
+        """Add the warnings about the fonts, colours and images of a page, after it is drawn."""
         observed = drawing.observed
         self._warn(number - 1, "renderer", observed.troubles)
         self._warn(number - 1, "colour-space", drawing.inks.troubles)
@@ -350,9 +354,9 @@ class PdfFile:
 
     @contextlib.contextmanager
     def _listening(self, damage: str, number: int = WHOLE_FILE + 1) -> Iterator[None]:
-        """MuPDF's messages become warnings of page ``number``; what it raises is raised as a JobError.
+        """Turn MuPDF's messages into warnings of page ``number``, and its errors into a JobError.
 
-        MemoryError: it lacked memory, even where it went on without what it could not draw.
+        MemoryError: it lacked memory, even if it went on without what it could not draw.
         """
         tools = pymupdf.TOOLS
         tools.mupdf_display_errors(False)

@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 PLATES_MAX = COLOURS_MAX - 4
-"""That are drawn at once, beside the process inks."""
+"""Most plates that are drawn at once, in addition to the process inks."""
 _SHARP = {"hscale": 1, "vscale": 1, "scale": 0xFF00, "bits": 1, "text_bits": 0, "min_line_width": 1.0}
-"""Of ``fz_aa_context``: samples of a pixel either way, what one of them counts (of 0xFF00), bits of coverage of paths
-(0 would choose level 0) and of glyphs, and the width of the thinnest line. [pixels]"""
+"""Fields of ``fz_aa_context``: samples of a pixel in either direction, the weight of one of them (of
+0xFF00), bits of coverage of paths (0 would choose level 0) and of glyphs, and the width of the thinnest
+line. [pixels]"""
 BAND_ROWS = 64  # plates are merged in bands: that of an A4 page at 600 dpi stays in the processor's cache
 
 
@@ -41,9 +42,10 @@ class PlateError(ValueError):
 
 
 def output_intent(page: Any) -> bytes:
-    """The profile of the page's or else the document's output intent (ISO 32000-2, 14.11.5); empty: none.
+    """Return the profile of the page's or else the document's output intent (ISO 32000-2, 14.11.5); empty: none.
 
-    Of several, that of PDF/X says what the file was made for (ISO 15930-7, 6.2.2), then any that is of CMYK.
+    Of several, that of PDF/X states what the file was made for (ISO 15930-7, 6.2.2), then any that is of
+    CMYK.
     """
     for holder in (page.obj(), get(mupdf.pdf_trailer(page.doc()), "Root")):
         found = []
@@ -58,7 +60,7 @@ def output_intent(page: Any) -> bytes:
 
 
 def icc_space(profile: bytes) -> Any:
-    """A MuPDF colour space of an RGB or CMYK profile; PlateError if the profile cannot be used."""
+    """Return a MuPDF colour space of an RGB or CMYK profile; PlateError if the profile cannot be used."""
     is_ink = profile[16:20] == b"CMYK"
     kind = mupdf.fz_device_cmyk() if is_ink else mupdf.fz_device_rgb()
     try:
@@ -76,10 +78,10 @@ class PageDrawing:
     def __init__(
         self, page: Any, profile: bytes | None, tints: TintSpaces, listed: Tinted, *, text_knockout: bool
     ) -> None:
-        """``page``: a ``mupdf.PdfPage`` whose colorants have been renamed; ``listed``: what these were.
+        """Prepare ``page``, a ``mupdf.PdfPage`` with renamed colorants; ``listed`` are their former names.
 
-        profile: the CMYK profile to convert RGB, ICC grey and Lab with, before the output intent; native CMYK is not
-        touched. PlateError: see there. mupdf.FzErrorBase: MuPDF cannot go on.
+        ``profile`` is the CMYK profile to convert RGB, ICC grey and Lab with, before the output intent;
+        native CMYK is not touched. PlateError: see there. mupdf.FzErrorBase: MuPDF cannot go on.
         """
         mupdf.fz_enable_icc()
         intent = output_intent(page)
@@ -99,7 +101,7 @@ class PageDrawing:
             self._survey(listed)
 
     def _survey(self, listed: Tinted) -> None:
-        """See which plates are painted on, and whether anything is transparent, by drawing a single pixel."""
+        """Find which plates are painted on, and whether anything is transparent, by drawing a single pixel."""
         self._run(mupdf.FzMatrix(), np.zeros((1, 1, 4), np.uint8), [])
         if not self.observed.transparent:
             # What is opaque prints as it stands, whatever the page blends in.
@@ -115,7 +117,7 @@ class PageDrawing:
         self._passes = [painted[i : i + PLATES_MAX] for i in range(0, len(painted), PLATES_MAX)]
 
     def draw(self, ctm: Any, cmyk: NDArray[np.uint8]) -> None:
-        """Draw without anti-aliasing into ``cmyk``, (rows, columns, 4) without ink yet. ctm: page space to pixels."""
+        """Draw without anti-aliasing into the empty ``cmyk``, (rows, columns, 4); ``ctm`` maps the page to pixels."""
         for number, plates in enumerate(self._passes):
             if not plates:
                 self._run(ctm, cmyk, [])
@@ -164,7 +166,7 @@ class PageDrawing:
             mupdf.fz_close_device(drawing)
 
     def _curve(self, plate: str) -> NDArray[np.uint8]:
-        """CMYK of every tint of a plate, (256, 4)."""
+        """Return the CMYK values of every tint of a plate, (256, 4)."""
         if plate not in self._curves:
             tints = np.linspace(0.0, 1.0, 256)[:, None]
             amounts = np.zeros((256, 4))
@@ -178,7 +180,7 @@ class PageDrawing:
 def merge_plates(plates: NDArray[np.uint8], curves: list[NDArray[np.uint8]], cmyk: NDArray[np.uint8]) -> None:
     """Add spot plates (rows, columns, spots) to ``cmyk`` (rows, columns, 4), at most full ink.
 
-    curves: of each spot, CMYK by its tint, (256, 4).
+    ``curves`` are the CMYK values of each spot by its tint, (256, 4).
     """
     for top in range(0, len(plates), BAND_ROWS):
         band = cmyk[top : top + BAND_ROWS]
@@ -192,10 +194,11 @@ def merge_plates(plates: NDArray[np.uint8], curves: list[NDArray[np.uint8]], cmy
 
 @contextlib.contextmanager
 def sharp_edges() -> Iterator[None]:
-    """Draw without anti-aliasing: a pixel is inside a shape where its centre is.
+    """Draw without anti-aliasing: a pixel is inside a shape if its centre is.
 
-    MuPDF's own level 0 paints solid what is transparent (the opacity of groups that are not isolated is 1 there). So
-    its anti-aliasing takes one sample of each pixel here, which no level of it does, and paints by the same rule.
+    MuPDF's own level 0 paints transparent objects solid (the opacity of groups that are not isolated is 1
+    there). Its anti-aliasing therefore takes one sample of each pixel here, which no level of it does, and
+    paints by the same rule.
     """
     settings = mupdf.internal_context_get().aa
     kept = {name: getattr(settings, name) for name in _SHARP}

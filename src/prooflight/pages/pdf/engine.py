@@ -1,6 +1,6 @@
-"""What draws the pages of a PDF: MuPDF, Ghostscript, or the press's own front end, run as a command.
+"""Engines that draw the pages of a PDF: MuPDF, Ghostscript, or the press's own front end, run as a command.
 
-MuPDF opens every PDF and says how large its pages are; another engine draws them. It runs below the process that rips
+MuPDF opens every PDF and measures its pages; another engine draws them. It runs below the process that rips
 (``worker``), within the same limits of memory and time, and writes one page as a CMYK TIFF.
 """
 
@@ -18,7 +18,8 @@ EngineName = Literal["mupdf", "ghostscript", "command"]
 ENGINES: Final[tuple[EngineName, ...]] = get_args(EngineName)
 GHOSTSCRIPT: Final = "gs"
 PLACEHOLDERS: Final = ("pdf", "page", "dpi", "out")
-"""What a command's arguments may name: the PDF, the page's number from 1, the resolution, the TIFF to be written."""
+"""Placeholders in a command's arguments: the PDF, the page's number from 1, the resolution, the TIFF to be
+written."""
 ARGUMENTS_MAX: Final = 100
 ARGUMENT_LETTERS_MAX: Final = 4000
 _PLACEHOLDER: Final = re.compile(r"\{([^{}]*)\}")
@@ -30,10 +31,11 @@ class RipEngine:
 
     name: EngineName = "mupdf"
     command: tuple[str, ...] = ()
-    """Program and arguments of the engine ``command``, which are given to no shell; empty: another engine."""
+    """Program and arguments of the engine ``command``, which are passed without a shell; empty: another
+    engine."""
 
     def __post_init__(self) -> None:
-        """ValueError: the command is missing, is of no use, or belongs to no engine."""
+        """Check the command; ValueError if it is missing, invalid, or belongs to no engine."""
         if self.name not in ENGINES:
             message = f"engine must be {', '.join(ENGINES)}"
             raise ValueError(message)
@@ -50,7 +52,7 @@ class RipEngine:
 
     @property
     def missing(self) -> str:
-        """Why it cannot be run on this machine; empty: it can."""
+        """Reason why it cannot be run on this machine; empty: it can."""
         program = self.program
         if not program or shutil.which(program):
             return ""
@@ -60,13 +62,13 @@ class RipEngine:
 
     @property
     def remedy(self) -> str:
-        """What would help where it is missing."""
+        """Advice for a missing engine."""
         if self.name == "ghostscript":
             return "install it (apt install ghostscript), or choose another [rip] engine and build the press again"
         return "name a program on PATH, or its whole path, in [rip] command, and build the press again"
 
     def filled(self, values: Mapping[str, str]) -> list[str]:
-        """The command's arguments with ``values`` in place of its placeholders."""
+        """Return the command's arguments with ``values`` in place of its placeholders."""
         return [
             _PLACEHOLDER.sub(lambda match: values.get(match[1], match[0]), argument)
             for argument in self.command

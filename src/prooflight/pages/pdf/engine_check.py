@@ -1,7 +1,8 @@
-"""Whether an engine draws a PDF as the PDF specification says: a page of ours, each of whose values is known.
+"""Check whether an engine draws a PDF by the PDF specification, with a test page whose values are all known.
 
-The page has a TrimBox that lies off its MediaBox and off whole points, a square whose edges are measured, and patches
-of process inks, tints, spot colours and overprint (ISO 32000-2, 8.6.6.4, 8.6.7 and 14.11.2).
+The page has a TrimBox that is offset from its MediaBox and from whole points, a square whose edges are
+measured, and patches of process inks, tints, spot colours and overprint (ISO 32000-2, 8.6.6.4, 8.6.7 and
+14.11.2).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 MEDIA: Final = (0.0, 0.0, 260.0, 210.0)
 TRIM: Final = (20.25, 15.5, 236.25, 195.5)
-"""3 x 2.5 inches. [points]"""
+"""The TrimBox, 3 x 2.5 inches. [points]"""
 SQUARE: Final = (18.0, 18.0, 54.0, 54.0)
 """Left, top, right and bottom of the black square, from the top left corner of the TrimBox. [points]"""
 PATCH_POINTS: Final = 24.0
@@ -33,9 +34,9 @@ COLUMNS: Final = 7
 FIRST: Final = (10.0, 66.0)
 """Left and top of the first patch, as of the square. [points]"""
 EDGE_PIXELS: Final = 1
-"""By which an edge may be off: engines ink pixels that a shape touches, or those whose centres it covers."""
+"""Tolerance of an edge: engines ink pixels that a shape touches, or those whose centres it covers."""
 INK_OFF_MAX: Final = 3
-"""Of 255; engines round and truncate tints."""
+"""Tolerance of ink amounts, of 255; engines round and truncate tints."""
 
 _SPOT: Final = (
     "[/Separation/ProoflightTest/DeviceCMYK<</FunctionType 2/Domain[0 1]/C0[0 0 0 0]/C1[0 0.2 0.8 0.1]/N 1>>]"
@@ -54,11 +55,11 @@ class Patch:
     """A square of one colour."""
 
     name: str
-    """What it tries, as a person would say it."""
+    """Description of the test, in words."""
     operators: str
-    """What paints it; ``{box}`` stands for its rectangle."""
+    """Operators that paint it; ``{box}`` stands for its rectangle."""
     cmyk: tuple[int, int, int, int]
-    """What it must come to, 0 to 255."""
+    """Expected ink amounts, 0 to 255."""
 
 
 PATCHES: Final = (
@@ -101,7 +102,7 @@ PATCHES: Final = (
 
 
 def differences(engine: RipEngine, dpi: float) -> tuple[str, ...]:
-    """Have ``engine`` draw the test page at ``dpi``; returns what differs from the specification, a phrase each."""
+    """Draw the test page with ``engine`` at ``dpi``, and return a phrase for each difference from the specification."""
     with tempfile.TemporaryDirectory(prefix="prooflight-") as folder:
         path = Path(folder) / "test-page.pdf"
         path.write_bytes(check_page())
@@ -114,7 +115,7 @@ def differences(engine: RipEngine, dpi: float) -> tuple[str, ...]:
 
 
 def sentence(engine: RipEngine, dpi: float, differing: tuple[str, ...]) -> str:
-    """Say in one line how an engine drew the test page."""
+    """Describe in one line how an engine drew the test page."""
     about = f"RIP {engine.name} at {dpi:.6g} dpi"
     if not differing:
         return f"{about}: draws the test page as the PDF specification says"
@@ -123,7 +124,7 @@ def sentence(engine: RipEngine, dpi: float, differing: tuple[str, ...]) -> str:
 
 
 def check_page() -> bytes:
-    """The test page, a PDF."""
+    """Return the test page, a PDF."""
     x0, y0, x1, y1 = TRIM
     paints = [f"0 1 0 0 k 0 0 {MEDIA[2]} {MEDIA[3]} re {x0} {y0} {x1 - x0} {y1 - y0} re f*"]
     paints.append(f"0 0 0 1 k {_rectangle(SQUARE)} re f")
@@ -158,20 +159,20 @@ def _pdf(objects: list[bytes]) -> bytes:
 
 
 def _place(number: int) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of a patch, as of the square. [points]"""
+    """Return left, top, right and bottom of a patch, as of the square. [points]"""
     left = FIRST[0] + STEP_POINTS * (number % COLUMNS)
     top = FIRST[1] + STEP_POINTS * (number // COLUMNS)
     return left, top, left + PATCH_POINTS, top + PATCH_POINTS
 
 
 def _rectangle(box: tuple[float, float, float, float]) -> str:
-    """Operands of ``re`` for a rectangle that is given from the top left corner of the TrimBox."""
+    """Return the operands of ``re`` for a rectangle that is given from the top left corner of the TrimBox."""
     left, top, right, bottom = box
     return f"{TRIM[0] + left:g} {TRIM[3] - bottom:g} {right - left:g} {bottom - top:g}"
 
 
 def _edges(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
-    """What is wrong with the square of solid black."""
+    """Return the errors of the square of solid black."""
     scale = dpi / POINTS_PER_INCH
     left, top, right, bottom = (side * scale for side in SQUARE)
     margin = 6 * scale  # of the paper around it
@@ -199,7 +200,7 @@ def _edges(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
 
 
 def _patches(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
-    """The patches that differ from what they must come to."""
+    """Return the patches that differ from their expected amounts."""
     wrong = []
     for number, patch in enumerate(PATCHES):
         left, top, right, bottom = (side * dpi / POINTS_PER_INCH for side in _place(number))

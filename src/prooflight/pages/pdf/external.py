@@ -1,7 +1,8 @@
-"""A page drawn by a program beside MuPDF: Ghostscript, or a command of the press's own.
+"""Drawing of a page by a program other than MuPDF: Ghostscript, or a command of the press's own.
 
-Used in the process that rips (``worker``) alone. The program is a child of that process and ends with it. It may take
-so much memory as the request allows, may write no file larger than its page, and what it prints is read as messages.
+Used only in the process that rips (``worker``). The program is a child of that process and ends with it. It
+may take as much memory as the request allows, may write no file larger than its page, and its output is read
+as messages.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ MESSAGES: Final = "messages.txt"
 PROFILE: Final = "inks.icc"
 MESSAGE_BYTES_MAX: Final = 1 << 16
 MESSAGES_MAX: Final = 20
-"""Lines of a command that are passed on, the last ones."""
+"""Most lines of a command that are passed on; these are the last ones."""
 FILE_BYTES_PER_PIXEL: Final = 8
-"""CMYK of 16 bits."""
+"""Bytes of a pixel of CMYK with 16 bits."""
 FILE_SLACK_BYTES: Final = 64 * 2**20
 PIXELS_OFF_MAX: Final = 2
-"""By which a page may be wider or higher than its box says: engines round it up, down, or to the nearest pixel."""
+"""Tolerance of a page's width and height: engines round them up, down, or to the nearest pixel."""
 DPI_OFF_MAX: Final = 0.01
-"""Share by which the stated resolution may be off: TIFF has it in whole numbers where a program rounds it."""
+"""Relative tolerance of the stated resolution: TIFF has it in whole numbers if a program rounds it."""
 _NO_MEMORY: Final = re.compile(
     r"(?i)VMerror|out of memory|cannot allocate memory|insufficient memory|MemoryError|bad_alloc"
 )
@@ -56,17 +57,18 @@ _GS_NOISE: Final = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageToDraw:
-    """What a program is to draw, and how large that is."""
+    """Page that a program is to draw, and its size."""
 
     pdf: Path
     shown: str
-    """How errors name the PDF."""
+    """Name of the PDF in errors."""
     number: int
-    """From 1."""
+    """Number of the page, from 1."""
     left_points: float
-    """From the left edge of its MediaBox, as the page is turned, to that of what is printed."""
+    """Distance from the left edge of its MediaBox, as the page is turned, to that of the printed part."""
     below_points: float
-    """From the lower edge of its MediaBox, as the page is turned, to the upper edge of what is printed."""
+    """Distance from the lower edge of its MediaBox, as the page is turned, to the upper edge of the
+    printed part."""
     dpi: float
     columns: int
     rows: int
@@ -74,7 +76,7 @@ class PageToDraw:
     """CMYK profile by which other colours become ink; empty: the program's own."""
 
     def error(self, what: str, remedy: str) -> JobError:
-        """That it could not be drawn, and why."""
+        """Return the error that the page could not be drawn, and why."""
         return JobError(self.shown, f"page {self.number}: {what}", remedy=remedy)
 
 
@@ -83,16 +85,16 @@ class Drawn:
     """A page that a program drew."""
 
     cmyk: NDArray[np.uint8]
-    """(rows, columns, 4) of the page's size, at the resolution that was asked for."""
+    """Ink amounts (rows, columns, 4) of the page's size, at the requested resolution."""
     warnings: tuple[PageWarning, ...] = ()
-    """By what the program printed."""
+    """Warnings from the output of the program."""
 
 
 def draw(page: PageToDraw, engine: RipEngine, folder: Path, *, room_bytes: float) -> Drawn:
-    """Have ``engine`` draw a page; ``folder`` is empty, and left so.
+    """Draw a page with ``engine``; ``folder`` is empty, and left so.
 
-    JobError: the program cannot be run, fails, says that something is left out, or writes something else than this
-    page. MemoryError: not within ``room_bytes`` beyond the raster's own.
+    JobError: the program cannot be run, fails, reports that something is omitted, or writes something else
+    than this page. MemoryError: not within ``room_bytes`` beyond the raster's own.
     """
     pixels = page.rows * page.columns
     if pixels > MEGAPIXELS_MAX * 1e6:
@@ -110,7 +112,7 @@ def draw(page: PageToDraw, engine: RipEngine, folder: Path, *, room_bytes: float
 
 
 def _warnings(page: PageToDraw, engine: RipEngine, messages: list[str]) -> Iterator[PageWarning]:
-    """Each line that a program printed as a warning; JobError: Ghostscript says that it left something out."""
+    """Yield each line that a program printed as a warning; JobError if Ghostscript reports an omission."""
     place = page.number - 1
     if engine.name != "ghostscript":
         for line in dict.fromkeys(messages[-MESSAGES_MAX:]):
@@ -140,11 +142,12 @@ def _arguments(page: PageToDraw, engine: RipEngine, folder: Path) -> list[str]:
 
 
 def _ghostscript(page: PageToDraw, folder: Path) -> list[str]:
-    """One page into one TIFF whose first pixel is the top left corner of the printed box.
+    """Return the command that draws one page into one TIFF whose first pixel is the top left corner of the
+    printed box.
 
-    ``tiff32nc`` with overprint simulated draws spot colours on plates of their own and sends them through their tint
-    transforms at the end, which ``tiffsep`` does not. Native CMYK stays as it stands, because the device and DeviceCMYK
-    have one profile.
+    ``tiff32nc`` with overprint simulated draws spot colours on plates of their own and sends them through
+    their tint transforms at the end, which ``tiffsep`` does not. Native CMYK stays as it is, because the
+    device and DeviceCMYK have one profile.
     """
     # Without a box of its own choice Ghostscript puts the lower left corner of the MediaBox at that of the raster.
     down = page.below_points - page.rows * POINTS_PER_INCH / page.dpi
@@ -169,7 +172,7 @@ def _ghostscript(page: PageToDraw, folder: Path) -> list[str]:
 def _run(
     arguments: list[str], page: PageToDraw, engine: RipEngine, folder: Path, *, room_bytes: float
 ) -> list[str]:
-    """Run a program to its end; returns the lines that it printed. JobError: it fails; MemoryError."""
+    """Run a program to its end, and return the lines that it printed; JobError if it fails, or MemoryError."""
     pixels = page.rows * page.columns
     room = int(room_bytes + FILE_BYTES_PER_PIXEL * pixels)
     largest = FILE_BYTES_PER_PIXEL * pixels + FILE_SLACK_BYTES
@@ -211,7 +214,7 @@ def _ended(code: int) -> str:
 
 
 def _read(page: PageToDraw, engine: RipEngine, path: Path) -> NDArray[np.uint8]:
-    """The page out of the TIFF that a program wrote; JobError: it wrote none, or none of this page."""
+    """Read the page from the TIFF that a program wrote; JobError if it wrote none, or none of this page."""
     from prooflight.pages.files import read_page
 
     remedy = "have it write one CMYK TIFF of the page's printed box, at the resolution that it is given"
@@ -235,7 +238,7 @@ def _read(page: PageToDraw, engine: RipEngine, path: Path) -> NDArray[np.uint8]:
 
 
 def fitted(cmyk: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.uint8]:
-    """``cmyk`` (n, m, 4) cut to ``rows`` and ``columns``, its last ones repeated where it has fewer."""
+    """Return ``cmyk`` (n, m, 4) cut to ``rows`` and ``columns``, with its last ones repeated if it has fewer."""
     cut = cmyk[:rows, :columns]
     lacking = ((0, rows - cut.shape[0]), (0, columns - cut.shape[1]), (0, 0))
     if any(after for _, after in lacking):
@@ -244,6 +247,6 @@ def fitted(cmyk: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.uint8
 
 
 def pixels_of(size_points: tuple[float, float], dpi: float) -> tuple[int, int]:
-    """Rows and columns of a page's raster (``rip``)."""
+    """Return rows and columns of a page's raster (``rip``)."""
     width, height = (max(1, round(side * dpi / POINTS_PER_INCH)) for side in size_points)
     return height, width

@@ -1,4 +1,4 @@
-"""What a PDF page is made of, as far as it decides what is printed: for people who check a job before it is printed."""
+"""Facts of a PDF page that determine its print, for people who check a job before it is printed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Font:
 
     name: str
     kind: str
-    """Its subtype, as Type1 or TrueType."""
+    """Subtype of the font, such as Type1 or TrueType."""
     embedded: bool
 
 
@@ -34,9 +34,9 @@ class PlacedImage:
     width_px: int
     height_px: int
     bits: int
-    """A component."""
+    """Bits of a component."""
     colours: str
-    """Its colour space; a stencil has none."""
+    """Colour space of the image; a stencil has none."""
     dpi: tuple[float, float]
     """Resolution across and along on paper. [pixels/inch]"""
 
@@ -52,7 +52,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageFacts:
-    """All of one page."""
+    """Facts of one page."""
 
     box: str
     """The box that is printed: TrimBox, CropBox or MediaBox."""
@@ -61,7 +61,7 @@ class PageFacts:
     transparency: tuple[str, ...]
     """Kinds of transparency in use: alpha, soft mask, or a blend mode by its name."""
     overprint: tuple[str, ...]
-    """Overprint modes in use, as ``mode 1``."""
+    """Overprint modes in use, such as ``mode 1``."""
     layers: tuple[Layer, ...]
     fonts: tuple[Font, ...]
     images: tuple[PlacedImage, ...]
@@ -69,7 +69,7 @@ class PageFacts:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """From what JSON holds (``page_facts.page_facts``)."""
+        """Return the facts from their form in JSON (``page_facts.page_facts``)."""
         return cls(
             box=plain["box"],
             output_intent=plain["output_intent"],

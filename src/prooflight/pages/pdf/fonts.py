@@ -1,4 +1,4 @@
-"""Fonts that a page is not printed with as its file asks: those that are not embedded, and glyphs that they lack.
+"""Fonts of a page that print differently from its file: those that are not embedded, and glyphs that they lack.
 
 Imported late, by ``device`` and ``document``: it needs PyMuPDF at import.
 """
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
 _ITEM: Final = np.dtype(
     [("x", "f4"), ("y", "f4"), ("advance", "f4"), ("glyph", "i4"), ("letter", "i4"), ("code", "i4")]
 )
-"""MuPDF's ``fz_text_item``."""
+"""Layout of MuPDF's ``fz_text_item``."""
 _GLYPHS: Final = 256
-"""Of a Type 3 font, each with flags of 16 bits."""
+"""Glyphs of a Type 3 font, each with flags of 16 bits."""
 _BLANKS: Final = (9, 10, 13, 32, 0xA0, 0xAD)
-"""Letters without a mark, of which it does not matter that a font lacks them."""
+"""Letters without a mark, which a font may lack."""
 
 
 class DrawnFonts:
-    """The fonts that texts are drawn with."""
+    """Fonts with which texts are drawn."""
 
     def __init__(self) -> None:
         self._fonts: dict[int, Any] = {}
         self.missing: dict[tuple[str, str], None] = {}
-        """Names of fonts, and letters that they were asked for and lack."""
+        """Names of fonts, and letters that were requested from them and that they lack."""
 
     def take_in(self, text: Any) -> None:
-        """Take in a text that is drawn (low level ``fz_text``)."""
+        """Record a text that is drawn (low level ``fz_text``)."""
         span = text.head
         while span:
             font = span.font
@@ -55,15 +55,15 @@ class DrawnFonts:
             span = span.next
 
     def has(self, font: Any) -> bool:
-        """Whether a text was drawn with a font (low level)."""
+        """Return whether a text was drawn with a font (low level)."""
         return address(font) in self._fonts
 
 
 def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
-    """Have coloured glyphs of Type 3 fonts drawn as what they hold, like forms (ISO 32000-2, 9.6.4).
+    """Draw the content of coloured glyphs of Type 3 fonts directly, like forms (ISO 32000-2, 9.6.4).
 
-    MuPDF keeps them as pictures otherwise, in which what leaves no mark or overprints knocks out what lies below. It
-    forgets this with the font: ask anew before a page is drawn.
+    Otherwise MuPDF caches them as pictures, in which content that leaves no mark or overprints knocks out
+    what is below. MuPDF forgets this setting with the font, so it is applied again before a page is drawn.
     """
     for resource in fonts:
         if name_of(get(resource.thing, "Subtype")) != "Type3" or get(resource.thing, "Resources") is None:
@@ -77,7 +77,7 @@ def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
 
 
 def substituted(document: Any, fonts: Iterable[Resource], drawn: DrawnFonts) -> Iterator[str]:
-    """Names of fonts that are not embedded and that texts were drawn with."""
+    """Yield the names of fonts that are not embedded and with which texts were drawn."""
     for resource in fonts:
         font = resource.thing
         described = (items(get(font, "DescendantFonts")) or [font])[0]

@@ -1,4 +1,4 @@
-"""Images of a PDF as the press paints them: in its inks, and sample by sample in the right place.
+"""Images of a PDF as the press paints them: in its inks, and with each sample in the right place.
 
 Imported late, by ``device`` and ``shadings`` only: it needs PyMuPDF at import.
 """
@@ -25,13 +25,13 @@ _UNDECODABLE: Final = re.compile(
     r"premature end|treating as end of file|\b(?:jpeg|openjpeg|jbig2dec) error|^zlib error|"
     r"(?i:cannot|failed to) (?i:decode|read|complete)|decode failed|no jbig2 image|missing data|No data for"
 )
-"""What MuPDF says when it goes on with an image that it cannot decode."""
+"""Messages of MuPDF when it continues without decoding an image."""
 _LOST: Final = re.compile(
     r"read error; treating as end of file|unknown filter name|in(?:valid code in)? [12]d faxd"
 )
-"""What it says of any other stream that a page is drawn with, of inline images and glyphs among them."""
+"""Messages of MuPDF about any other stream of a page, including inline images and glyphs."""
 SHORT: Final = "padding truncated image"
-"""What it says of an image that has been decoded and has fewer samples than it should."""
+"""Message of MuPDF about a decoded image that has fewer samples than it should."""
 
 IMAGES_KEPT = 8  # converted images kept for the next time they are drawn, as patterns and slices do
 _FIXED_POINT = 1 << 14  # steps of MuPDF's sampler between two samples of an image
@@ -43,25 +43,25 @@ class ImageFault:
     """An image of a page that cannot be decoded, or not all of it."""
 
     image: Any
-    """``mupdf.FzImage``."""
+    """The image, a ``mupdf.FzImage``."""
     box: tuple[float, float, float, float]
-    """x0, y0, x1, y1 about it, in the page's space. [points]"""
+    """Bounding box x0, y0, x1, y1 in the page's space. [points]"""
     reason: str
-    """In MuPDF's words."""
+    """Reason in MuPDF's words."""
     only_short: bool
-    """It has been decoded, and lacks its last samples."""
+    """Whether it has been decoded, and only lacks its last samples."""
 
 
 def lost() -> str:
-    """What MuPDF has said of a stream that it could not decode since its messages were last read; empty: nothing."""
+    """Return MuPDF's message about a stream that it could not decode since messages were last read; empty: none."""
     return next(filter(_LOST.search, pymupdf.JM_mupdf_warnings_store), "")
 
 
 class Decoding:
-    """Notes what MuPDF says of images that are decoded meanwhile, and what it raises."""
+    """Context that records messages and errors of MuPDF about images that are decoded in it."""
 
     def __init__(self, image: Any, ctm: Any, faults: list[ImageFault]) -> None:
-        """``image`` (low level) is drawn by ``ctm``; one that cannot be decoded is added to ``faults``."""
+        """Prepare for ``image`` (low level), drawn by ``ctm``; if it cannot be decoded, it is added to ``faults``."""
         self._image, self._ctm, self._faults = image, ctm, faults
 
     def __enter__(self) -> None:
@@ -84,14 +84,14 @@ class Decoding:
 
 
 class ConvertedImages:
-    """Images converted to the inks of the press, the last few kept."""
+    """Images converted to the inks of the press, the last few cached."""
 
     def __init__(self, inks: Inks) -> None:
         self._inks = inks
         self._kept: dict[tuple[int, int, int], tuple[Any, Any]] = {}
 
     def get(self, image: Any, space: Any, to_ink: ToInk, parameters: Any) -> Any:
-        """``image`` (low level) in ink. space: its own (low level), or that which its indices or device stand for."""
+        """Return ``image`` (low level) in ink; ``space`` is its own (low level), or that of its indices or device."""
         key = address(image), parameters.ri, parameters.bp
         if key not in self._kept:
             original = mupdf.FzImage(mupdf.ll_fz_keep_image(image))  # so that the address stays its own
@@ -135,23 +135,23 @@ def converted_samples(samples: NDArray[np.uint8], to_ink: ToInk) -> NDArray[np.u
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raster:
-    """Where pixels lie on the page: pixel = scale * page + shift."""
+    """Map from the page to pixels: pixel = scale * page + shift."""
 
     rows: int
     columns: int
     scale: float
-    """[pixels/point]"""
+    """Scale. [pixels/point]"""
     shift: tuple[float, float]
-    """Of x and y. [pixels]"""
+    """Shift of x and y. [pixels]"""
 
 
 def placed(image: Any, ctm: Any, raster: Raster) -> tuple[Any, Any, bool]:
-    """The image (``mupdf.FzImage``), its matrix, and whether its samples are to be blended, as it is best drawn.
+    """Return image (``mupdf.FzImage``), matrix, and whether samples are blended, as it is best drawn.
 
-    ctm: unit square to page. Samples larger than pixels are blocks, unless the image asks for /Interpolate (ISO
-    32000-2, 8.9.5.3); smaller ones are averaged. MuPDF places samples by 14-bit steps: where these would add up to
-    more than half a pixel, and the image is not slanted, it is enlarged here: each pixel takes the sample that its
-    centre lies in.
+    ``ctm`` maps the unit square to the page. Samples larger than pixels are blocks, unless the image requests
+    /Interpolate (ISO 32000-2, 8.9.5.3); smaller ones are averaged. MuPDF places samples by 14-bit steps: if
+    these would add up to more than half a pixel, and the image is not slanted, it is enlarged here: each
+    pixel takes the sample that contains its centre.
     """
     same = mupdf.FzImage(mupdf.ll_fz_keep_image(image))
     across, along = (raster.scale * hypot(*side) for side in ((ctm.a, ctm.b), (ctm.c, ctm.d)))
@@ -174,7 +174,7 @@ def placed(image: Any, ctm: Any, raster: Raster) -> tuple[Any, Any, bool]:
 def _taken(
     start: float, length: float, scale: float, shift: float, samples: int, pixels: int
 ) -> tuple[int, NDArray[np.intp]]:
-    """The first pixel whose centre lies in an image along one axis, and the samples that it and the next ones take."""
+    """Return the first pixel whose centre is in an image along one axis, and the samples of it and the next ones."""
     ends = sorted((start * scale + shift, (start + length) * scale + shift))
     first, last = (min(max(ceil(end - 0.5), 0), pixels) for end in ends)
     place = (np.arange(first, last) + 0.5 - shift - start * scale) / (length * scale)
@@ -182,7 +182,7 @@ def _taken(
 
 
 def raster_matrix(raster: Raster, left: int, top: int, columns: int, rows: int) -> Any:
-    """The matrix that lays an image on these very pixels of the raster."""
+    """Return the matrix that places an image on these very pixels of the raster."""
     matrix = mupdf.fz_matrix()
     matrix.a, matrix.d, matrix.b, matrix.c = columns / raster.scale, rows / raster.scale, 0.0, 0.0
     matrix.e, matrix.f = ((p - s) / raster.scale for p, s in zip((left, top), raster.shift, strict=True))
@@ -190,7 +190,7 @@ def raster_matrix(raster: Raster, left: int, top: int, columns: int, rows: int) 
 
 
 def pixmap_samples(pixmap: Any) -> NDArray[np.uint8]:
-    """A pixmap's own memory as (rows, columns, channels)."""
+    """Return a pixmap's own memory as (rows, columns, channels)."""
     view = mupdf.fz_pixmap_samples_memoryview(pixmap)
     rows = np.frombuffer(view, dtype=np.uint8).reshape(pixmap.h(), pixmap.stride())
     return rows[:, : pixmap.w() * pixmap.n()].reshape(pixmap.h(), pixmap.w(), pixmap.n())
@@ -204,7 +204,7 @@ def _image(
     alpha: int = 0,
     interpolate: int = 0,
 ) -> Any:
-    """A ``mupdf.FzImage`` of samples (rows, columns, channels), or of those of its rows that are named."""
+    """Return a ``mupdf.FzImage`` of samples (rows, columns, channels), or of the given rows of them."""
     rows = np.arange(samples.shape[0]) if rows is None else rows
     pixmap = mupdf.fz_new_pixmap(space, samples.shape[1], rows.size, mupdf.FzSeparations(), alpha)
     np.take(samples, rows, axis=0, out=pixmap_samples(pixmap), mode="clip")  # "clip" writes to out at once

@@ -1,8 +1,8 @@
-"""Layers (optional content, ISO 32000-2, 8.11) as they are for printing.
+"""Layers (optional content, ISO 32000-2, 8.11) in their state for printing.
 
-MuPDF hides what its usage does not want printed although nobody asks for the usage to count, shows no layer that is
-printed only, evaluates no expressions, and takes most policies for others. So the state of each layer for printing is
-found here, and written into the document in memory where MuPDF reads it.
+MuPDF hides layers by a usage for printing although nothing requests that the usage count, shows no layer that
+is printed only, evaluates no expressions, and takes most policies for others. The state of each layer for
+printing is therefore computed here, and written into the document in memory where MuPDF reads it.
 
 Imported late, by ``document`` only: it needs PyMuPDF at import.
 """
@@ -16,14 +16,14 @@ from pymupdf import mupdf
 from prooflight.pages.pdf.resources import get, items, name_of
 
 DEPTH_MAX = 32
-"""Of expressions of visibility."""
+"""Deepest nesting of expressions of visibility."""
 
 
 class PrintedLayers:
-    """Which layers of a document are printed."""
+    """Layers of a document, with whether each is printed."""
 
     def __init__(self, document: Any) -> None:
-        """``document``: a ``mupdf.PdfDocument``, whose default configuration becomes that for printing."""
+        """Read ``document``, a ``mupdf.PdfDocument``, whose default configuration becomes that for printing."""
         properties = get(get(mupdf.pdf_trailer(document), "Root"), "OCProperties")
         groups, default = items(get(properties, "OCGs")), get(properties, "D")
         self._printed = dict.fromkeys(
@@ -39,7 +39,7 @@ class PrintedLayers:
             self._write(document, default, groups)
 
     def correct(self, membership: Any) -> None:
-        """Let a membership dictionary (8.11.2.2) say plainly whether its content is printed."""
+        """Simplify a membership dictionary (8.11.2.2) to whether its content is printed."""
         if name_of(get(membership, "Type")) != "OCMD":
             return
         expression, given = get(membership, "VE"), get(membership, "OCGs")
@@ -56,7 +56,7 @@ class PrintedLayers:
         mupdf.pdf_dict_puts(membership, "P", mupdf.pdf_new_name("AnyOn" if printed else "AllOff"))
 
     def _apply_usage(self, default: Any) -> None:
-        """Usage counts where an application dictionary names it for the event of printing (8.11.4.4)."""
+        """Apply usage where an application dictionary names it for the event of printing (8.11.4.4)."""
         for asked in items(get(default, "AS")):
             if name_of(get(asked, "Event")) != "Print":
                 continue
@@ -69,7 +69,7 @@ class PrintedLayers:
 
     @staticmethod
     def _has_intent(group: Any, default: Any) -> bool:
-        """Whether a layer's state counts: one of its intents is one of the configuration's (8.11.2.1)."""
+        """Return whether a layer's state counts: one of its intents is one of the configuration's (8.11.2.1)."""
 
         def intents(holder: Any) -> set[str]:
             given = get(holder, "Intent")
@@ -90,7 +90,7 @@ class PrintedLayers:
         mupdf.pdf_select_layer_config(document, -1)  # it may have been read before
 
     def _value(self, expression: Any, depth: int) -> bool:
-        """Of an expression of visibility (8.11.2.2); a layer that is not listed is visible."""
+        """Return the value of an expression of visibility (8.11.2.2); a layer that is not listed is visible."""
         operands = items(expression)
         if not operands or not depth:
             return self._printed.get(mupdf.pdf_to_num(expression), True)

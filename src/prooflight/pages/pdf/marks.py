@@ -1,7 +1,7 @@
-"""What a PDF page says of its own places: its BleedBox, what each layer shows, and its annotations.
+"""Marked places of a PDF page: its BleedBox, the extent of each layer, and its annotations.
 
-Imported late, by ``document`` only: it needs PyMuPDF at import. Rectangles are in points from the top-left corner of
-what is printed, which need not hold them.
+Imported late, by ``document`` only: it needs PyMuPDF at import. Rectangles are in points from the top-left
+corner of the printed part, and may reach beyond it.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import pymupdf
 from pymupdf import mupdf
 
 MOST: Final = 1000
-"""Layers, and annotations, of one page; nobody names more."""
+"""Most layers, and annotations, of one page that are listed."""
 NAMES: Final = ("NM", "T", "Subj")
-"""Where an annotation says what it is called (ISO 32000-2, 12.5.2 and 12.5.6.2)."""
+"""Entries of an annotation with its names (ISO 32000-2, 12.5.2 and 12.5.6.2)."""
 NOT_PRINTED: Final = 2 | 32
-"""Flags: hidden, no view."""
+"""Flags of annotations that are not printed: hidden, no view."""
 
 
 def page_marks(page: Any, corner: tuple[float, float]) -> dict[str, Any]:
-    """Of a ``mupdf.PdfPage``; corner: x, y of what is printed. Plain, for JSON."""
+    """Return the marked places of a ``mupdf.PdfPage``, for JSON; ``corner`` is x, y of the printed part."""
     return {
         "bleed": _bleed(page, corner),
         "layers": [[name, _from(corner, box)] for name, box in _layers(page).items()][:MOST],
@@ -41,7 +41,7 @@ def _bleed(page: Any, corner: tuple[float, float]) -> list[float] | None:
 
 
 def _layers(page: Any) -> dict[str, list[float]]:
-    """The rectangle about all that each layer draws, by its name."""
+    """Return the bounding box of all that each layer draws, by its name."""
     found: dict[str, list[float]] = {}
     seen: list[Any] = []
     device = pymupdf.JM_new_bbox_device(seen, True)

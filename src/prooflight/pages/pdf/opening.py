@@ -1,4 +1,4 @@
-"""A PDF opened, or refused: encrypted, cut off, or no PDF at all.
+"""Opening of a PDF, refused if it is encrypted, truncated, or no PDF at all.
 
 Imported late, by ``document`` only: it needs PyMuPDF at import.
 """
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 AGAIN: Final = "export or copy it again"
 END: Final = b"%%EOF"
 READ_BYTES: Final = 1024
-"""So far from its end, MuPDF looks for what a PDF ends with."""
+"""Distance from the end of the file within which MuPDF looks for the end of a PDF."""
 _FOR_CERTIFICATES: Final = re.compile(rb"/SubFilter\s*/adbe\.pkcs7\.s[345]\b")
-"""Of an encryption dictionary, which is itself never encrypted (ISO 32000-2, 7.6.5)."""
+"""Entry of an encryption dictionary, which is itself never encrypted (ISO 32000-2, 7.6.5)."""
 _OBJECT: Final = re.compile(rb"[0-9]\s+[0-9]+\s+obj\b")
 
 
 def open_document(path: Path, shown: str) -> Any:
-    """A ``pymupdf.Document``. shown: how errors name it. JobError: encrypted or truncated."""
+    """Open a ``pymupdf.Document``; ``shown`` is its name in errors. JobError: encrypted or truncated."""
     with path.open("rb") as file:
         end = _end_of_pdf(file)
         try:
@@ -49,7 +49,7 @@ def open_document(path: Path, shown: str) -> Any:
 
 
 def _end_of_pdf(file: BinaryIO) -> int | None:
-    """Where a PDF ends that is followed by other bytes; None: at the end of its file; 0: it is cut off."""
+    """Return the end of a PDF that is followed by other bytes; None: at the end of its file; 0: it is truncated."""
     size = file.seek(0, 2)
     file.seek(max(0, size - READ_BYTES))
     if END in file.read():
@@ -60,7 +60,7 @@ def _end_of_pdf(file: BinaryIO) -> int | None:
 
 
 def _name_for_mupdf(path: Path, file: BinaryIO) -> str:
-    """MuPDF takes names as UTF-8, which files need not have."""
+    """Return a name that MuPDF can open: it takes names as UTF-8, which files need not have."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -1,7 +1,7 @@
-"""Facts of a PDF page, by what it is drawn with and by what is drawn (``facts``), and swatches of its spot colours.
+"""Facts of a PDF page from its resources and its drawing calls (``facts``), and swatches of its spot colours.
 
-Used in the process that rips (``worker``) alone: it needs PyMuPDF at import. The document is one that nothing is drawn
-from, so that its names are those of its file.
+Used only in the process that rips (``worker``): it needs PyMuPDF at import. Nothing is drawn from this
+document, so that its names are those of its file.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ if TYPE_CHECKING:
 PROCESS: Final = ("Cyan", "Magenta", "Yellow", "Black")
 NO_INK: Final = ("All", "None")
 MOST: Final = 1000
-"""Fonts, images, layers and spot colours of a page that are listed."""
+"""Most fonts, images, layers and spot colours of a page that are listed."""
 SWATCH_POINTS: Final = 6.0
 _FONT_FILES: Final = ("FontFile", "FontFile2", "FontFile3")
 _COLOURED: Final = {"fill_path": 3, "stroke_path": 3, "fill_text": 2, "stroke_text": 3}
-"""Drawing calls with a colour, and where among their arguments the colour space stands, then colour and alpha."""
+"""Drawing calls with a colour, and the index of the colour space among their arguments, before colour and
+alpha."""
 
 
 def page_facts(page: Any, box: str) -> dict[str, Any]:
-    """Facts of a ``mupdf.PdfPage`` whose ``box`` is printed, as JSON holds them (``facts.PageFacts``)."""
+    """Return facts of a ``mupdf.PdfPage`` whose ``box`` is printed, in the form of JSON (``facts.PageFacts``)."""
     drawn = DrawnFacts()
     mupdf.pdf_run_page_with_usage(page, drawn, mupdf.FzMatrix(), "Print", mupdf.FzCookie())
     mupdf.fz_close_device(drawn)
@@ -59,24 +60,24 @@ def page_facts(page: Any, box: str) -> dict[str, Any]:
 
 
 class DrawnFacts(mupdf.FzDevice2):  # type: ignore[misc]
-    """What is drawn on a page; nothing is painted."""
+    """Device that records what is drawn on a page, and paints nothing."""
 
     def __init__(self) -> None:
         super().__init__()
         self.transparency: dict[str, None] = {}
         self.overprint: dict[str, None] = {}
         self.colorants: dict[str, None] = {}
-        """Colorants of the Separation and DeviceN spaces that anything is painted in."""
+        """Colorants of the Separation and DeviceN spaces in which anything is painted."""
         self.images: list[dict[str, Any]] = []
         for name in (*_COLOURED, "fill_shade", "fill_image", "fill_image_mask", "begin_mask", "begin_group"):
             getattr(self, f"use_virtual_{name}")()
 
     def fill_shade(self, _context: Any, shade: Any, _ctm: Any, alpha: float, parameters: Any) -> None:
-        """Take in a gradient."""
+        """Record a gradient."""
         self.take_in(shade.colorspace, alpha, parameters)
 
     def fill_image(self, _context: Any, image: Any, ctm: Any, alpha: float, parameters: Any) -> None:
-        """Take in an image."""
+        """Record an image."""
         self.take_in(image.colorspace, alpha, parameters)
         if image.mask:
             self.transparency["soft mask"] = None
@@ -85,24 +86,24 @@ class DrawnFacts(mupdf.FzDevice2):  # type: ignore[misc]
     def fill_image_mask(
         self, _context: Any, image: Any, ctm: Any, space: Any, _colour: Any, alpha: float, parameters: Any
     ) -> None:
-        """Take in a stencil."""
+        """Record a stencil."""
         self.take_in(space, alpha, parameters)
         self._place(image, ctm)
 
     def begin_mask(self, _context: Any, *_: Any) -> None:
-        """Take in a soft mask."""
+        """Record a soft mask."""
         self.transparency["soft mask"] = None
 
     def begin_group(
         self, _context: Any, _area: Any, _space: Any, _isolated: int, _knockout: int, mode: int, alpha: float
     ) -> None:
-        """Take in a transparency group."""
+        """Record a transparency group."""
         if mode:
             self.transparency[f"blend mode {mupdf.fz_blendmode_name(mode)}"] = None
         self._translucent(alpha)
 
     def take_in(self, space: Any, alpha: float, parameters: Any) -> None:
-        """Take in the colour space (low level), opacity and overprint of whatever is painted."""
+        """Record the colour space (low level), opacity and overprint of whatever is painted."""
         self._translucent(alpha)
         if parameters.op:
             self.overprint[f"mode {parameters.opm}"] = None
@@ -152,7 +153,7 @@ def _colours(space: Any) -> str:
 
 
 def _output_intent(page: Any) -> str:
-    """The first that has a profile of inks, of the page or else of its document; else the first of all."""
+    """Return the first intent with a profile of inks, of the page or else of its document; else the first of all."""
     root = get(mupdf.pdf_trailer(page.doc()), "Root")
     stated = [intent for holder in (page.obj(), root) for intent in items(get(holder, "OutputIntents"))]
     ordered = sorted(stated, key=lambda intent: _profile_colours(intent) != 4)
@@ -168,13 +169,13 @@ _CONDITION: Final = ("OutputConditionIdentifier", "OutputCondition", "Info")
 
 
 def _profile_colours(intent: Any) -> int:
-    """Colorants of the profile of an output intent; 0: it has none."""
+    """Return the number of colorants of an output intent's profile; 0 if it has none."""
     profile = get(intent, "DestOutputProfile")
     return mupdf.pdf_to_int(get(profile, "N")) if profile is not None else 0
 
 
 def _layers(document: Any, thing: Any) -> Iterator[tuple[str, bool]]:
-    """Names of optional-content groups that a property list stands for, and whether they are printed."""
+    """Yield names of optional-content groups that a property list represents, and whether they are printed."""
     groups = [thing] if name_of(get(thing, "Type")) == "OCG" else items(get(thing, "OCGs"))
     groups = groups or [one for one in (get(thing, "OCGs"),) if one is not None]
     for group in groups:
@@ -184,7 +185,9 @@ def _layers(document: Any, thing: Any) -> Iterator[tuple[str, bool]]:
 
 
 def _printed(document: Any, group: Any) -> bool:
-    """Whether a layer is printed (ISO 32000-2, 8.11.4.3): its state, unless an event of printing changes that."""
+    """Return whether a layer is printed (ISO 32000-2, 8.11.4.3): its state, unless an event of printing
+    changes that.
+    """
     root = get(mupdf.pdf_trailer(document), "Root")
     config = get(get(root, "OCProperties"), "D")
     number = mupdf.pdf_to_num(group)
@@ -211,7 +214,7 @@ def _font(font: Any, name: str) -> dict[str, Any]:
 
 
 def _spots(space: Any) -> Iterator[str]:
-    """Colorants of a colour space that are no process inks."""
+    """Yield the colorants of a colour space that are no process inks."""
     for array in tint_arrays(space):
         for name in _colorants(array):
             if name and name not in (*PROCESS, *NO_INK):
@@ -219,16 +222,16 @@ def _spots(space: Any) -> Iterator[str]:
 
 
 def _colorants(array: Any) -> list[str]:
-    """Names of a Separation or DeviceN array."""
+    """Return the names of a Separation or DeviceN array."""
     given = mupdf.pdf_array_get(array, 1)
     return [name_of(one) for one in items(given)] or [name_of(given)]
 
 
 def write_swatches(page: Any, path: Path) -> list[str]:
-    """Write a PDF of swatches, one a spot colour of a page: each full, and the other colorants of its space at 0.
+    """Write a PDF of swatches, one a spot colour of a page, and return their names in order.
 
-    They lie in rows, ``SWATCHES_A_PAGE`` on a page. Returns their names in that order: what the RIP prints of them is
-    what it prints of these colours.
+    Each swatch is full, with the other colorants of its space at 0. They are in rows, ``SWATCHES_A_PAGE`` on
+    a page. The print of the swatches by the RIP is the print of these colours.
     """
     found = dict(list(_spot_spaces(page).items())[:MOST])
     document = mupdf.pdf_create_document()
@@ -257,7 +260,7 @@ def write_swatches(page: Any, path: Path) -> list[str]:
 
 
 def _spot_spaces(page: Any) -> dict[str, tuple[Any, int, int]]:
-    """Of each spot colour of a page the space of fewest colorants, how many these are, and its place among them."""
+    """Return for each spot colour the space of fewest colorants, their number, and its index among them."""
     found: dict[str, tuple[Any, int, int]] = {}
     for resource in page_resources(page.obj()):
         if resource.category == "ColorSpace":

@@ -1,7 +1,7 @@
-"""The one process that rips for this one, kept from page to page, and ended when a page exceeds its limits.
+"""The process that rips for this one, kept from page to page, and ended when a page exceeds its limits.
 
-A PDF is a program: it may loop, ask for any amount of memory, or hit a fault of the renderer. Here that costs its page,
-and nothing else.
+A PDF is a program: it may loop, request any amount of memory, or hit a fault of the renderer. Here that costs
+its page, and nothing else.
 """
 
 from __future__ import annotations
@@ -33,32 +33,33 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SECONDS: Final = "PROOFLIGHT_RIP_SECONDS"
-"""Environment: how long opening a PDF, or ripping a page, may take."""
+"""Environment variable: longest time for opening a PDF, or ripping a page."""
 GIGABYTES: Final = "PROOFLIGHT_RIP_GB"
-"""Environment: how much memory it may take beyond its raster's own."""
+"""Environment variable: most memory beyond the raster's own."""
 USUAL_SECONDS: Final = 60.0
-"""A page of A4 takes a third of a second, A0 with photographs and transparency some ten."""
+"""Default time: a page of A4 takes a third of a second, A0 with photographs and transparency some ten."""
 USUAL_GIGABYTES: Final = 2.0
-"""MuPDF keeps 0.25 for fonts and images; an uncompressed CMYK photograph as large as A0 at 300 dpi takes 0.6."""
+"""Default memory: MuPDF keeps 0.25 for fonts and images; an uncompressed CMYK photograph as large as A0 at
+300 dpi takes 0.6."""
 START_SECONDS: Final = 60.0
 ANSWER_BYTES_MAX: Final = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipLimits:
-    """What one request may take."""
+    """Limits of one request."""
 
     seconds: float = USUAL_SECONDS
     gigabytes: float = USUAL_GIGABYTES
 
     @classmethod
     def of_environment(cls) -> RipLimits:
-        """RequestError: a limit that is set is no number above 0."""
+        """Read the limits from the environment; RequestError if one that is set is no number above 0."""
         return cls(seconds=_number(SECONDS, USUAL_SECONDS), gigabytes=_number(GIGABYTES, USUAL_GIGABYTES))
 
 
 class RipFailure(Exception):
-    """The process that rips has been lost; its text is the predicate of a sentence, ``remedy`` what may help."""
+    """The process that rips has been lost; the message is the predicate of a sentence, ``remedy`` what may help."""
 
     def __init__(self, what: str, remedy: str) -> None:
         self.what, self.remedy = what, remedy
@@ -66,15 +67,15 @@ class RipFailure(Exception):
 
 
 class RipProcess:
-    """A child process that answers one request at a time, whichever thread asks."""
+    """A child process that answers one request at a time, from any thread."""
 
     def __init__(self) -> None:
-        """RipFailure: it does not start."""
+        """Start the process; RipFailure if it does not start."""
         ours, theirs = Pipe()
         lifeline, kept = os.pipe()
         self._memory = _shared_memory()
         self.folder = tempfile.mkdtemp(prefix="prooflight-rip-")
-        """What other engines write, until it is read."""
+        """Folder for the output of other engines, until it is read."""
         self._map: mmap.mmap | None = None
         try:
             descriptors = (theirs.fileno(), lifeline, self._memory)
@@ -103,11 +104,15 @@ class RipProcess:
             os.close(lifeline)
         self._process, self._connection, self._loaded = process, ours, False
         self.end = weakref.finalize(self, _end, process, ours, (kept, self._memory), self.folder)
-        """End the process and let go of all that was shared with it; also called at the interpreter's exit."""
+        """Finalizer that ends the process and frees all that was shared with it; also called at the
+        interpreter's exit."""
         self._answer(START_SECONDS, "does not start")
 
     def ask(self, request: dict[str, Any], limits: RipLimits) -> dict[str, Any]:
-        """The answer; where a page was drawn, its raster is ``cmyk``. InputError: refused; RipFailure: it was lost."""
+        """Return the answer, with the raster of a drawn page as ``cmyk``.
+
+        InputError: the request was refused; RipFailure: the process was lost.
+        """
         limited = {"seconds": limits.seconds, "room_bytes": limits.gigabytes * 1e9}
         try:
             if request.get("drawn_dpi") is not None and not self._loaded:
@@ -143,7 +148,7 @@ class RipProcess:
         raise RipFailure(late, f"simplify it, or set {SECONDS} above {seconds:g}")
 
     def _raster(self, shape: tuple[int, int, int]) -> NDArray[np.uint8]:
-        """A copy of the shared memory: the next page is drawn over it."""
+        """Return a copy of the shared memory, because the next page is drawn over it."""
         size = os.fstat(self._memory).st_size
         if self._map is None or len(self._map) != size:
             self._map = mmap.mmap(self._memory, size, prot=mmap.PROT_READ)
@@ -152,11 +157,11 @@ class RipProcess:
 
 _guard = threading.RLock()
 _running: list[RipProcess] = []
-"""The one that rips for this process."""
+"""The process that rips for this process, if there is one."""
 
 
 def ask(request: dict[str, Any], limits: RipLimits) -> dict[str, Any]:
-    """As ``RipProcess.ask``, of the process that is there, or of a new one."""
+    """Ask as ``RipProcess.ask``, with the existing process or a new one."""
     with _guard:
         if _running and not _running[0].end.alive:
             _running.clear()
@@ -166,14 +171,14 @@ def ask(request: dict[str, Any], limits: RipLimits) -> dict[str, Any]:
 
 
 def forget(request: dict[str, Any]) -> None:
-    """Have the process, if there is one, let go of the file that a request is about."""
+    """Make the process, if there is one, close the file of a request."""
     with _guard, contextlib.suppress(RipFailure):
         if _running and _running[0].end.alive:
             _running[0].ask(request | {"do": "close"}, RipLimits())
 
 
 def _abandoned() -> None:
-    """In a process that was forked: what rips belongs to the one that it was forked from."""
+    """Detach, in a forked process, the process that rips, which belongs to the parent."""
     global _guard
     _guard = threading.RLock()
     for detached in [one.end.detach() for one in _running]:
@@ -202,7 +207,7 @@ def _end(
 
 
 def _fate(process: subprocess.Popen[bytes]) -> str:
-    """How a process ended, as the predicate of a sentence."""
+    """Return how a process ended, as the predicate of a sentence."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         code = process.wait(5)
         if code == -signal.SIGKILL:
@@ -213,7 +218,7 @@ def _fate(process: subprocess.Popen[bytes]) -> str:
 
 
 def _shared_memory() -> int:
-    """A file without a name that lives in memory, where the system has such."""
+    """Return a file without a name that is in memory, where the system has such."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("prooflight-page")
     with tempfile.TemporaryFile() as file:

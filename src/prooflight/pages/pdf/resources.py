@@ -1,4 +1,4 @@
-"""What a PDF page is drawn with: the resources of its contents and of all that these draw (ISO 32000-2, 7.8.3).
+"""Resources that a PDF page is drawn with: those of its contents and of all that these draw (ISO 32000-2, 7.8.3).
 
 Imported late, by ``document`` and what it uses only: it needs PyMuPDF at import.
 """
@@ -18,28 +18,28 @@ CATEGORIES: Final = ("ColorSpace", "ExtGState", "Font", "Pattern", "Properties",
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Resource:
-    """One object that a page uses, and where it stands."""
+    """One object that a page uses, and its position in the document."""
 
     category: str
-    """Of ``CATEGORIES``; colour spaces of images, groups and shadings count as well."""
+    """One of ``CATEGORIES``; colour spaces of images, groups and shadings count as well."""
     name: str
-    """By which it is used; of what has no name of its own, that of its user."""
+    """Name by which it is used; if it has no name of its own, that of its user."""
     thing: Any
-    """``mupdf.PdfObj``."""
+    """The object, a ``mupdf.PdfObj``."""
     holder: Any
-    """The dictionary that it stands in."""
+    """The dictionary that contains it."""
     key: Any
-    """Under which it does (``mupdf.PdfObj``); names are bytes, and not all are text."""
+    """Its key in the dictionary (``mupdf.PdfObj``); names are bytes, and not all are text."""
 
     def replace(self, thing: Any) -> None:
-        """Let another object stand in its place, in memory."""
+        """Replace the object by another, in memory."""
         mupdf.pdf_dict_put(self.holder, self.key, thing)
 
 
 def page_resources(page: Any) -> Iterator[Resource]:
-    """All that a page (its dictionary, ``mupdf.PdfObj``) and what it draws use, each indirect object once.
+    """Yield all that a page (its dictionary, ``mupdf.PdfObj``) and its drawing use, each indirect object once.
 
-    What is yielded may be replaced before the next is asked for; the replacement is then followed.
+    A yielded object may be replaced before the next is requested; the replacement is then followed.
     """
     seen = set[int]()
     waiting = [get(page, "Resources", inherited=True)]
@@ -64,7 +64,7 @@ def page_resources(page: Any) -> Iterator[Resource]:
 
 
 def _used_by(category: str, name: str, thing: Any) -> Iterator[Resource]:
-    """Colour spaces, masks and layers that stand in a resource itself."""
+    """Yield colour spaces, masks and layers that a resource itself contains."""
     if category in ("XObject", "Pattern", "Shading"):
         for holder, key, what in (
             (thing, "ColorSpace", "ColorSpace"),
@@ -86,20 +86,20 @@ def _stands_in(holder: Any, key: str, category: str, name: str) -> Iterator[Reso
 
 
 def _own_resources(category: str, thing: Any) -> list[Any]:
-    """Resources of the content of a form, a pattern, a soft mask or a Type 3 font."""
+    """Return the resources of the content of a form, a pattern, a soft mask or a Type 3 font."""
     content = get(get(thing, "SMask"), "G") if category == "ExtGState" else thing
     return [get(content, "Resources")] if category in ("XObject", "Pattern", "ExtGState", "Font") else []
 
 
 def _appearances(annotation: Any) -> list[Any]:
-    """Resources of all normal appearances of an annotation."""
+    """Return the resources of all normal appearances of an annotation."""
     normal = get(get(annotation, "AP"), "N")
     states = [value for _, value in entries(normal)]
     return [get(normal, "Resources"), *(get(state, "Resources") for state in states)]
 
 
 def get(holder: Any, key: str, *, inherited: bool = False) -> Any:
-    """An entry of a dictionary (or of a page, from its parents as well); None: it has none, or is no dictionary."""
+    """Return an entry of a dictionary, or of a page with its parents; None if there is none, or it is no dictionary."""
     if holder is None or not mupdf.pdf_is_dict(holder):
         return None
     found = (mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets)(holder, key)
@@ -107,7 +107,7 @@ def get(holder: Any, key: str, *, inherited: bool = False) -> Any:
 
 
 def entries(holder: Any) -> list[tuple[Any, Any]]:
-    """Keys and values of a dictionary; none if it is no dictionary."""
+    """Return keys and values of a dictionary; none if it is no dictionary."""
     if holder is None or not mupdf.pdf_is_dict(holder):
         return []
     count = mupdf.pdf_dict_len(holder)
@@ -115,25 +115,25 @@ def entries(holder: Any) -> list[tuple[Any, Any]]:
 
 
 def items(array: Any) -> list[Any]:
-    """Elements of an array; none if it is no array."""
+    """Return the elements of an array; none if it is no array."""
     if array is None or not mupdf.pdf_is_array(array):
         return []
     return [mupdf.pdf_array_get(array, i) for i in range(mupdf.pdf_array_len(array))]
 
 
 def name_of(thing: Any) -> str:
-    """A name as text, empty if it is no name; bytes that are no UTF-8 are surrogates."""
+    """Return a name as text, empty if it is no name; bytes that are no UTF-8 are surrogates."""
     return str(mupdf.pdf_to_name(thing)) if thing is not None and mupdf.pdf_is_name(thing) else ""
 
 
 def shown_name(name: str) -> str:
-    """A name as it can be printed, in one line."""
+    """Return a name as it can be printed, in one line."""
     text = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _again(thing: Any, seen: set[int]) -> bool:
-    """Whether an indirect object has been seen before; it has from now on."""
+    """Return whether an indirect object has been seen before, and mark it as seen."""
     number = mupdf.pdf_to_num(thing)
     if number in seen:
         return True

@@ -38,36 +38,36 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.taking_together import InkLight
 
 SWATCHES_A_PAGE: Final = 16
-"""Spot colours that are drawn at once to see what is printed of them: no engine draws any number on one page."""
+"""Spot colours that are drawn at once to measure their print: no engine draws any number on one page."""
 SWATCH_DPI: Final = 72.0
 PDF_HEAD_BYTES: Final = 1024
-"""Within the first so many a PDF says that it is one (ISO 32000-1, annex H.3.4.1)."""
+"""Leading bytes that must contain the signature of a PDF (ISO 32000-1, annex H.3.4.1)."""
 
 
 Box = tuple[float, float, float, float]
-"""x, y, width and height on the page as printed. [mm]"""
+"""A rectangle: x, y, width and height on the page as printed. [mm]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageMarks:
-    """What a PDF page says of its own places."""
+    """Marked places of a PDF page."""
 
     bleed: Box | None
-    """Its BleedBox; None: it has none."""
+    """BleedBox of the page; None: it has none."""
     layers: tuple[tuple[str, Box], ...]
-    """Every layer that shows anything on it, with the rectangle about all of that."""
+    """Every layer that shows anything on the page, with its bounding box."""
     annotations: tuple[tuple[tuple[str, ...], Box], ...]
-    """Every annotation that is printed, by all names it goes by: its sort, its field's, its title, its subject."""
+    """Every annotation that is printed, by all its names: its sort, its field's, its title, its subject."""
 
 
 class PdfJob:
-    """A PDF whose pages can be ripped one at a time, by any thread; they wait for one another."""
+    """A PDF whose pages can be ripped one at a time, by any thread; threads wait for one another."""
 
     def __init__(self, path: Path, *, profile: Path | None = None, engine: RipEngine | None = None) -> None:
-        """Engine: what draws its pages; None: MuPDF.
+        """Open a PDF; ``engine`` draws its pages, None: MuPDF.
 
-        JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF or the engine is missing. ProfileError: not a CMYK
-        profile.
+        JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF or the engine is missing. ProfileError: not
+        a CMYK profile.
         """
         self.path = Path(path)
         self._warnings = dict[PageWarning, None]()
@@ -104,7 +104,7 @@ class PdfJob:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         rip_process.forget(self._request)
 
     @property
@@ -119,7 +119,7 @@ class PdfJob:
     ) -> Page:
         """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped.
 
-        drawn_dpi: see the top of this file; None: as ``dpi``. light: by which pixels are then taken together.
+        For ``drawn_dpi`` see the top of this file; None: as ``dpi``. By ``light``, pixels are then combined.
         """
         check_dpi(self.path, dpi)
         if not 1 <= number <= len(self):
@@ -134,11 +134,11 @@ class PdfJob:
 
     @property
     def warnings(self) -> tuple[PageWarning, ...]:
-        """Of the file and of its pages that have been drawn or measured so far."""
+        """Warnings of the file and of its pages that have been drawn or measured so far."""
         return tuple(self._warnings)
 
     def facts(self, number: int) -> tuple[PageFacts, dict[str, tuple[int, ...]]]:
-        """Facts of page ``number`` (from 1), and CMYK 0 to 255 of its spot colours as its engine prints them, by name.
+        """Return facts of page ``number`` (from 1), and CMYK 0 to 255 of its spot colours as printed, by name.
 
         Errors as ``page``.
         """
@@ -154,7 +154,7 @@ class PdfJob:
         return PageFacts.from_plain(answer["facts"]), printed
 
     def marks(self, number: int) -> PageMarks:
-        """What page ``number`` (from 1) says of its own places; errors as ``page``."""
+        """Return the marked places of page ``number`` (from 1); errors as ``page``."""
         found = self._asked(f"page {number}", do="marks", number=number)["marks"]
         scale = MM_PER_INCH / POINTS_PER_INCH
 
@@ -169,7 +169,7 @@ class PdfJob:
         )
 
     def _asked(self, subject: str, **asked: Any) -> dict[str, Any]:
-        """The answer, once its messages have been taken in; JobError names what ``subject`` could not be ripped for."""
+        """Return the answer, after its warnings are recorded; JobError names what ``subject`` failed for."""
         try:
             answer = rip_process.ask(self._request | asked, self._limits)
         except rip_process.RipFailure as failure:
@@ -179,7 +179,7 @@ class PdfJob:
 
 
 def _swatch_colours(swatches: PdfJob) -> Iterator[list[tuple[int, ...]]]:
-    """CMYK of the swatches of each page of a file of them."""
+    """Yield the CMYK values of the swatches of each page of a file of them."""
     for number in range(1, len(swatches) + 1):
         row = swatches.page(number, SWATCH_DPI).cmyk
         middle, wide = row[row.shape[0] // 2], row.shape[1] / SWATCHES_A_PAGE

@@ -20,18 +20,19 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.images import Raster
 
 MESH_COLORANTS_MAX: Final = 4
-"""MuPDF copies so many of a vertex."""
+"""Most components of a vertex that MuPDF copies."""
 STEPS: Final = 256
-"""Of MuPDF's gradients."""
+"""Steps of MuPDF's gradients."""
 _HALF_BYTE: Final = 0.5 / 255
 
 
 @contextlib.contextmanager
 def function_in_ink(shade: Any, space: Any, to_ink: ToInk | None, *, is_ink: bool) -> Iterator[None]:
-    """Let each step of a gradient with a function have the colour of its middle, in ink ``space`` by ``to_ink``.
+    """Give each step of a gradient with a function the colour of its middle, in ink ``space`` by ``to_ink``.
 
-    MuPDF takes the colour at the step's start and truncates it: up to 4 of 255 too low on steep gradients. to_ink:
-    None, the colours stay those of the gradient's own space. is_ink: they are ink amounts.
+    MuPDF takes the colour at the step's start and truncates it: up to 4 of 255 too low on steep gradients.
+    With ``to_ink`` None, the colours stay those of the gradient's own space. ``is_ink``: they are ink
+    amounts.
     """
     samples, stride, own = shade.function, shade.function_stride, shade.colorspace
     given = [mupdf.floats_getitem(samples, i) for i in range(STEPS * stride)]
@@ -53,10 +54,10 @@ def function_in_ink(shade: Any, space: Any, to_ink: ToInk | None, *, is_ink: boo
 
 
 def mesh_in_ink(shade: Any, ctm: Any, raster: Raster, space: Any, to_ink: ToInk) -> tuple[Any, Any] | None:
-    """A mesh without a function as an image in ink ``space``, and its matrix; None: nothing of it lies on the raster.
+    """Return a mesh without a function as an image in ink ``space``, and its matrix; None if it is off the raster.
 
-    Colours between its corners are those of its own space (8.7.4.5.5): they are blended there and converted then.
-    It has at most ``MESH_COLORANTS_MAX`` colorants where its space is DeviceN.
+    Colours between its corners are those of its own space (8.7.4.5.5): they are blended there and converted
+    then. It has at most ``MESH_COLORANTS_MAX`` colorants if its space is DeviceN.
     """
     scale = mupdf.FzMatrix(raster.scale, 0, 0, raster.scale, *raster.shift)
     placed = mupdf.fz_concat(mupdf.FzMatrix(ctm.a, ctm.b, ctm.c, ctm.d, ctm.e, ctm.f), scale)

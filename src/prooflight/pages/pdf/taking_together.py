@@ -1,7 +1,7 @@
-"""Pixels of a page drawn finer than its raster, taken together so that they show the light that they showed apart.
+"""Combination of the pixels of a page drawn finer than its raster, so that the reflected light stays the same.
 
-Half a pixel of solid ink beside half a pixel of paper reflects the mean of both. Half an ink reflects less, for printed
-dots gain: what stands in the raster for both is the amount of ink that reflects their mean.
+Half a pixel of solid ink next to half a pixel of paper reflects the mean of both. Half an ink reflects less,
+because printed dots gain: the raster holds for both the amount of ink that reflects their mean.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 InkLight = tuple[tuple[float, ...], ...]
-"""Of C, M, Y and K: the light that an ink takes at even steps from none to all of it, where it is printed alone, as a
-share of what all of it takes; rising from 0 to 1."""
+"""For C, M, Y and K: the light that an ink absorbs at even steps from none to all of it, printed alone, as
+a share of the absorption of full ink; rising from 0 to 1."""
 FLAT: Final = 8
-"""assumed: inks that differ by less than 8 of 255 within a pixel are as light together as apart, within 0.02 %."""
+"""Largest ink difference within a pixel that is averaged. assumed: inks that differ by less than 8 of 255
+reflect the same combined as separate, within 0.02 %."""
 NEVER: Final = 256
 _EVEN: Final = ((0.0, 1.0),) * 4
 
@@ -33,9 +34,10 @@ def taken_together(
     step: float,
     first: float = 0.0,
 ) -> None:
-    """Write ``fine`` (n, m, 4) into ``out`` (rows, columns, 4). light: None, inks are averaged.
+    """Write ``fine`` (n, m, 4) into ``out`` (rows, columns, 4); with ``light`` None, inks are averaged.
 
-    step: fine pixels that a pixel covers either way, by their areas. first: row of ``fine`` at which ``out`` begins.
+    ``step`` is the number of fine pixels that a pixel covers in either direction, weighted by area. ``first``
+    is the row of ``fine`` at which ``out`` begins.
     """
     takes, needs = _tables(_EVEN if light is None else light)
     take_together(fine, first, step, NEVER if light is None else FLAT, takes, needs, out)
@@ -43,7 +45,7 @@ def taken_together(
 
 @lru_cache(maxsize=4)
 def _tables(light: InkLight) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """The light that each byte of an ink takes (4, 256), and the byte that takes each share of it (4, STEPS + 1)."""
+    """Return the light that each byte of an ink absorbs (4, 256), and the byte for each share of it (4, STEPS + 1)."""
     steps, inks = np.arange(256), np.arange(STEPS + 1) / STEPS
     takes = np.stack([np.interp(steps, np.linspace(0, 255, len(curve)), curve) for curve in light])
     needs = np.stack([np.rint(np.interp(inks, of_ink, steps)) for of_ink in takes])

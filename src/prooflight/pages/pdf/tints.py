@@ -38,18 +38,18 @@ _PROBES: Final = np.array([[0.0], [0.25], [0.5], [0.75], [1.0]])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TintTransform:
-    """From tints to colours of an alternate space."""
+    """Transform from tints to colours of an alternate space."""
 
     name: str
-    """As the file names the colorant, or the first of several."""
+    """Name of the colorant in the file, or of the first of several."""
     inputs: int
     alternate: Any
-    """``mupdf.FzColorspace``."""
+    """Alternate space, a ``mupdf.FzColorspace``."""
     function: Any
-    """``mupdf.PdfFunction``."""
+    """Function of the transform, a ``mupdf.PdfFunction``."""
 
     def alternate_colours(self, tints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Colours (colours, outputs) of tints (colours, inputs)."""
+        """Return colours (colours, outputs) of tints (colours, inputs)."""
         outputs = mupdf.fz_colorspace_n(self.alternate)
         colour, out = mupdf.new_floats(COLOURS_MAX), mupdf.new_floats(COLOURS_MAX)
         found = np.empty((len(tints), outputs))
@@ -64,13 +64,15 @@ class TintTransform:
         return found
 
     def ink_amounts(self, tints: NDArray[np.float64], inks: Inks, parameters: Any) -> NDArray[np.float64]:
-        """Ink amounts 0..1 (colours, 4) of tints (colours, inputs). parameters: MuPDF's, with the rendering intent."""
+        """Return ink amounts 0..1 (colours, 4) of tints (colours, inputs); ``parameters`` are MuPDF's, with
+        the intent.
+        """
         return inks.amounts(self.alternate.m_internal, self.alternate_colours(tints), parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TintUse:
-    """How a space is painted; where nothing is said here, each of its colorants is a process ink."""
+    """Painting of a space; by default each of its colorants is a process ink."""
 
     leaves_no_mark: bool = False
     is_all: bool = False
@@ -80,7 +82,7 @@ class TintUse:
 
 @dataclass(slots=True, kw_only=True)
 class Tinted:
-    """What of such spaces a page names; false if there are none."""
+    """Plates of the tint spaces that a page names; false if it names no such space."""
 
     plates: set[str] = field(default_factory=set)
     any_space: bool = False
@@ -90,25 +92,25 @@ class Tinted:
 
 
 class TintSpaces:
-    """All that a file's pages have used so far."""
+    """Tint spaces that a file's pages have used so far."""
 
     def __init__(self) -> None:
         self._plates: dict[tuple[Any, ...], str] = {}
         self._transforms: dict[str, TintTransform] = {}
 
     def rename(self, space: Any, listed: Tinted) -> None:
-        """Rename the colorants of all such spaces within a colour space (``mupdf.PdfObj``), and list them."""
+        """Rename the colorants of all tint spaces within a colour space (``mupdf.PdfObj``), and list them."""
         for array in tint_arrays(space):
             listed.any_space = True
             with contextlib.suppress(Exception):  # a broken one, in which nothing can be painted
                 listed.plates |= self._renamed(array)
 
     def plate(self, name: str) -> TintTransform:
-        """The transform of a plate."""
+        """Return the transform of a plate."""
         return self._transforms[name]
 
     def use(self, space: Any) -> TintUse:
-        """How a Separation or DeviceN space of MuPDF (low level) is painted."""
+        """Return how a Separation or DeviceN space of MuPDF (low level) is painted."""
         colorants = _colorants(space)
         if all(name == "None" for name in colorants):
             return TintUse(leaves_no_mark=True)
@@ -136,7 +138,7 @@ class TintSpaces:
         return {name for name in new if name.startswith(_PLATE)}
 
     def _plate_of(self, transform: TintTransform) -> str:
-        """The plate of a spot colour, the same for all of one name and one transform."""
+        """Return the plate of a spot colour, the same for all of one name and one transform."""
         colours = transform.alternate_colours(_PROBES).round(4)
         space = transform.alternate.m_internal
         key = transform.name, space.type, space.n, colours.tobytes()
@@ -152,7 +154,7 @@ class TintSpaces:
         return new
 
     def _channels(self, array: Any, colorants: list[str]) -> list[str]:
-        """Of an NChannel space that says how each of its spot colours is printed: plates and inks, else none."""
+        """Return plates and inks of an NChannel space that defines the print of each of its spot colours, else none."""
         attributes = mupdf.pdf_array_get(array, 4)
         if name_of(get(attributes, "Subtype")) != "NChannel":
             return []
@@ -169,7 +171,7 @@ class TintSpaces:
 
 
 def _process_inks(process: Any) -> dict[str, str]:
-    """The process inks of an NChannel space by the names that its components have."""
+    """Return the process inks of an NChannel space by the names of its components."""
     components = [name_of(one) for one in items(get(process, "Components"))]
     if len(components) != len(PROCESS):
         return {}
@@ -178,7 +180,7 @@ def _process_inks(process: Any) -> dict[str, str]:
 
 
 def _colorants(space: Any) -> list[str]:
-    """Names of a space's colorants (low level); one that is no text is none that is known here."""
+    """Return the names of a space's colorants (low level); one that is no text makes them unknown."""
     names = []
     for i in range(space.n):
         with contextlib.suppress(UnicodeDecodeError):
@@ -194,7 +196,7 @@ def _transform(array: Any, colorants: list[str]) -> TintTransform:
 
 
 def tint_arrays(space: Any) -> Iterator[Any]:
-    """The Separation or DeviceN array that a colour space is, or is made of."""
+    """Yield the Separation or DeviceN array that a colour space is, or is based on."""
     for _ in range(8):  # Indexed and Pattern spaces have a base; a cycle of them is none
         kind = name_of(mupdf.pdf_array_get(space, 0)) if mupdf.pdf_is_array(space) else ""
         if kind in ("Separation", "DeviceN"):

@@ -1,9 +1,9 @@
 """The process that rips: PDFs are opened and drawn here, within limits of memory and time.
 
-Started by ``rip_process`` as ``python -m prooflight.pages.pdf.worker`` with three file descriptors: a socket, on which
-requests and answers travel as JSON; a pipe that nobody writes to, whose end is the end of the process that asks; and
-the shared memory that pages are drawn into; and with a folder for what other engines write (``external``). It ends when
-it is no longer asked, and with it every program that it started.
+Started by ``rip_process`` as ``python -m prooflight.pages.pdf.worker`` with three file descriptors: a socket
+for requests and answers as JSON; a pipe that is never written to, whose end is the end of the requesting
+process; and the shared memory that pages are drawn into; and with a folder for the output of other engines
+(``external``). It ends when the socket closes, and with it every program that it started.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 FILES_KEPT: Final = 8
 """PDFs kept open for their next page."""
 SPARE: Final = 4
-"""Shared memory is given back if it is so many times as large as the page."""
+"""Largest ratio of shared memory to the page; beyond it, memory is returned."""
 GRACE_S: Final = 5.0
-"""Beyond its limit of time the process ends by itself, if nobody is there any more to end it."""
+"""Time beyond its limit after which the process ends by itself, if no parent is left to end it."""
 
 
 class SharedRaster:
@@ -51,7 +51,7 @@ class SharedRaster:
         self._memory: mmap.mmap | None = None
 
     def __call__(self, shape: tuple[int, int, int]) -> NDArray[np.uint8]:
-        """An array of zeros. MemoryError, OSError: there is no room for it."""
+        """Return an array of zeros; MemoryError or OSError if there is no room for it."""
         needed = int(np.prod(shape))
         memory = self._memory
         if memory is None or not needed <= len(memory) <= SPARE * needed:
@@ -65,7 +65,7 @@ class SharedRaster:
 
 
 class Worker:
-    """Answers requests, each of which says everything that it depends on."""
+    """Worker that answers requests, each of which contains everything that it depends on."""
 
     def __init__(self, raster: SharedRaster, folder: Path) -> None:
         self._raster, self._folder = raster, folder
@@ -73,7 +73,7 @@ class Worker:
         self._examined: tuple[tuple[Any, ...], PdfFile] | None = None
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """What was asked for, or why not."""
+        """Return the answer to a request, or the reason for a refusal."""
         signal.setitimer(signal.ITIMER_REAL, request["seconds"] + GRACE_S)
         try:
             _limit_memory(request["room_bytes"])
@@ -86,9 +86,10 @@ class Worker:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
     def _load(self, _: dict[str, Any]) -> dict[str, Any]:
-        """Compile what takes pixels together, or load it, before the memory and time of a page are limited.
+        """Compile the combination of pixels, or load it, before the memory and time of a page are limited.
 
-        It takes as long as all else that this process loads, and is asked for with the first page that needs it.
+        It takes as long as all else that this process loads, and is requested with the first page that needs
+        it.
         """
         from prooflight.pages.pdf.taking_together import taken_together
 
@@ -146,7 +147,7 @@ class Worker:
         return {}
 
     def _file(self, request: dict[str, Any]) -> PdfFile:
-        """The PDF, opened if it is not open, or no longer. JobError: it is another one than before."""
+        """Return the PDF, opened if it is not open, or no longer; JobError if it is another one than before."""
         key = _key(request)
         if key not in self._files:
             self._files[key] = self._opened(request)
@@ -174,9 +175,9 @@ def _key(request: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def _limit_memory(room_bytes: float | None) -> None:
-    """Let this process take so much more than it has; where the system does not count, time is the only limit.
+    """Let this process take more memory by ``room_bytes``; None: without a limit.
 
-    None: as much as it likes.
+    If the system does not count memory, time is the only limit.
     """
     with contextlib.suppress(OSError, ValueError):
         pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -186,7 +187,7 @@ def _limit_memory(room_bytes: float | None) -> None:
 
 
 def _end_with(lifeline: int) -> None:
-    """End with the process that asks, also in the midst of a page: Python's own threads would wait for MuPDF."""
+    """End with the requesting process, also in the midst of a page: Python's own threads would wait for MuPDF."""
     signal.signal(signal.SIGIO, signal.SIG_DFL)  # its default is to end the process
     with contextlib.suppress(OSError):
         fcntl.fcntl(lifeline, fcntl.F_SETOWN, -os.getpgrp())  # and the programs that it started
@@ -194,7 +195,7 @@ def _end_with(lifeline: int) -> None:
 
 
 def main() -> None:
-    """Answer until nobody asks."""
+    """Answer requests until the socket closes."""
     connection, lifeline, memory = (int(text) for text in sys.argv[1:4])
     _end_with(lifeline)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,1 +1,3 @@
-"""Zones on the pages of a job: what is not judged, and what is judged with a share of the promise of its own."""
+"""Zones on the pages of a job: areas that are ignored, and areas that are tested with a false-alarm rate of
+their own.
+"""

@@ -1,4 +1,4 @@
-"""Zones from what a PDF page says of its own places, by rules that a user names."""
+"""Zones from the marked places of a PDF page, by rules that a user names."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ LONGEST_NAME: Final = 255
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """What is called so becomes a zone of this kind."""
+    """Rule that turns places of this name into zones of this kind."""
 
     name: str
     kind: Kind
 
     @classmethod
     def parse(cls, option: str, text: str) -> Self:
-        """``NAME=KIND``; RequestError: it is none."""
+        """Parse ``NAME=KIND``; RequestError if the text is not of this form."""
         name, _, word = text.rpartition("=")
         for kind in KINDS:
             if name.strip() and word.strip() == kind:
@@ -38,43 +38,43 @@ class Rule:
         )
 
     def of(self, names: Iterable[str]) -> bool:
-        """Whether one of these names is the rule's, whatever their case."""
+        """Return whether one of these names is the rule's, ignoring case."""
         return self.name.casefold() in {name.casefold() for name in names}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rules:
-    """All that a user asked for."""
+    """All rules that a user requested."""
 
     layers: tuple[Rule, ...] = ()
     annotations: tuple[Rule, ...] = ()
     outside_bleed: Kind | None = None
-    """What becomes of what is printed outside the BleedBox; None: nothing."""
+    """Kind of the zones outside the BleedBox; None: there are no such zones."""
     edge_mm: float = 0.0
-    """Of a strip along all edges of the TrimBox that is ignored: where the cutter may go."""
+    """Width of a strip along all edges of the TrimBox that is ignored, because the cutter may go there."""
 
     def entries(self, marks: PageMarks | None, number: int, size_mm: tuple[float, float]) -> list[ZoneEntry]:
-        """Zones of one page; marks: None where it is of no PDF."""
-        found = list(_frames("edge", "ignore", self._inner(size_mm), number, size_mm))
+        """Return the zones of one page; ``marks`` is None if the page is of no PDF."""
+        zones = list(_frames("edge", "ignore", self._inner(size_mm), number, size_mm))
         if marks is None:
-            return found
+            return zones
         if marks.bleed is not None and self.outside_bleed is not None:
-            found += _frames("outside BleedBox", self.outside_bleed, marks.bleed, number, size_mm)
+            zones += _frames("outside BleedBox", self.outside_bleed, marks.bleed, number, size_mm)
         for rule in self.layers:
-            found += _boxes(
+            zones += _boxes(
                 rule, ((name,) for name, _ in marks.layers), (box for _, box in marks.layers), number, size_mm
             )
         for rule in self.annotations:
             names, boxes = ((one for one, _ in marks.annotations), (box for _, box in marks.annotations))
-            found += _boxes(rule, names, boxes, number, size_mm)
-        return found
+            zones += _boxes(rule, names, boxes, number, size_mm)
+        return zones
 
     def _inner(self, size_mm: tuple[float, float]) -> Box:
         edge = self.edge_mm
         return edge, edge, size_mm[0] - 2 * edge, size_mm[1] - 2 * edge
 
     def unmet(self, marks: Sequence[PageMarks]) -> list[str]:
-        """Rules that no page knows anything by, in words."""
+        """Return a description of each rule that matches nothing on any page."""
         layers = {name for one in marks for name, _ in one.layers}
         annotations = {name for one in marks for names, _ in one.annotations for name in names}
         return [
@@ -90,7 +90,7 @@ class Rules:
 
 
 def entry_of(name: str, kind: Kind, box: Box, number: int, size_mm: tuple[float, float]) -> ZoneEntry | None:
-    """A rectangle cut to its page; None: nothing worth a zone is left."""
+    """Return the entry of a rectangle cut to its page; None if less than the smallest zone is left."""
     left, top = max(box[0], 0.0), max(box[1], 0.0)
     right, bottom = min(box[0] + box[2], size_mm[0]), min(box[1] + box[3], size_mm[1])
     if right <= left or bottom <= top or (right - left) * (bottom - top) < LEAST_MM2:
@@ -106,15 +106,15 @@ def _boxes(
     number: int,
     size_mm: tuple[float, float],
 ) -> Iterator[ZoneEntry]:
-    for known, box in zip(names, boxes, strict=True):
-        if rule.of(known) and (entry := entry_of(rule.name, rule.kind, box, number, size_mm)):
+    for own_names, box in zip(names, boxes, strict=True):
+        if rule.of(own_names) and (entry := entry_of(rule.name, rule.kind, box, number, size_mm)):
             yield entry
 
 
 def _frames(
     name: str, kind: Kind, inner: Box, number: int, size_mm: tuple[float, float]
 ) -> Iterator[ZoneEntry]:
-    """What of a page lies outside a rectangle: up to four more."""
+    """Yield the areas of a page outside a rectangle, which are up to four rectangles."""
     x, y, width, height = inner
     (page_width, page_height), right, bottom = size_mm, x + width, y + height
     sides: dict[str, Box] = {
@@ -129,7 +129,7 @@ def _frames(
 
 
 def on_all_pages(entries: Sequence[ZoneEntry], count: int) -> list[ZoneEntry]:
-    """The same with what is alike on several pages written once."""
+    """Return the entries with those that are equal on several pages written once."""
     pages: dict[ZoneEntry, list[int]] = {}
     for entry in entries:
         pages.setdefault(entry.model_copy(update={"pages": ""}), []).append(int(entry.pages))
@@ -140,10 +140,9 @@ def on_all_pages(entries: Sequence[ZoneEntry], count: int) -> list[ZoneEntry]:
 
 
 def _listed(numbers: Sequence[int], count: int) -> str:
-    """Such as 1,4-6.
+    """Return a list of pages such as 1,4-6.
 
-    >>> _listed([1, 4, 5, 6], 9), _listed([1, 2], 2)
-    ('1,4-6', 'all')
+    >>> _listed([1, 4, 5, 6], 9), _listed([1, 2], 2) ('1,4-6', 'all')
     """
     if list(numbers) == list(range(1, count + 1)):
         return "all"

@@ -1,7 +1,7 @@
-"""A zone of a page, and which of several counts where they overlap.
+"""Zones of a page, and the precedence of zones that overlap.
 
-A place may lie in zones of several kinds. The stricter one counts: careful over normal, normal over ignore. So a normal
-zone cuts a hole into one that is ignored, and nothing that somebody wants watched is ever hidden.
+A point may be in zones of several kinds. The stricter one counts: careful over normal, normal over ignore. A
+normal zone therefore cuts a hole into an ignored one, and an ignored zone never hides a stricter one.
 """
 
 from __future__ import annotations
@@ -19,48 +19,50 @@ if TYPE_CHECKING:
 
 Kind = Literal["ignore", "normal", "careful"]
 KINDS: Final[tuple[Kind, ...]] = ("ignore", "normal", "careful")
-"""From the one that gives way to all others to the one that gives way to none."""
+"""Kinds from the lowest precedence to the highest."""
 Box = tuple[float, float, float, float]
-"""x, y, width and height on the page as printed. [mm]"""
+"""A rectangle: x, y, width and height on the page as printed. [mm]"""
 SAMPLE_MM: Final = 0.5
-"""At which zones are sampled where only shares are asked for: a tile of our detector."""
+"""Sampling distance of zones for the computation of shares: a tile of the matched-filter detector."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Zone:
-    """A polygon on a page, with what becomes of evidence that lies in it."""
+    """A polygon on a page, with the treatment of evidence inside it."""
 
     name: str
     kind: Kind
     corners_mm: tuple[tuple[float, float], ...]
-    """x, y of at least three corners in order, from the page's top-left corner as printed."""
+    """Corners x, y, at least three in order, from the page's top-left corner as printed."""
 
     @classmethod
     def rectangle(cls, name: str, kind: Kind, box: Box) -> Zone:
-        """From its x, y, width and height."""
+        """Return the zone of a rectangle's x, y, width and height."""
         x, y, width, height = box
         corners = ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
         return cls(name=name, kind=kind, corners_mm=corners)
 
     def turned(self, height_mm: float) -> Zone:
-        """The same on its page of this height, turned as ``pages.raster.turned`` does."""
+        """Return the zone on its page of this height, turned as ``pages.raster.turned`` does."""
         return replace(self, corners_mm=tuple((height_mm - y, x) for x, y in self.corners_mm))
 
     @property
     def box(self) -> Box:
-        """The smallest rectangle that holds it."""
+        """The smallest rectangle that contains the zone."""
         x, y = zip(*self.corners_mm, strict=True)
         return min(x), min(y), max(x) - min(x), max(y) - min(y)
 
     @property
     def area_mm2(self) -> float:
-        """By the shoelace formula."""
+        """Area by the shoelace formula."""
         x, y = np.array(self.corners_mm).T
         return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
     def holds(self, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Which points of a grid (n,) x (m,) lie in it, (m, n): those whose ray to the right crosses its edges oddly
-        often (Jordan). Left and upper edges belong to it, right and lower ones do not.
+        """Return which points of a grid (n,) x (m,) are inside, (m, n): those whose ray to the right has odd
+        crossings.
+
+        The rule is Jordan's. Left and upper edges belong to the zone, right and lower ones do not.
         """
         inside = np.zeros((y_mm.size, x_mm.size), bool)
         for (x0, y0), (x1, y1) in zip(
@@ -76,16 +78,17 @@ class Zone:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What good prints of a job's pages with zones in force said, by which their promise is kept."""
+    """Scores of good prints of a job's pages with zones in force, by which the false-alarm rate is kept."""
 
     page_scores: tuple[float, ...]
-    """Of pages as a whole, in the detector's score."""
+    """Scores of pages as a whole, in the detector's units."""
     careful_scores: tuple[float, ...]
-    """Of their careful areas, from prints other than those of the two below; none: there are no careful zones."""
+    """Scores of their careful areas, from prints other than those of the two below; empty: there are no
+    careful zones."""
     careful_mean: tuple[float, ...]
-    """Of what the detector looks at there, on good prints ..."""
+    """Mean, on good prints, of the quantities that the detector uses in careful areas."""
     careful_sd: tuple[float, ...]
-    """... and how that scatters."""
+    """Standard deviation of these quantities on good prints."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,40 +97,40 @@ class PageZones:
 
     zones: tuple[Zone, ...]
     careful_share: float
-    """Of the promised rate of false alarms, that careful areas may use. [-]"""
+    """Share of the nominal false-alarm rate that careful areas may use. [-]"""
     calibration: Calibration | None = None
-    """None: they are being priced, and nothing is promised yet."""
+    """Calibration; None: it is being measured, and no false-alarm rate is guaranteed yet."""
 
     @cached_property
     def kinds(self) -> frozenset[Kind]:
-        """That it has."""
+        """Kinds of the page's zones."""
         return frozenset(zone.kind for zone in self.zones)
 
     def holds(self, kind: Kind, x_mm: NDArray[np.floating], y_mm: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Which points of a grid (n,) x (m,) count as of this kind, (m, n); see the module."""
-        found = np.zeros((y_mm.size, x_mm.size), bool)
+        """Return which points of a grid (n,) x (m,) count as of this kind, (m, n); see the module."""
+        inside = np.zeros((y_mm.size, x_mm.size), bool)
         for other in KINDS[KINDS.index(kind) :]:
             for zone in self.zones:
                 if zone.kind == other:
-                    held = zone.holds(x_mm, y_mm)
-                    found = found | held if other == kind else found & ~held
-        return found
+                    within = zone.holds(x_mm, y_mm)
+                    inside = inside | within if other == kind else inside & ~within
+        return inside
 
     def ignores(self, box: Box) -> bool:
-        """Whether all of a rectangle is ignored."""
+        """Return whether all of a rectangle is ignored."""
         x, y, width, height = box
         across = np.linspace(x, x + width, max(int(width / SAMPLE_MM), 2))
         along = np.linspace(y, y + height, max(int(height / SAMPLE_MM), 2))
         return bool(self.holds("ignore", across, along).all())
 
     def at(self, x_mm: float, y_mm: float) -> Zone | None:
-        """The zone that counts at a place; None: it is as any other place of the page."""
+        """Return the zone that counts at a point; None if the point is in no zone."""
         here = [zone for zone in self.zones if zone.holds(np.array([x_mm]), np.array([y_mm]))[0, 0]]
         return max(here, key=lambda zone: KINDS.index(zone.kind), default=None)
 
 
 def share_ignored(zones: PageZones, width_mm: float, height_mm: float) -> float:
-    """Of a page. [-]"""
+    """Return the share of a page that is ignored. [-]"""
     across, along = (
         np.arange(SAMPLE_MM / 2, width_mm, SAMPLE_MM),
         np.arange(SAMPLE_MM / 2, height_mm, SAMPLE_MM),
@@ -136,13 +139,13 @@ def share_ignored(zones: PageZones, width_mm: float, height_mm: float) -> float:
 
 
 def contested(zones: Sequence[Zone]) -> list[tuple[Zone, Zone]]:
-    """Pairs of a careful zone and an ignored one that overlap; the careful one counts."""
-    found = []
+    """Return pairs of a careful zone and an ignored one that overlap; the careful one counts."""
+    pairs = []
     for one in zones:
         for other in zones:
             if one.kind == "careful" and other.kind == "ignore" and _overlap(one, other):
-                found.append((one, other))
-    return found
+                pairs.append((one, other))
+    return pairs
 
 
 def _overlap(one: Zone, other: Zone) -> bool:

@@ -1,4 +1,4 @@
-"""``job.zones.json``: the zones of a job's pages, and the price that was told before they were saved.
+"""``job.zones.json``: the zones of a job's pages, and the price that was shown before they were saved.
 
 Its schema is published as docs/reference/zones.schema.json.
 """
@@ -26,14 +26,15 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
 
 SCHEMA: Final = 1
-"""1: zones, the careful share, the price."""
+"""Version of the schema. 1: zones, the careful share, the price."""
 CAREFUL_SHARE: Final = 0.2
-"""assumed: what the rest of the page gives away is not felt (its rate falls by a fifth), and a careful area, which is
-small and compared with its own good prints, needs no more."""
+"""Default share of careful areas. assumed: the loss of the rest of the page is not noticed (its rate falls
+by a fifth), and a careful area, which is small and compared with its own good prints, needs no more."""
 MOST_IGNORED: Final = 0.9
-"""Of a page: of less, nobody can tell where it lies. assumed"""
+"""Largest share of a page that may be ignored: with more, the page's position cannot be measured. assumed"""
 OFF_PAGE_MM: Final = 0.5
-"""A zone may reach so far beyond the page, as boxes of PDFs do that were rounded; it is cut off there."""
+"""Largest distance that a zone may reach beyond the page, as boxes of PDFs do that were rounded; it is cut
+off there."""
 LEAST_MM2: Final = 1.0
 FILES: Final = GivenFiles(
     error=JobError, remedy="give the zones that `prooflight job zones` wrote", largest_mb=4.0
@@ -48,17 +49,18 @@ class ZoneEntry(Block):
 
     name: Name
     kind: Kind
-    """ignore: not judged. normal: as without zones. careful: judged with a share of the promise of its own."""
+    """Treatment of the zone. ignore: not inspected. normal: as without zones. careful: tested with a share
+    of the false-alarm rate of its own."""
     pages: Annotated[str, Field(max_length=1000)] = "all"
-    """Pages of the job, such as 1,4-6; all."""
+    """Pages of the job, such as 1,4-6; or all."""
     rectangle_mm: tuple[Extent, Extent, Positive, Positive] | None = None
-    """x, y, width and height from the page's top-left corner as printed. [mm]"""
+    """Rectangle as x, y, width and height from the page's top-left corner as printed. [mm]"""
     polygon_mm: Annotated[tuple[Corner, ...], Field(min_length=3, max_length=200)] | None = None
-    """Corners in order. [mm]"""
+    """Polygon as corners in order. [mm]"""
 
 
 class PriceEntry(Block):
-    """By what good prints the zones were calibrated, and what was told of their price."""
+    """Good prints by which the zones were calibrated, and the price that was shown."""
 
     press: Name
     """Digest of the press."""
@@ -71,22 +73,22 @@ class PriceEntry(Block):
     careful_mean: tuple[Number, ...]
     careful_sd: tuple[Positive, ...]
     told: tuple[dict[str, Any], ...] = ()
-    """The price as it was shown, a row a zone."""
+    """The price as it was shown, one row a zone."""
 
 
 class ZonesDocument(Block):
-    """The whole file."""
+    """Content of the whole file."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")] = 1
     careful_share: Annotated[float, Field(strict=True, gt=0, le=0.5, allow_inf_nan=False)] = CAREFUL_SHARE
-    """Of the promised rate of false alarms, that careful areas may use."""
+    """Share of the nominal false-alarm rate that careful areas may use."""
     zones: Annotated[tuple[ZoneEntry, ...], Field(min_length=1, max_length=2000)]
     price: PriceEntry | None = None
-    """null: they were not priced yet, and are not in force."""
+    """Price of the zones; null: they were not priced yet, and are not in force."""
 
 
 def schema() -> dict[str, Any]:
-    """Of the file, as JSON Schema."""
+    """Return the JSON Schema of the file."""
     return {"title": "job.zones.json", **ZonesDocument.model_json_schema(by_alias=True)}
 
 
@@ -96,9 +98,9 @@ class JobZones:
 
     document: ZonesDocument
     of_pages: Mapping[int, tuple[Zone, ...]]
-    """By page, from 1; pages without any are left out."""
+    """Zones by page, from 1; pages without any are left out."""
     sizes_mm: tuple[tuple[float, float], ...]
-    """Of the job's pages."""
+    """Sizes of the job's pages."""
 
     @classmethod
     def made(
@@ -109,7 +111,10 @@ class JobZones:
         careful_share: float = CAREFUL_SHARE,
         where: object = "zones",
     ) -> Self:
-        """Not yet priced. sizes_mm: of the job's pages. JobError: a zone is of no page, or not on it."""
+        """Create zones that are not yet priced; JobError if a zone is of no page, or not on it.
+
+        ``sizes_mm`` are the sizes of the job's pages.
+        """
         try:
             document = ZonesDocument(zones=tuple(entries), careful_share=careful_share)
         except ValueError as error:
@@ -119,7 +124,7 @@ class JobZones:
 
     @classmethod
     def read(cls, path: Path, sizes_mm: Sequence[tuple[float, float]]) -> Self:
-        """From a file. JobError: it is none, or its zones are not of a job whose pages are so large."""
+        """Read zones from a file; JobError if it is none, or its zones do not fit pages of these sizes."""
         try:
             document = checked(ZonesDocument, parsed(FILES.read_text(path)))
         except Misfit as error:
@@ -128,7 +133,7 @@ class JobZones:
 
     @classmethod
     def of(cls, document: ZonesDocument, sizes_mm: Sequence[tuple[float, float]], *, where: object) -> Self:
-        """Checked against the job's pages."""
+        """Create zones from a document, checked against the job's pages."""
         of_pages: dict[int, tuple[Zone, ...]] = {}
         for entry in document.zones:
             zone = _zone(entry, where)
@@ -142,16 +147,18 @@ class JobZones:
 
     @property
     def zones_digest(self) -> str:
-        """SHA-256 of the zones alone, which their price is of."""
+        """SHA-256 of the zones alone, to which their price refers."""
         return _digest(self.document.model_dump(mode="json", include={"zones", "careful_share"}))
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything in it: equal digests, equal verdicts."""
+        """SHA-256 of all content: equal digests, equal verdicts."""
         return _digest(self.document.model_dump(mode="json", by_alias=True))
 
     def page(self, page: Page) -> PageZones | None:
-        """Of a page as it enters the press, turned or not, in force as they were priced; None: it has none."""
+        """Return the zones of a page as it enters the press, turned or not, as they were priced; None if it
+        has none.
+        """
         zones = self.of_pages.get(page.number)
         if zones is None:
             return None
@@ -162,7 +169,7 @@ class JobZones:
 
     @property
     def calibration(self) -> Calibration | None:
-        """What good prints said of them; None: they were not priced yet."""
+        """Scores of good prints with the zones; None: they were not priced yet."""
         price = self.document.price
         if price is None:
             return None
@@ -174,7 +181,7 @@ class JobZones:
         )
 
     def contested(self) -> list[str]:
-        """What a person should know of zones that overlap, a line a pair."""
+        """Return notes for people about zones that overlap, a line a pair."""
         pairs = {
             (one.name, other.name): number
             for number, zones in reversed(tuple(self.of_pages.items()))
@@ -186,7 +193,10 @@ class JobZones:
         ]
 
     def refuse_unpriced(self, press_digest: str, *, where: object) -> None:
-        """RequestError: nobody was told their price on this press, so that nothing is promised with them."""
+        """Raise RequestError if the zones were not priced on this press.
+
+        Without a price that was shown, no false-alarm rate is guaranteed.
+        """
         price, remedy = (
             self.document.price,
             "run `prooflight zones price`, which shows what they cost, with --save",
@@ -199,15 +209,15 @@ class JobZones:
             raise RequestError(where, "its zones were changed after they had been priced", remedy=remedy)
 
     def unpriced(self) -> JobZones:
-        """The same zones, of which nothing is known yet."""
+        """Return the same zones without a price."""
         return replace(self, document=self.document.model_copy(update={"price": None}))
 
     def priced(self, price: PriceEntry) -> JobZones:
-        """The same with a price."""
+        """Return the same zones with a price."""
         return replace(self, document=self.document.model_copy(update={"price": price}))
 
     def save(self, path: Path) -> None:
-        """Write it, whole or not at all."""
+        """Write the file, whole or not at all."""
         raw = self.document.model_dump(mode="json", by_alias=True)
         raw["zones"] = [
             {name: value for name, value in zone.items() if value is not None} for zone in raw["zones"]

@@ -1,1 +1,1 @@
-"""The gate: sheets on their way to it, what becomes of each, and the controller that moves it."""
+"""The gate: sheets on their way to it, the decision for each, and the controller that moves it."""

@@ -1,6 +1,7 @@
-"""The gate as one output: on while a sheet passes that is accepted, off for all others and where nobody writes.
+"""The gate as one output: on while an accepted sheet passes, off for all others and when nothing is written.
 
-We time it by the camera's lines, so it is as good as the link is prompt: see docs/how-to/gate.md.
+The output is timed by the camera's lines, so its accuracy depends on the delay of the link: see
+docs/how-to/gate.md.
 """
 
 from __future__ import annotations
@@ -17,45 +18,45 @@ if TYPE_CHECKING:
 
 
 class CoilTalk(Waiting):
-    """Sheets wait for their time at the gate; a ``Talk`` that sets the output by it."""
+    """A ``Talk`` that holds sheets until their time at the gate, and sets the output accordingly."""
 
     session = 0
-    """An output knows none."""
+    """Session number, always 0: an output has no sessions."""
 
     def begin(self, wire: Wire) -> None:
-        """See ``Talk``."""
+        """Switch the output off and become ready; see ``Talk``."""
         wire.set_coil(False)
         self._went(State.READY, "")
 
     def turn(self, wire: Wire) -> None:
-        """See ``Talk``: written every time, for the output falls off where nobody writes."""
-        asked_s = self._clock()
-        wire.set_coil(self._wanted(asked_s))
-        if self._clock() - asked_s > self._half_s():
+        """Write the output in every exchange, because it falls off when nothing is written; see ``Talk``."""
+        started_s = self._clock()
+        wire.set_coil(self._wanted(started_s))
+        if self._clock() - started_s > self._half_s():
             # What was written may have come while another sheet passed.
             raise PlantError("PLC", "it answers too slowly for an output", remedy="use style = 'registers'")
 
     def end(self, wire: Wire) -> None:
-        """See ``Talk``."""
+        """Switch the output off; see ``Talk``."""
         wire.set_coil(False)
 
     def lost(self, why: str) -> None:
-        """See ``Talk``."""
+        """Go to the state ``AWAY``; see ``Talk``."""
         self._went(State.AWAY, why)
 
     @property
     def _rejects(self) -> bool:
-        """An output is off where nobody writes, whatever the policy."""
+        """Whether a sheet without a result is rejected: always, because an unwritten output is off under any policy."""
         return True
 
     def _half_s(self) -> float:
-        """How long a sheet takes over the tolerance; never less than a cycle."""
+        """Return the time in which a sheet travels the tolerance, but at least one cycle. [s]"""
         speed = self._tracker.speed_mm_s
         cycle_s = self._settings.plc.cycle_ms / 1e3
         return cycle_s if not speed else max(self._settings.tolerance_mm / speed, cycle_s)
 
     def _wanted(self, now_s: float) -> bool:
-        """Whether the sheet at the gate is one that is accepted."""
+        """Return whether the sheet at the gate is an accepted one."""
         half_s, wanted = self._half_s(), False
         with self._guard:
             self._overdue(now_s, after_s=half_s)

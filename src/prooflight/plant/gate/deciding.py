@@ -1,8 +1,8 @@
-"""What becomes of each sheet at the gate: accept, divert, or stop the press.
+"""Decision for each sheet at the gate: accept, divert, or stop the press.
 
-Sheets come in the order of the run. A misprint is never accepted. What nobody can vouch for follows the policy of the
-press file. A bad sheet takes others with it: the rest of its set, and where the stack must keep its order all that
-follow until a whole copy of the job begins.
+Sheets come in the order of the run. A misprint is never accepted. A sheet in doubt follows the policy of the
+press file. A bad sheet takes others with it: the rest of its set and, if the stack must keep its order, all
+that follow until a whole copy of the job begins.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord
     from prooflight.press.gate import GateSettings
 
-STRANGE: Final = frozenset({"unknown", "blank"})
+UNKNOWN_PAGES: Final = frozenset({"unknown", "blank"})
 DOUBTS: Final = frozenset({Code.NOT_INSPECTED, Code.LOST_LINES, Code.TOO_LATE, Code.PLACE_UNKNOWN})
-"""What the policy is for; all else is known."""
+"""Codes to which the policy applies; for all other codes the decision is fixed."""
 SAID: Final = {
     Code.GOOD: "good",
     Code.MISPRINT: "a misprint",
@@ -34,40 +34,40 @@ SAID: Final = {
     Code.TOO_LATE: "its result came too late for the gate",
     Code.PLACE_UNKNOWN: "nobody could say when it would reach the gate",
 }
-"""For people."""
+"""Description of each code, for people."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetDecision:
-    """What becomes of one sheet."""
+    """Decision for one sheet."""
 
     sheet: int
-    """Its number in the run, from 0."""
+    """Number of the sheet in the run, from 0."""
     result: Result
     code: Code
     job_page: int | None
-    """Which of the run's pages it shows or stands for; None: nobody knows."""
+    """Page of the run that the sheet shows or stands for; None: not known."""
     page: str
     """Name of that page."""
     set_number: int
-    """From 0."""
+    """Number of the set, from 0."""
     came: bool = True
-    """False: a page that did not come."""
+    """Whether a sheet came. False: the decision is about a page that did not come."""
     why: str = ""
 
     @property
     def tag(self) -> int:
-        """The sheet as the controller knows it: from 1, for 0 says none."""
+        """Number of the sheet for the controller: from 1, because 0 means none."""
         return self.sheet + 1
 
 
 @dataclass(slots=True)
 class GateDecider:
-    """Decides sheet by sheet, in the order of the run."""
+    """Decider that takes the sheets one by one, in the order of the run."""
 
     settings: GateSettings
     job_pages: int
-    """Of one copy of the job."""
+    """Number of pages of one copy of the job."""
     _last_page: int = -1
     _spoiled: set[int] = field(default_factory=set)
     _diverting: bool = False
@@ -84,13 +84,13 @@ class GateDecider:
         return self._stopped
 
     def decide(self, record: PageRecord, *, came: bool = True) -> SheetDecision:
-        """The next sheet, or the next page that did not come."""
+        """Decide the next sheet, or the next page that did not come."""
         shown = record.job_page
         place = self._last_page if shown is None else shown
         own_set = max(place, 0) // self.settings.pages_a_set
         if not came:
             self._spoil(own_set)
-            return self._made(record, Result.NONE, Code.NONE, own_set, came=False)
+            return self._decision(record, Result.NONE, Code.NONE, own_set, came=False)
         code = own_code(record)
         result = self._own_result(code)
         if result is Result.ACCEPT:
@@ -103,14 +103,14 @@ class GateDecider:
             self._last_page = max(self._last_page, shown)
         if self._to_stop(code):
             self._stopped, result = True, Result.STOP
-        return self._made(record, result, code, own_set)
+        return self._decision(record, result, code, own_set)
 
     def alone(self, record: PageRecord, *, came: bool = True) -> Disposition:
-        """Return what the policy says of one side by itself, before its sheet is decided."""
+        """Return what the policy decides for one side by itself, before its sheet is decided."""
         return disposition_of(self._own_result(own_code(record)) if came else Result.NONE)
 
     def lost(self, decision: SheetDecision) -> None:
-        """A sheet that was accepted did not get to the good tray after all: those that belong to it follow it."""
+        """Note that an accepted sheet did not get to the good tray, so that the sheets that belong to it follow it."""
         if decision.result is Result.ACCEPT:
             self._spoil(decision.set_number)
 
@@ -126,7 +126,7 @@ class GateDecider:
         return Result.DIVERT
 
     def _in_company(self, code: Code, shown: int | None, own_set: int) -> tuple[Code, Result]:
-        """Of a sheet that is accepted for itself."""
+        """Return code and result, given the sheets around it, of a sheet that is accepted by itself."""
         if self._diverting:
             begins = self._break_every
             if shown is None or shown % begins or own_set in self._spoiled:
@@ -138,7 +138,7 @@ class GateDecider:
 
     @property
     def _break_every(self) -> int:
-        """Pages from one place where the stack may be broken to the next."""
+        """Number of pages from one place where the stack may be broken to the next."""
         sets = self.settings.pages_a_set
         return sets if sets > 1 else max(self.job_pages, 1)
 
@@ -151,7 +151,7 @@ class GateDecider:
         self._diverting = self.settings.divert == "until-clean-break"
 
     def _to_stop(self, code: Code) -> bool:
-        """Whether the press is to be stopped with this sheet."""
+        """Return whether the press is to be stopped with this sheet."""
         if code in (Code.SET_SPOILED, Code.UNTIL_CLEAN_BREAK):
             return False  # it is good itself
         bad = code in (Code.MISPRINT, Code.UNKNOWN_SHEET)
@@ -164,7 +164,7 @@ class GateDecider:
             return True
         return share is not None and sum(recent[-share[1] :]) >= share[0]
 
-    def _made(
+    def _decision(
         self, record: PageRecord, result: Result, code: Code, own_set: int, *, came: bool = True
     ) -> SheetDecision:
         return SheetDecision(
@@ -180,7 +180,10 @@ class GateDecider:
 
 
 def disposition_of(result: Result) -> Disposition:
-    """Return a result as all other outlets have it; a page that did not come is held, for it lacks a sheet."""
+    """Return a result as the disposition of all other outlets.
+
+    A page that did not come is held, because a sheet is missing for it.
+    """
     by_result: dict[Result, Disposition] = {
         Result.ACCEPT: "accept",
         Result.DIVERT: "divert",
@@ -190,10 +193,10 @@ def disposition_of(result: Result) -> Disposition:
 
 
 def own_code(record: PageRecord) -> Code:
-    """What is to be said of a sheet for itself."""
+    """Return the code of a sheet by itself."""
     faults = set(record.faults)
     if record.verdict.verdict == "misprint":
-        return Code.UNKNOWN_SHEET if faults & STRANGE else Code.MISPRINT
+        return Code.UNKNOWN_SHEET if faults & UNKNOWN_PAGES else Code.MISPRINT
     if faults & NOT_WHOLE:
         return Code.LOST_LINES
     if record.verdict.verdict != "good" or record.job_page is None:

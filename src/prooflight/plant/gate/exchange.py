@@ -1,8 +1,9 @@
-"""What is exchanged with the controller, without a wire: which registers are written next, and what an answer means.
+"""The exchange with the controller, without a wire: the registers to write next, and the meaning of an answer.
 
-One result is in the registers at a time, until the controller has acknowledged it by its number. Each connection is a
-session of its own: the controller forgets what it had, and is told again of every sheet that has not reached the gate.
-So nothing hangs on what either side remembers of the other.
+One result is in the registers at a time, until the controller has acknowledged it by its number. Each
+connection is a session of its own: the controller forgets the results that it had, and receives again that of
+every sheet that has not reached the gate. The exchange therefore does not depend on what either side
+remembers of the other.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ POLICIES: Final = {"reject": 0, "accept": 1, "stop": 2}
 
 
 class Exchange(Waiting):
-    """Results wait here; the link asks for words and brings answers. Asked and told by several threads."""
+    """Queue of results; the link takes registers to write and returns answers. It may be used by several threads."""
 
     def __init__(
         self,
@@ -41,7 +42,7 @@ class Exchange(Waiting):
         report: Callable[[SheetAtGate], None] = lambda _passed: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Arguments as of ``Waiting``."""
+        """Begin an exchange; the arguments are those of ``Waiting``."""
         super().__init__(settings, tracker, log=log, tell=tell, report=report, clock=clock)
         self._session = self._number = self._heartbeat = 0
         self._current: Pending | None = None
@@ -54,12 +55,12 @@ class Exchange(Waiting):
 
     @property
     def session(self) -> int:
-        """Of this connection; 0 before the first."""
+        """Number of the session of this connection; 0 before the first."""
         return self._session
 
     @property
     def waiting(self) -> int:
-        """Sheets that are decided and have not reached the gate."""
+        """Number of decided sheets that have not reached the gate."""
         with self._guard:
             self._passed(self._clock())
             return len(self._sheets)
@@ -67,12 +68,12 @@ class Exchange(Waiting):
     # --- from the run ---
 
     def arrived(self, tag: int) -> None:
-        """A sheet has passed the camera and will be decided."""
+        """Note that a sheet has passed the camera and will be decided."""
         with self._guard:
             self._at_camera, self._busy = tag, self._busy + 1
 
     def post(self, decision: SheetDecision, *, line: int, last_line_s: float) -> None:
-        """What becomes of a sheet; never waits."""
+        """Take the decision for a sheet; never waits."""
         super().post(decision, line=line, last_line_s=last_line_s)
         self.wake.set()
 
@@ -83,7 +84,7 @@ class Exchange(Waiting):
     # --- from the link ---
 
     def connected(self, values: dict[str, int], *, session: int) -> None:
-        """The controller answers, by its own words; a session begins."""
+        """Begin a session with a controller that answers, and whose register values these are."""
         with self._guard:
             self._join(session)
             self._beat = (values["plc_heartbeat"], self._clock())
@@ -91,7 +92,7 @@ class Exchange(Waiting):
             self._step(Event.CONNECTED, f"session {session}")
 
     def words(self) -> list[int]:
-        """What is to be written now."""
+        """Return the registers to write now."""
         now_s = self._clock()
         with self._guard:
             self._passed(now_s)
@@ -122,14 +123,17 @@ class Exchange(Waiting):
             )
 
     def wrote(self) -> None:
-        """The controller has confirmed the write."""
+        """Note that the controller has confirmed the write."""
         now_s = self._clock()
         with self._guard:
             if self._current is not None and self._current.written_s is None:
                 self._current.written_s = now_s
 
     def answered(self, values: dict[str, int], *, asked_s: float, answered_s: float) -> bool:
-        """What the controller shows; whether it lives: False if its heartbeat has stood still for too long."""
+        """Take the values that the controller shows, and return whether it is alive.
+
+        It is not alive if its heartbeat has stood still for too long.
+        """
         self._tracker.counted(values["encoder"], asked_s=asked_s, answered_s=answered_s)
         aligned = self._tracker.aligned
         with self._guard:
@@ -151,16 +155,16 @@ class Exchange(Waiting):
                 self._state, Fault.NONE
             )
             self._acknowledge(values["result_taken"], answered_s)
-            self._gate_says(values)
+            self._log_tray(values)
         return True
 
     def lost(self, why: str) -> None:
-        """No answer in time."""
+        """Note that no answer came in time."""
         with self._guard:
             self._step(Event.LOST, why)
 
     def dropped(self, *, session: int) -> bool:
-        """Whether the controller has forgotten this session after it had taken it; another begins then."""
+        """Return whether the controller has forgotten this session after taking it; if so, begin another session."""
         with self._guard:
             if self._state is not State.JOINING or not self._was_taken:
                 return False
@@ -207,8 +211,8 @@ class Exchange(Waiting):
         if any(not sheet.taken for sheet in self._sheets.values()):
             self.wake.set()
 
-    def _gate_says(self, values: dict[str, int]) -> None:
-        """Where the last sheet went, where none was missed since the last look."""
+    def _log_tray(self, values: dict[str, int]) -> None:
+        """Log the tray of the last sheet, if no sheet was missed since the last exchange."""
         count = values["sheets_at_gate"]
         if self._at_gate is not None and count - self._at_gate == 1 and values["last_tag"]:
             tray = TRAYS.get(values["last_tray"])
@@ -217,7 +221,7 @@ class Exchange(Waiting):
         self._at_gate = count
 
     def _passed(self, now_s: float) -> None:
-        """Forget sheets that have reached the gate; say of each that was not written in time."""
+        """Forget sheets that have reached the gate, and report each that was not written in time."""
         for _, one in self._overdue(now_s):
             if one is self._current:
                 self._current = None

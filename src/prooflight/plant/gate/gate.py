@@ -1,4 +1,4 @@
-"""The gate of a running press: told of every sheet, it decides, and has the controller told in time."""
+"""The gate of a running press: it decides every sheet and sends the decision to the controller in time."""
 
 from __future__ import annotations
 
@@ -29,45 +29,46 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineSource
 
 CYCLES: Final = 3
-"""Exchanges that a result may take to be in the registers: one under way, its own, and one that is repeated."""
+"""Exchanges that a result may need to be in the registers: one under way, its own, and one that is repeated."""
 LEAVING_S: Final = 30.0
-"""After which the end of a run waits no longer for its last sheets to reach the gate."""
+"""Longest wait, at the end of a run, for its last sheets to reach the gate."""
 SETTLING_S: Final = 0.3
-"""The last sheet may reach the gate late by the tolerance, and the controller then says where it went."""
+"""Wait for the last sheet, which may reach the gate late by the tolerance, and for the controller's report
+of its tray."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Travel:
-    """Whether a verdict can be at the gate before its sheet."""
+    """Time budget that shows whether a verdict can be at the gate before its sheet."""
 
     distance_mm: float
     speed_mm_s: float
     sheet_mm: float
-    """From the leading edge to the last line of a scan."""
+    """Length from the leading edge to the last line of a scan."""
     deadline_s: float
-    """From the last line to the verdict."""
+    """Time from the last line to the verdict."""
     exchange_s: float
-    """From the verdict to its register."""
+    """Time from the verdict to its register."""
 
     @property
     def spare_s(self) -> float:
-        """What is left when the result is in its register."""
+        """Time that remains when the result is in its register."""
         return (self.distance_mm - self.sheet_mm) / self.speed_mm_s - self.deadline_s - self.exchange_s
 
     @property
     def least_mm(self) -> float:
-        """Distance at which nothing is left."""
+        """Distance at which no time remains."""
         return self.sheet_mm + (self.deadline_s + self.exchange_s) * self.speed_mm_s
 
 
 def exchange_s(settings: GateSettings) -> float:
-    """What an exchange is reckoned to take at most where the controller answers in time."""
+    """Return the longest time that an exchange should take if the controller answers in time. [s]"""
     plc = settings.plc
     return (CYCLES * plc.cycle_ms + plc.timeout_ms) / 1e3
 
 
 def refuse_near(settings: GateSettings, travel: Travel, *, where: object) -> None:
-    """PlantError: sheets reach the gate before their verdicts can. where: the press file."""
+    """Raise PlantError if sheets reach the gate before their verdicts can; ``where`` is the press file."""
     if travel.spare_s < 0:
         what = (
             f"[gate] distance_mm = {settings.distance_mm:g} is nearer than the verdict can be: sheets of "
@@ -77,16 +78,19 @@ def refuse_near(settings: GateSettings, travel: Travel, *, where: object) -> Non
 
 
 def refuse_close(settings: GateSettings, sheet_mm: float, *, where: object) -> None:
-    """PlantError: two sheets could be expected at one place. sheet_mm: of the shortest; where: the press file."""
+    """Raise PlantError if two sheets could be expected at one place.
+
+    ``sheet_mm`` is the length of the shortest sheet, and ``where`` the press file.
+    """
     if 2 * settings.tolerance_mm >= sheet_mm:
         what = f"[gate] tolerance_mm = {settings.tolerance_mm:g} is half a sheet of {sheet_mm:.0f} mm or more"
         raise PlantError(where, what, remedy=f"give less than {sheet_mm / 2:.0f}")
 
 
 def try_controller(settings: GateSettings) -> dict[str, int]:
-    """What the controller shows; of an output, whether it is on. Nothing is written.
+    """Return the values that the controller shows; for an output, whether it is on. Nothing is written.
 
-    PlantError: it does not answer, or has no such registers.
+    PlantError: the controller does not answer, or has no such registers.
     """
     wire = Wire(settings.plc)
     try:
@@ -98,7 +102,7 @@ def try_controller(settings: GateSettings) -> dict[str, int]:
 
 
 class Gate:
-    """One run's gate; use it as a context, around the run."""
+    """Gate of one run, used as a context around the run."""
 
     def __init__(
         self,
@@ -115,8 +119,20 @@ class Gate:
         open_wire: Callable[..., Wire] = Wire,
         pace: float = 1.0,
     ) -> None:
-        """job_pages: of one copy. plan: how they lie on sheets; None: a page a sheet. journal: beside which the gate's
-        log lies; None: none is kept. tell, report: as of ``Waiting``. open_wire, pace: as of ``PlcLink``.
+        """Prepare the gate of a run.
+
+        Parameters
+        ----------
+        job_pages
+            Number of pages of one copy.
+        plan
+            How the pages are imposed on sheets; None: one page a sheet.
+        journal
+            Journal next to which the gate's log is written; None: no log is written.
+        tell, report
+            As for ``Waiting``.
+        open_wire, pace
+            As for ``PlcLink``.
         """
         self.settings = settings
         self._lead_in = round(geometry.lead_in_mm / geometry.line_pitch_mm)
@@ -164,25 +180,28 @@ class Gate:
         self._log.close()
 
     def followed(self, source: LineSource) -> TrackedLines:
-        """The source, with its lines followed to the gate."""
+        """Return the source, with its lines tracked to the gate."""
         return TrackedLines(source, self.tracker)
 
     def arrived(self, number: int, page: SeenPage) -> None:
-        """A sheet has passed the camera; where it comes again with its other side, it is on its way to no gate."""
+        """Note that a sheet has passed the camera.
+
+        A sheet that comes again with its other side is not on its way to the gate yet.
+        """
         if self._sides is None or self._sides.is_due(page.job_page):
             self.talk.arrived(number + 1)
 
     def told(self, outcome: Outcome) -> Outcome:
-        """Decide the next sheet, or a page that did not come, in the order of the run; return it with that.
+        """Decide the next sheet, or a page that did not come, in the order of the run; return it with the decision.
 
-        A side that comes before its sheet is decided has what the policy says of it alone.
+        A side that comes before its sheet is decided gets what the policy decides for it alone.
         """
         record, came, more = outcome.record, outcome.came, dict[str, Any]()
         if self._sides is not None:
-            found = self._sides.add(record, came=came)
-            if found is None:
+            combined = self._sides.add(record, came=came)
+            if combined is None:
                 return _decided(outcome, self.decider.alone(record, came=came))
-            record, came, more = found.record, found.came, {"rows": found.rows}
+            record, came, more = combined.record, combined.came, {"rows": combined.rows}
         while self.talk.lost_sheets:
             self.decider.lost(self.talk.lost_sheets.popleft())
         decision = self.decider.decide(record, came=came)

@@ -1,9 +1,9 @@
-"""The handshake with the controller as a table: how far both sides have come, and what leads on.
+"""The handshake with the controller as a table of states and transitions.
 
     away -> joining -> aligning -> ready
       ^________|__________|_________|
 
-The link goes by this table, and the picture in docs/reference/registers.md is drawn from it.
+The link follows this table, and the picture in docs/reference/registers.md is drawn from it.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from typing import Final
 
 
 class State(StrEnum):
-    """How far the handshake has come."""
+    """State of the handshake."""
 
     AWAY = "away"
-    """No connection, or no answer in time."""
+    """There is no connection, or no answer in time."""
     JOINING = "joining"
-    """Connected; the controller has not yet taken this session."""
+    """The link is connected; the controller has not yet taken this session."""
     ALIGNING = "aligning"
-    """The session is taken; the encoder is not yet understood."""
+    """The session is taken; the encoder is not yet aligned with the lines."""
     READY = "ready"
     """Results are written, and acknowledged one by one."""
 
 
 class Event(StrEnum):
-    """What leads on."""
+    """Event that changes the state."""
 
     CONNECTED = "the map is the right one"
     TAKEN = "session_taken = session"
@@ -39,7 +39,7 @@ class Event(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """From one state to the next."""
+    """Transition from one state to the next."""
 
     state: State
     event: Event
@@ -61,5 +61,5 @@ _NEXT: Final = {(one.state, one.event): one.then for one in HANDSHAKE}
 
 
 def after(state: State, event: Event) -> State:
-    """The next state; what a state does not wait for leaves it as it is."""
+    """Return the next state; an event for which the state has no transition leaves it as it is."""
     return _NEXT.get((state, event), state)

@@ -1,6 +1,6 @@
 """The wire to the controller: Modbus TCP, in a thread of its own, so that no verdict waits for it.
 
-It connects again by itself. What goes over the wire, ``exchange`` says.
+The link reconnects by itself. The module ``exchange`` defines what is sent over the wire.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ _log = logging.getLogger(__name__)
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what it says, `PlantError` says
 
 AGAIN_S: Final = (0.1, 1.0)
-"""First and longest wait until the controller is tried again."""
+"""First and longest wait before the controller is tried again."""
 
 
 class Wire:
-    """One connection. ``PlantError``: the controller does not answer, or refuses."""
+    """One connection. Its methods raise ``PlantError`` if the controller does not answer, or refuses."""
 
     def __init__(self, plc: PlcSettings) -> None:
-        """PlantError: it cannot be reached."""
+        """Connect to the controller; PlantError if it cannot be reached."""
         try:
             from pymodbus.client import ModbusTcpClient
             from pymodbus.exceptions import ModbusException
@@ -53,39 +53,41 @@ class Wire:
             raise PlantError(plc.where, "no controller answers", remedy=remedy)
 
     def close(self) -> None:
-        """Let go."""
+        """Close the connection."""
         self._client.close()  # type: ignore[no-untyped-call]
 
     def write(self, words: list[int]) -> None:
-        """Prooflight's block, at once."""
-        self._asked(self._client.write_registers, self._plc.first_register, words)
+        """Write Prooflight's block of registers in one request."""
+        self._request(self._client.write_registers, self._plc.first_register, words)
 
     def set_coil(self, on: bool) -> None:
-        """The one output."""
-        self._asked(self._client.write_coil, self._plc.coil, on)
+        """Switch the single output."""
+        self._request(self._client.write_coil, self._plc.coil, on)
 
     def coil(self) -> bool:
-        """Whether the one output is on."""
-        return bool(self._asked(self._client.read_coils, self._plc.coil, count=1).bits[0])
+        """Return whether the single output is on."""
+        return bool(self._request(self._client.read_coils, self._plc.coil, count=1).bits[0])
 
     def read(self) -> dict[str, int]:
-        """What the controller shows."""
+        """Return the values that the controller shows."""
         try:
             return unpacked_of_plc(self.words(READ_FROM, READ_WORDS))
         except ValueError as error:
             raise self._wrong(str(error)) from error
 
     def words(self, at: int, count: int) -> list[int]:
-        """Registers, from one on as the map counts."""
-        answer = self._asked(self._client.read_holding_registers, self._plc.first_register + at, count=count)
+        """Return ``count`` registers from ``at``, counted as in the map."""
+        answer = self._request(
+            self._client.read_holding_registers, self._plc.first_register + at, count=count
+        )
         return list(answer.registers)
 
     def feed(self, at: int, words: list[int]) -> None:
-        """Write registers that are in no plant's map: those of the simulated controller."""
-        self._asked(self._client.write_registers, self._plc.first_register + at, words)
+        """Write registers outside any plant's map, which only the simulated controller has."""
+        self._request(self._client.write_registers, self._plc.first_register + at, words)
 
     def checked(self) -> dict[str, int]:
-        """What it shows, if it has the register map. PlantError: it has not."""
+        """Return the values that the controller shows; PlantError if it does not have the register map."""
         values = self.read()
         if values["map_id"] != MAP_ID:
             at = self._plc.first_register + READ_FROM
@@ -94,7 +96,7 @@ class Wire:
             raise self._wrong(f"its map has version {values['map_version']}, this program's {MAP_VERSION}")
         return values
 
-    def _asked(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
+    def _request(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
         try:
             answer = ask(*what, device_id=self._plc.unit, **more)
         except self._broken as error:
@@ -112,45 +114,45 @@ class Wire:
 
 
 class Talk(Protocol):
-    """What a link does on an open wire, exchange after exchange."""
+    """Protocol of what a link does on an open wire, exchange after exchange."""
 
     def begin(self, wire: Wire) -> None:
-        """The wire is open."""
+        """Begin on a wire that has just been opened."""
         ...
 
     def turn(self, wire: Wire) -> None:
-        """One exchange. PlantError: the wire is to be opened again."""
+        """Do one exchange; PlantError if the wire must be opened again."""
         ...
 
     def end(self, wire: Wire) -> None:
-        """The run is over, and the wire still open."""
+        """Finish when the run is over and the wire is still open."""
         ...
 
     def lost(self, why: str) -> None:
-        """The wire broke, or could not be opened."""
+        """Note that the wire broke, or could not be opened."""
         ...
 
     @property
     def wake(self) -> threading.Event:
-        """Set where the next exchange should not wait."""
+        """Signal that is set when the next exchange should not wait."""
         ...
 
 
 class RegisterTalk:
-    """The handshake by registers."""
+    """A ``Talk`` that does the handshake by registers."""
 
     def __init__(self, exchange: Exchange, *, clock: Callable[[], float] = time.monotonic) -> None:
-        """clock: that of the lines."""
+        """Begin with an exchange; ``clock`` is that of the lines."""
         self._exchange, self._clock = exchange, clock
         self.wake = exchange.wake
 
     def begin(self, wire: Wire) -> None:
-        """See ``Talk``."""
+        """Begin a session if the controller has the register map; see ``Talk``."""
         values = wire.checked()
         self._exchange.connected(values, session=_session(values["session_taken"]))
 
     def turn(self, wire: Wire) -> None:
-        """See ``Talk``."""
+        """Write the registers and read the controller's; see ``Talk``."""
         wire.write(self._exchange.words())
         self._exchange.wrote()
         asked_s = self._clock()
@@ -161,16 +163,16 @@ class RegisterTalk:
             self.wake.set()
 
     def end(self, wire: Wire) -> None:
-        """See ``Talk``: all registers 0 say that nobody is there."""
+        """Write 0 to all registers, which reports that Prooflight has gone; see ``Talk``."""
         wire.write([0] * len(self._exchange.words()))
 
     def lost(self, why: str) -> None:
-        """See ``Talk``."""
+        """Report the loss to the exchange; see ``Talk``."""
         self._exchange.lost(why)
 
 
 class PlcLink:
-    """Keeps a talk going, whatever the controller does."""
+    """Thread that keeps the protocol running, and reconnects whenever the controller is lost."""
 
     def __init__(
         self,
@@ -180,18 +182,18 @@ class PlcLink:
         open_wire: Callable[[PlcSettings], Wire] = Wire,
         pace: float = 1.0,
     ) -> None:
-        """pace: how many times faster than its settings say it goes; studies compress time by it."""
+        """Prepare the link; with ``pace``, which studies use, it runs so many times faster than its settings."""
         self._plc, self._talk, self._open, self._pace = plc, talk, open_wire, pace
         self.closing = threading.Event()
-        """Set when it is to end."""
+        """Event that is set when the link is to end."""
         self._thread = threading.Thread(target=self._run, name="plc", daemon=True)
 
     def start(self) -> None:
-        """Begin; returns at once."""
+        """Start the thread and return at once."""
         self._thread.start()
 
     def close(self) -> None:
-        """Say goodbye if the controller listens, and end."""
+        """Finish with the controller if it answers, and end the thread."""
         self.closing.set()
         self._talk.wake.set()
         self._thread.join()
@@ -222,7 +224,10 @@ class PlcLink:
 
 
 def _session(*taken: int) -> int:
-    """A number for a session that is none of these, nor 0. It is drawn by the system: restarts must not repeat it."""
+    """Draw a number for a session that is none of these, nor 0.
+
+    The operating system draws it, because a restart must not repeat it.
+    """
     while (drawn := secrets.randbelow(0xFFFF) + 1) in taken:
         pass
     return drawn

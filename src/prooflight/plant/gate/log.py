@@ -1,7 +1,7 @@
-"""What was decided of each sheet and when it was written: one JSON object a line, beside the journal.
+"""Log of each sheet's decision and of when it was written: one JSON object a line, next to the journal.
 
-A line is with the system before its register is written, so that whoever kills the process loses none; a journal's
-pages are durable half a second later.
+A line is passed to the operating system before its register is written, so that no line is lost if the
+process is killed; a journal's pages are durable half a second later.
 """
 
 from __future__ import annotations
@@ -28,40 +28,40 @@ REMEDY: Final = "give the journal of a run that had a gate"
 
 
 class PlantError(InputError):
-    """The plant cannot be served: its controller does not answer, or is not what the press file says."""
+    """The plant cannot be served: its controller does not answer, or does not match the press file."""
 
 
 LOGS: Final = GivenFiles(error=PlantError, remedy=REMEDY, largest_mb=4000)
 
 
 def log_path(journal: Path, run_id: int) -> Path:
-    """Where the gate's log of a run lies."""
+    """Return the path of a run's gate log."""
     return journal.with_name(f"{journal.name}.gate") / f"run{run_id:06}.jsonl"
 
 
 def set_aside(journal: Path, run_id: int) -> Path | None:
-    """Give the log that lies there another name before that run begins; returns it, None if there is no log.
+    """Rename a log that exists before that run begins; return its new path, or None if there is no log.
 
-    It is of a journal that lay here before, and its sheets would be taken for those of the run.
+    It belongs to an earlier journal of this path, and its sheets would be taken for those of the run.
     """
     path = log_path(journal, run_id)
     if not path.exists():
         return None
     aside = next(
-        found for at in count(1) if not (found := path.with_name(f"{path.name}.before{at}")).exists()
+        unused for at in count(1) if not (unused := path.with_name(f"{path.name}.before{at}")).exists()
     )
     return path.rename(aside)
 
 
 class GateLog:
-    """Appends; may be told by several threads."""
+    """Writer that appends lines; it may be used by several threads."""
 
     def __init__(self, path: Path | None) -> None:
-        """path: None keeps nothing."""
+        """Open the log for appending; ``path`` None writes nothing."""
         self._guard = Lock()
         self._file = None
         self.dropped = 0
-        """Lines that could not be written."""
+        """Number of lines that could not be written."""
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a", encoding="utf-8", buffering=1)
@@ -73,7 +73,10 @@ class GateLog:
         self.close()
 
     def add(self, kind: str, **facts: Any) -> None:
-        """One line; where it cannot be written that is said once, for the gate must be served all the same."""
+        """Append one line.
+
+        A failure to write is logged once and not raised, because the gate must be served all the same.
+        """
         with self._guard:
             if self._file is None:
                 return
@@ -86,7 +89,7 @@ class GateLog:
                 self.dropped += 1
 
     def close(self) -> None:
-        """No more lines."""
+        """Close the file; later lines are ignored."""
         with self._guard:
             if self._file is not None:
                 with suppress(OSError):
@@ -95,7 +98,9 @@ class GateLog:
 
 
 def rows_of(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines of a log; the last may be torn. PlantError: there is none, or it is none."""
+    """Yield the lines of a log, of which the last may be incomplete; PlantError if there is no log, or it is
+    not one.
+    """
     try:
         text = LOGS.read_text(path)
     except OSError as error:
@@ -121,36 +126,36 @@ NEEDED: Final = {
     "unsent": ("tag", "code"),
     "tray": ("tag", "tray", "session"),
 }
-"""What a line of each kind must say for sheets to be accounted for."""
+"""Fields that a line of each kind needs so that sheets can be accounted for."""
 
 
 @dataclass(slots=True)
 class KeptDecisions:
-    """A run's gate as its log tells it."""
+    """Content of a gate log of one run."""
 
     sessions: list[int] = field(default_factory=list)
     began: dict[str, Any] = field(default_factory=dict)
     decisions: dict[int, dict[str, Any]] = field(default_factory=dict)
-    """By tag; of pages that did not come as well."""
+    """Decision lines by tag, also of pages that did not come."""
     written: dict[int, dict[str, Any]] = field(default_factory=dict)
-    """By tag: what the controller has acknowledged last."""
+    """Last line of each tag that the controller has acknowledged."""
     places: dict[int, list[int]] = field(default_factory=dict)
-    """By tag: encoder's counts at which the sheet was expected at the gate; a controller that loses its power counts
-    anew."""
+    """Encoder counts, by tag, at which the sheet was expected at the gate; a controller that loses its
+    power counts from 0 again."""
     unsent: dict[int, dict[str, Any]] = field(default_factory=dict)
     trays: dict[int, dict[str, Any]] = field(default_factory=dict)
-    """By tag: what the controller has said itself."""
+    """Tray that the controller itself reported, by tag."""
 
     @classmethod
     def read(cls, path: Path) -> KeptDecisions:
-        """PlantError: as ``rows_of``, or a line lacks what it should have."""
-        kept = cls()
+        """Read a log; PlantError as for ``rows_of``, or if a line lacks a field."""
+        decisions = cls()
         for row in rows_of(path):
             try:
-                kept._add(row)
+                decisions._add(row)
             except (KeyError, TypeError) as error:
                 raise PlantError(path, f"a line lacks {error}", remedy="take it out") from error
-        return kept
+        return decisions
 
     def _add(self, row: dict[str, Any]) -> None:
         lacking = [name for name in NEEDED.get(row["kind"], ()) if name not in row]

@@ -1,7 +1,8 @@
-"""Sheets that have passed the gate: what was decided of each, and the tray that the controller confirmed.
+"""Sheets that have passed the gate: the decision for each, and the tray that the controller confirmed.
 
-A controller says where the last sheet went after that sheet has passed, and one that shows two at once says it of the
-second only. So a sheet waits a while for its confirmation, and is then reported without one.
+A controller reports the tray of the last sheet after that sheet has passed. If two sheets pass between
+reports, it reports the second only. A sheet therefore waits a while for its confirmation, and is then
+reported without one.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from prooflight.plant.gate.deciding import SheetDecision
 
 PATIENCE_S: Final = 1.0
-"""After a sheet was due at the gate. assumed: ten exchanges of a slow controller."""
+"""Longest wait for a confirmation after a sheet was due at the gate. assumed: ten exchanges of a slow
+controller."""
 NAMES: Final[dict[Code, GateCode]] = {
     Code.GOOD: "good",
     Code.MISPRINT: "misprint",
@@ -41,11 +43,11 @@ class _Passing:
     code: Code
     in_time: bool = False
     passed_s: float | None = None
-    """When it was due at the gate; None: it has not passed."""
+    """Time at which it was due at the gate; None: it has not passed."""
 
 
 class PassedSheets:
-    """Reports every sheet once. Called by one thread at a time."""
+    """Reporter that reports every sheet once. It is called by one thread at a time."""
 
     def __init__(self, report: Callable[[SheetAtGate], None]) -> None:
         self._report = report
@@ -61,7 +63,10 @@ class PassedSheets:
             one.in_time = True
 
     def passed(self, tag: int, *, now_s: float, unsent: Code | None) -> None:
-        """Note that a sheet was due; unsent: why the controller did not have its result, None: it had."""
+        """Note that a sheet was due.
+
+        ``unsent`` is the reason why the controller did not have its result; None: it had.
+        """
         if (one := self._sheets.get(tag)) is not None:
             one.passed_s, one.in_time, one.code = now_s, unsent is None, unsent or one.code
 
@@ -71,13 +76,13 @@ class PassedSheets:
             self._leave(tag, tray)
 
     def overdue(self, now_s: float) -> None:
-        """Report sheets of which the controller has not said in time where they went."""
+        """Report sheets whose trays the controller has not reported in time."""
         for tag, one in list(self._sheets.items()):
             if one.passed_s is not None and now_s - one.passed_s >= PATIENCE_S:
                 self._leave(tag, "unconfirmed")
 
     def ended(self) -> None:
-        """Report all that are left: nobody asks the controller any more."""
+        """Report all remaining sheets, because the controller is read no more."""
         for tag in list(self._sheets):
             self._leave(tag, "unconfirmed")
 

@@ -1,4 +1,4 @@
-"""docs/reference/registers.md: what a controller's programmer needs, from the tables that the program goes by."""
+"""The page docs/reference/registers.md for a controller's programmer, from the tables that the program uses."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ END_IF;
 
 
 def register_page() -> str:
-    """The page."""
+    """Return the text of the page."""
     return f"""\
 # The gate's registers
 

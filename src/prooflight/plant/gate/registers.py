@@ -1,8 +1,9 @@
-"""The register map between Prooflight and the plant's controller; the controller's programmer reads it in
-docs/reference/registers.md, which is written from this table.
+"""The register map between Prooflight and the plant's controller.
 
-Prooflight is the client. It writes the first block in one request (function 16), so a result is never seen in halves,
-and reads the second in one (function 3). A number of 32 bits is two registers, the high word first.
+A controller's programmer reads it in docs/reference/registers.md, which is written from this table.
+
+Prooflight is the client. It writes the first block in one request (function 16), so a result is never seen in
+halves, and reads the second in one (function 3). A number of 32 bits is two registers, the high word first.
 """
 
 from __future__ import annotations
@@ -15,27 +16,28 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 MAP_ID: Final = 0x5046
-"""What stands in ``map_id``: the letters PF."""
+"""Value of the register ``map_id``: the letters PF."""
 MAP_VERSION: Final = 1
 WRAP: Final = 1 << 32
-"""Counts of 32 bits begin again here."""
+"""Value at which counts of 32 bits begin again."""
 
 
 class OurStatus(IntFlag):
     """Bits of ``status``."""
 
     READY = 1
-    """Results can be trusted to come: the controller has taken this session, and the encoder is understood."""
+    """Results can be relied on: the controller has taken this session, and the encoder is aligned with the
+    lines."""
     BUSY = 2
-    """Sheets have passed the camera whose result has not been written."""
+    """The results of some sheets that have passed the camera have not been written."""
     RESULT_VALID = 4
-    """The registers of the result hold one; it is new where ``result_number`` has changed."""
+    """The registers of the result hold one; it is new if ``result_number`` has changed."""
     PASS = 8
-    """It says accept."""
+    """The result is accept."""
     FAULT = 16
-    """``fault`` says which."""
+    """There is a fault, which ``fault`` names."""
     STOP = 32
-    """The press is to be stopped; stays until the session ends."""
+    """The press is to be stopped; stays set until the session ends."""
 
 
 class PlcStatus(IntFlag):
@@ -44,13 +46,13 @@ class PlcStatus(IntFlag):
     READY = 1
     """The gate may be used."""
     FAULT = 2
-    """The controller's own."""
+    """The controller itself has a fault."""
     STOPPED = 4
-    """It has stopped the press because it was asked to."""
+    """The controller has stopped the press because it was asked to."""
 
 
 class Result(IntEnum):
-    """What becomes of a sheet."""
+    """Result for a sheet."""
 
     NONE = 0
     ACCEPT = 1
@@ -60,19 +62,19 @@ class Result(IntEnum):
 
 
 class Code(IntEnum):
-    """Why."""
+    """Reason for a result."""
 
     NONE = 0
     GOOD = 1
     MISPRINT = 2
     NOT_INSPECTED = 3
-    """Nobody looked."""
+    """The sheet was not inspected."""
     LOST_LINES = 4
-    """The camera lost lines of it, or it lacks some or has too many."""
+    """The camera lost lines of it, or it has too few or too many."""
     UNKNOWN_SHEET = 5
     """It is no page of the job, or blank."""
     OUT_OF_PLACE = 6
-    """It came twice, or behind its turn."""
+    """It came twice, or after its turn."""
     SET_SPOILED = 7
     """Another page of its set is bad or missing."""
     UNTIL_CLEAN_BREAK = 8
@@ -80,15 +82,15 @@ class Code(IntEnum):
     TOO_LATE = 9
     """It reached the gate before its result could be written."""
     PLACE_UNKNOWN = 10
-    """Nobody can say when it reaches the gate: the encoder and the lines do not go together."""
+    """Its time at the gate is not known: the encoder and the lines do not agree."""
 
 
 class Fault(IntEnum):
-    """Why Prooflight is not ready."""
+    """Reason why Prooflight is not ready."""
 
     NONE = 0
     ENCODER = 1
-    """The controller's count and the camera's lines do not go together."""
+    """The controller's count and the camera's lines do not agree."""
     NOT_TAKEN = 2
     """The controller has not taken the session."""
     PLC_HEARTBEAT = 3
@@ -101,20 +103,20 @@ class Register:
 
     name: str
     at: int
-    """First register, from that of its block."""
+    """Number of its first register, relative to the first register of the map."""
     words: Literal[1, 2] = 1
     what: str
 
 
-def _laid(rows: Sequence[tuple[str, Literal[1, 2], str]], *, first: int) -> tuple[Register, ...]:
-    found, at = [], first
+def _numbered(rows: Sequence[tuple[str, Literal[1, 2], str]], *, first: int) -> tuple[Register, ...]:
+    registers, at = [], first
     for name, words, what in rows:
-        found.append(Register(name=name, at=at, words=words, what=what))
+        registers.append(Register(name=name, at=at, words=words, what=what))
         at += words
-    return tuple(found)
+    return tuple(registers)
 
 
-WRITTEN: Final = _laid(
+WRITTEN: Final = _numbered(
     (
         ("status", 1, "bits: 0 ready, 1 busy, 2 result valid, 3 pass, 4 fault, 5 stop"),
         ("heartbeat", 1, "changes with every exchange"),
@@ -131,9 +133,9 @@ WRITTEN: Final = _laid(
     ),
     first=0,
 )
-"""By Prooflight."""
+"""Registers that Prooflight writes."""
 READ_FROM: Final = 32
-READ: Final = _laid(
+READ: Final = _numbered(
     (
         ("map_id", 1, "0x5046"),
         ("map_version", 1, "1"),
@@ -151,13 +153,13 @@ READ: Final = _laid(
     ),
     first=READ_FROM,
 )
-"""By the controller."""
+"""Registers that the controller shows and Prooflight reads."""
 WRITTEN_WORDS: Final = WRITTEN[-1].at + WRITTEN[-1].words
 READ_WORDS: Final = READ[-1].at + READ[-1].words - READ_FROM
 
 
 def packed(values: Mapping[str, int]) -> list[int]:
-    """What Prooflight writes, from its first register on; what is not named is 0."""
+    """Return the registers that Prooflight writes, from its first on; those not named are 0."""
     words = [0] * WRITTEN_WORDS
     for register in WRITTEN:
         _put(words, register, values.get(register.name, 0), first=0)
@@ -165,7 +167,7 @@ def packed(values: Mapping[str, int]) -> list[int]:
 
 
 def packed_of_plc(values: Mapping[str, int]) -> list[int]:
-    """What the controller shows, from ``READ_FROM`` on."""
+    """Return the registers that the controller shows, from ``READ_FROM`` on."""
     words = [0] * READ_WORDS
     for register in READ:
         _put(words, register, values.get(register.name, 0), first=READ_FROM)
@@ -173,22 +175,24 @@ def packed_of_plc(values: Mapping[str, int]) -> list[int]:
 
 
 def unpacked(words: Sequence[int]) -> dict[str, int]:
-    """What Prooflight has written, by name. ValueError: too few words."""
+    """Return by name what Prooflight has written; ValueError if there are too few registers."""
     return _named(words, WRITTEN, first=0)
 
 
 def unpacked_of_plc(words: Sequence[int]) -> dict[str, int]:
-    """What the controller shows, by name. ValueError: too few words."""
+    """Return by name what the controller shows; ValueError if there are too few registers."""
     return _named(words, READ, first=READ_FROM)
 
 
 def after(number: int) -> int:
-    """The next of the numbers 1 to 65535, in a circle."""
+    """Return the next of the numbers 1 to 65535, which wrap around."""
     return number % 0xFFFF + 1
 
 
 def apart(one: int, other: int) -> int:
-    """How far a count of 32 bits lies behind another, the shorter way round; negative: before it."""
+    """Return the signed difference of two counts of 32 bits, the shorter way round; negative: ``one`` is
+    before ``other``.
+    """
     return (one - other + WRAP // 2) % WRAP - WRAP // 2
 
 

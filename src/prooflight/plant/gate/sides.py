@@ -1,4 +1,4 @@
-"""Sides to sheets, as the gate needs them: a sheet is decided when its last side was seen."""
+"""Combination of sides into sheets for the gate: a sheet is decided when its last side was seen."""
 
 from __future__ import annotations
 
@@ -16,29 +16,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetRecord:
-    """What the gate is told of a sheet."""
+    """Record of a sheet for the gate's decision."""
 
     record: PageRecord
-    """As of its last side: ``job_page`` is the sheet of the run, the verdict that of the sheet."""
+    """Record of its last side, in which ``job_page`` is the sheet of the run and the verdict is that of
+    the sheet."""
     rows: tuple[int, ...]
     """Numbers of its sides in the run."""
     came: bool = True
-    """False: its last side did not come, so that no sheet is due at the gate."""
+    """Whether its last side came. False: no sheet is due at the gate."""
 
 
 @dataclass(slots=True)
 class SidesTogether:
-    """Keeps first sides until the last one comes; those of a sheet that never does are given up in the end."""
+    """Store of first sides until the last one comes; those of a sheet whose last side never comes are dropped
+    in the end.
+    """
 
     plan: SheetPlan
     _first: OrderedDict[int, list[PageRecord]] = field(default_factory=OrderedDict)
 
     def is_due(self, job_page: int | None) -> bool:
-        """Whether a sheet goes on to the gate with this side. One that nobody can place may be any, and so is due."""
+        """Return whether a sheet goes on to the gate with this side.
+
+        A side without a known position may be any side, and its sheet is due.
+        """
         return job_page is None or self.plan.sheet_at(job_page)[1] == self.plan.layout.sides - 1
 
     def add(self, record: PageRecord, *, came: bool) -> SheetRecord | None:
-        """The next side; what is to be decided with it. None: its sheet comes again for its other side."""
+        """Add the next side, and return the sheet to be decided with it.
+
+        None: the sheet comes again for its other side.
+        """
         if record.job_page is None or self.plan.layout.sides == 1:
             return SheetRecord(record=record, rows=(record.sheet,), came=came)
         sheet, back = self.plan.sheet_at(record.job_page)
@@ -49,13 +58,13 @@ class SidesTogether:
             return None
         fronts = self._first.get(sheet, []) if came else self._first.pop(sheet, [])
         sides = [side_verdict(self.plan, sheet, at, records) for at, records in enumerate((fronts, [record]))]
-        found = sheet_verdict(self.plan, sheet, sides)
-        told = min((*fronts, record), key=lambda one: one.verdict.verdict != found.verdict)
+        combined = sheet_verdict(self.plan, sheet, sides)
+        decisive = min((*fronts, record), key=lambda one: one.verdict.verdict != combined.verdict)
         verdict = Verdict(
-            page=found.name,
-            verdict=found.verdict,
-            kind=told.verdict.kind,
-            reason="; ".join(found.why),
+            page=combined.name,
+            verdict=combined.verdict,
+            kind=decisive.verdict.kind,
+            reason="; ".join(combined.why),
         )
         faults = dict.fromkeys(fault for side in sides for fault in side.faults)
         return SheetRecord(

@@ -1,10 +1,10 @@
-"""Where sheets are between camera and gate, and when each is due there. By lines and encoder counts, not by clocks.
+"""Positions of sheets between camera and gate, and the time at which each is due, by lines and encoder counts.
 
-The camera's lines and the controller's count come from the same transport, so that they differ by a constant. Each
-reading of the count bounds it: the count was read at some moment between question and answer, and lines passed at
-known times of the monotonic clock. The bounds of the last readings are intersected (K. Marzullo and S. Owicki,
-"Maintaining the time in a distributed system", 1983, for clocks). Where no constant meets them all, the camera lost
-lines or the encoder slipped; then nothing is known until readings agree again.
+The camera's lines and the controller's count come from the same transport, so they differ by a constant. Each
+reading of the count bounds it: the count was read at some moment between question and answer, and lines
+passed at known times of the monotonic clock. The bounds of the last readings are intersected (K. Marzullo and
+S. Owicki, "Maintaining the time in a distributed system", 1983, for clocks). If the intersection is empty,
+the camera lost lines or the encoder slipped; the constant is then unknown until readings agree again.
 """
 
 from __future__ import annotations
@@ -23,21 +23,22 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineBlock, LineSource
 
 READINGS: Final = 64
-"""That must agree: 1.3 s of them at 20 ms. A scale wrong by 0.5 % moves the constant by 13 mm meanwhile at 2 m/s."""
+"""Readings that must agree: 1.3 s of them at 20 ms. A scale error of 0.5 % moves the constant by 13 mm in
+this time at 2 m/s."""
 ENOUGH: Final = 8
-"""Readings until the constant is believed."""
+"""Number of readings from which the constant is used."""
 POINTS: Final = 4096
-"""Blocks whose times are remembered: 94 s of the prototype's camera."""
+"""Blocks whose times are stored: 94 s of the prototype's camera."""
 SPEED_S: Final = 1.0
-"""Over which the speed is taken."""
+"""Time over which the speed is averaged."""
 MOST_STEP: Final = 0.25
-"""assumed: by how much the lines from block to block may differ from what the speed says before the count is taken to
-have jumped; a share of them, and of a second's lines."""
+"""Largest difference between the lines from block to block and those expected from the speed, as a share
+of these lines and of a second's lines; beyond it the count is taken to have jumped. assumed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transport:
-    """What lines and counts are in millimetres."""
+    """Conversion of lines and counts to millimetres."""
 
     line_pitch_mm: float
     counts_per_mm: float
@@ -50,7 +51,7 @@ class Transport:
 
 @dataclass(slots=True)
 class _Stretch:
-    """Lines without a break of their count, and what is known of the constant meanwhile."""
+    """Lines without a break of their count, and the bounds of the constant during them."""
 
     first_line: int
     lines: deque[int] = field(default_factory=lambda: deque(maxlen=POINTS))
@@ -58,10 +59,10 @@ class _Stretch:
     bounds: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS))
     """Least and greatest count at line 0, of each reading."""
     agreed: tuple[float, float] | None = None
-    """What all of them allow; None: too few yet."""
+    """Intersection of the bounds; None: too few readings yet."""
 
     def line_at(self, time_s: float) -> float | None:
-        """Lines that had passed; None: before the first that is remembered, or not yet known."""
+        """Return the lines that had passed at a time; None before the first stored time, or after the last."""
         at = bisect_right(self.times_s, time_s)
         if not 0 < at < len(self.times_s):
             return None
@@ -70,7 +71,7 @@ class _Stretch:
         return self.lines[at - 1] + share * (self.lines[at] - self.lines[at - 1])
 
     def lines_per_s(self) -> float | None:
-        """Of the last second; None: too few lines yet."""
+        """Return the speed over the last second; None if there are too few lines yet."""
         if len(self.times_s) < 2:
             return None
         at = min(bisect_right(self.times_s, self.times_s[-1] - SPEED_S), len(self.times_s) - 2)
@@ -79,11 +80,13 @@ class _Stretch:
 
 
 class Tracker:
-    """Lines and counts together. Lines come from one thread, readings from another."""
+    """Alignment of lines and counts. Lines come from one thread, readings from another."""
 
     def __init__(self, transport: Transport, *, distance_mm: float, tolerance_mm: float) -> None:
-        """distance_mm: from camera to gate. tolerance_mm: within which a sheet at the gate is the one expected there;
-        the constant must be known to a third of it.
+        """Begin without lines and readings.
+
+        ``distance_mm`` is the distance from camera to gate. A sheet within ``tolerance_mm`` of the expected
+        position at the gate is the expected one; the constant must be known to a third of the tolerance.
         """
         self._transport = transport
         self._distance_mm = distance_mm
@@ -91,11 +94,11 @@ class Tracker:
         self._guard = Lock()
         self._stretches: deque[_Stretch] = deque(maxlen=8)
         self._readings: deque[tuple[int, float, float]] = deque(maxlen=READINGS)
-        """Counts, and when they were asked for and answered; lines up to then have not come yet."""
+        """Readings whose lines have not come yet: the count, and the times of request and answer."""
         self._last_count = 0
 
     def lines(self, block: LineBlock) -> None:
-        """Lines that have passed."""
+        """Take lines that have passed."""
         broken = any(fault.kind in ("camera-away", "lost-triggers") for fault in block.faults)
         with self._guard:
             now = self._stretches[-1] if self._stretches else None
@@ -105,25 +108,25 @@ class Tracker:
             if not now.times_s or block.time_s > now.times_s[-1]:
                 now.lines.append(block.next_line)
                 now.times_s.append(block.time_s)
-            self._weigh(now)
+            self._update_bounds(now)
 
     def counted(self, count: int, *, asked_s: float, answered_s: float) -> None:
-        """The controller's count, and when it was asked for and answered, by the lines' clock."""
+        """Take the controller's count, with the times of request and answer by the lines' clock."""
         with self._guard:
             step = (count - self._last_count) % WRAP
             self._last_count += step if step < WRAP // 2 else step - WRAP
             self._readings.append((self._last_count, asked_s, answered_s))
             if self._stretches:
-                self._weigh(self._stretches[-1])
+                self._update_bounds(self._stretches[-1])
 
     @property
     def aligned(self) -> bool:
-        """Whether a sheet's place at the gate can be told now."""
+        """Whether a sheet's position at the gate is known now."""
         with self._guard:
             return bool(self._stretches) and self._stretches[-1].agreed is not None
 
     def position(self, line: int) -> int | None:
-        """The controller's count when the transport, then at a line, has moved on to the gate; None: nobody knows."""
+        """Return the controller's count when ``line`` has moved on to the gate; None if it is not known."""
         with self._guard:
             stretch = self._stretch_of(line)
             if stretch is None or stretch.agreed is None:
@@ -133,7 +136,9 @@ class Tracker:
             return round(start + line * self._transport.counts_per_line + travel) % WRAP
 
     def due_s(self, line: int) -> float | None:
-        """When it has, by the lines' clock, at the speed of the last second; None: no speed is known."""
+        """Return the time at which it does, by the lines' clock at the speed of the last second; None without
+        a speed.
+        """
         with self._guard:
             stretch = self._stretch_of(line)
             speed = None if stretch is None else stretch.lines_per_s()
@@ -144,13 +149,13 @@ class Tracker:
 
     @property
     def speed_mm_s(self) -> float | None:
-        """Of the last second; None: not known."""
+        """Speed over the last second; None: not known."""
         with self._guard:
             speed = self._stretches[-1].lines_per_s() if self._stretches else None
         return None if speed is None else speed * self._transport.line_pitch_mm
 
     def forget_readings(self) -> None:
-        """The controller's count may have begun anew."""
+        """Discard the readings, because the controller's count may have begun from 0 again."""
         with self._guard:
             self._readings.clear()
             for stretch in self._stretches:
@@ -167,7 +172,7 @@ class Tracker:
 
     @staticmethod
     def _jumps(now: _Stretch, block: LineBlock) -> bool:
-        """Whether a count goes back, or on by what cannot have passed."""
+        """Return whether the line count goes back, or on by more lines than can have passed."""
         if block.first_line < now.lines[-1]:
             return True
         speed = now.lines_per_s()
@@ -176,7 +181,7 @@ class Tracker:
         passed = speed * (block.time_s - now.times_s[-1])
         return abs(block.next_line - now.lines[-1] - passed) > MOST_STEP * (speed + passed)
 
-    def _weigh(self, now: _Stretch) -> None:
+    def _update_bounds(self, now: _Stretch) -> None:
         """Bound the constant by the readings whose lines have come."""
         while self._readings:
             count, asked_s, answered_s = self._readings[0]
@@ -206,14 +211,14 @@ class Tracker:
 
 
 class TrackedLines:
-    """A line source that tells a tracker what it gives."""
+    """A line source that passes its lines to a tracker as well."""
 
     def __init__(self, source: LineSource, tracker: Tracker) -> None:
         self.sensors, self.pixels = source.sensors, source.pixels
         self._source, self._tracker = source, tracker
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Those of the source."""
+        """Yield the blocks of the source."""
         for block in self._source.blocks():
             self._tracker.lines(block)
             yield block

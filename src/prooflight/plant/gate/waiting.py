@@ -1,4 +1,4 @@
-"""Sheets that are decided and have not reached the gate, whichever way the controller is told of them."""
+"""Sheets that are decided and have not reached the gate, independent of how the controller receives results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from prooflight.press.gate import GateSettings
 
 GIVEN_UP_S: Final = 60.0
-"""After which a sheet whose time at the gate nobody knows is taken to have passed it."""
+"""Time after which a sheet with unknown time at the gate is taken to have passed it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -32,9 +32,9 @@ class Pending:
 
     decision: SheetDecision
     line: int
-    """The camera's count at its leading edge."""
+    """The camera's line count at its leading edge."""
     last_line_s: float
-    """When its last line was read."""
+    """Time at which its last line was read."""
     posted_s: float
     written_s: float | None = None
     taken: bool = False
@@ -42,7 +42,7 @@ class Pending:
 
 
 class Waiting:
-    """Sheets by tag until they have passed the gate; what is asked and told by several threads is behind one guard."""
+    """Sheets by tag until they have passed the gate; one lock guards all that several threads use."""
 
     def __init__(
         self,
@@ -54,40 +54,48 @@ class Waiting:
         report: Callable[[SheetAtGate], None] = lambda _passed: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """tell: called when the handshake goes from state to state, and why; report: with every sheet that has passed
-        the gate, and its tray; clock: that of the lines.
+        """Begin without sheets.
+
+        Parameters
+        ----------
+        tell
+            Called with the new state and the reason when the handshake changes its state.
+        report
+            Called with every sheet that has passed the gate, and its tray.
+        clock
+            Clock of the lines.
         """
         self._settings, self._tracker, self._log = settings, tracker, log
         self._tell, self._clock = tell, clock
         self.wake = Signal()
-        """Set when there is something new to write."""
+        """Signal that is set when there is something new to write."""
         self._guard = Lock()
         self._state = State.AWAY
         self._sheets: dict[int, Pending] = {}
         self._left = PassedSheets(report)
         self.latencies_s: list[float] = []
-        """From a sheet's last line to its result with the controller."""
+        """Time from each sheet's last line to its result with the controller."""
         self.too_late = 0
-        """Sheets that reached the gate before their result could be written."""
+        """Number of sheets that reached the gate before their result could be written."""
         self.lost_sheets: deque[SheetDecision] = deque()
-        """Those of them that were accepted and are lost, until somebody takes them."""
+        """Those of them that were accepted and are lost, until the decider takes them."""
 
     @property
     def state(self) -> State:
-        """How far the handshake has come."""
+        """State of the handshake."""
         return self._state
 
     @property
     def waiting(self) -> int:
-        """Sheets that are decided and have not passed the gate."""
+        """Number of decided sheets that have not passed the gate."""
         with self._guard:
             return len(self._sheets)
 
     def arrived(self, tag: int) -> None:
-        """A sheet has passed the camera and will be decided."""
+        """Note that a sheet has passed the camera and will be decided."""
 
     def post(self, decision: SheetDecision, *, line: int, last_line_s: float) -> None:
-        """What becomes of a sheet; never waits."""
+        """Take the decision for a sheet; never waits."""
         now_s = self._clock()
         with self._guard:
             self._posted(decision)
@@ -97,7 +105,7 @@ class Waiting:
             )
 
     def _posted(self, decision: SheetDecision) -> None:
-        """What else changes with it; within the guard."""
+        """Update what else changes with a decision; called with the lock held."""
 
     def _went(self, state: State, why: str) -> None:
         if state is not self._state:
@@ -105,28 +113,28 @@ class Waiting:
             self._tell(state, why)
 
     def _overdue(self, now_s: float, *, after_s: float = 0.0) -> list[tuple[int, Pending]]:
-        """Forget sheets that have passed the gate, so long after they were due there; within the guard."""
-        gone = []
+        """Forget and return sheets that were due at the gate ``after_s`` ago or more; called with the lock held."""
+        forgotten = []
         for tag, one in list(self._sheets.items()):
             due_s = self._tracker.due_s(one.line)
             if now_s >= (one.posted_s + GIVEN_UP_S if due_s is None else due_s + after_s):
                 del self._sheets[tag]
-                gone.append((tag, one))
+                forgotten.append((tag, one))
                 unsent = None
                 if not one.taken:
                     unsent = Code.PLACE_UNKNOWN if due_s is None else Code.TOO_LATE
                     self._unsent(tag, one, unsent)
                 self._left.passed(tag, now_s=now_s, unsent=unsent)
         self._left.overdue(now_s)
-        return gone
+        return forgotten
 
     def ended(self) -> None:
-        """Report the sheets of which nobody will say any more where they went."""
+        """Report the sheets whose trays will not be reported any more."""
         with self._guard:
             self._left.ended()
 
     def _unsent(self, tag: int, one: Pending, code: Code) -> None:
-        """It passed before its result could be written."""
+        """Note that a sheet passed before its result could be written."""
         self.too_late += 1
         if one.decision.result is Result.ACCEPT and self._rejects:
             self.lost_sheets.append(one.decision)
@@ -138,7 +146,7 @@ class Waiting:
         return self._settings.policy != "accept"
 
     def _written(self, one: Pending, *, session: int, position: int, at_s: float) -> None:
-        """The controller has its result."""
+        """Note that the controller has the sheet's result."""
         one.taken = True
         self._left.written(one.decision.tag)
         self.latencies_s.append(at_s - one.last_line_s)

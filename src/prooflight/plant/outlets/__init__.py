@@ -1,1 +1,1 @@
-"""Ways out: MQTT, webhook, XJMF, OPC UA; each in a thread of its own, behind a bounded queue."""
+"""Outlets for events: MQTT, webhook, XJMF, OPC UA; each in a thread of its own, fed by a bounded queue."""

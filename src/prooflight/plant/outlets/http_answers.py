@@ -1,4 +1,4 @@
-"""A small HTTP server in an event loop, for machines of the plant: POST in, an answer out, one a connection."""
+"""A small HTTP server in an event loop, for machines of the plant: one POST request and one answer a connection."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ READ_S: Final = 10.0
 
 
 class _Wrong(Exception):
-    """What somebody sent is no request that is answered."""
+    """A request that is not answered, with the status that refuses it."""
 
     def __init__(self, status: HTTPStatus) -> None:
         self.status = status
@@ -28,7 +28,10 @@ class _Wrong(Exception):
 async def answering(
     host: str, port: int, answer: Callable[[bytes], bytes], *, mime: str
 ) -> AsyncIterator[tuple[str, int]]:
-    """A server while the context lasts; gives its address. answer: from a request's body to the answer's."""
+    """Serve while the context lasts, and give the address.
+
+    ``answer`` computes the body of the answer from that of the request.
+    """
     links = 0
 
     async def link(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -56,7 +59,7 @@ async def answering(
 
 
 async def _request(reader: asyncio.StreamReader, *, busy: bool) -> bytes:
-    """The body of a POST; busy: too many others are answered now."""
+    """Return the body of a POST; ``busy`` means that too many other requests are being answered now."""
     if busy:
         raise _Wrong(HTTPStatus.SERVICE_UNAVAILABLE)
     method, *_ = (await reader.readline()).split()

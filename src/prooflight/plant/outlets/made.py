@@ -1,4 +1,4 @@
-"""Outlets as a press file asks for them."""
+"""Construction of the outlets that a press file configures."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ REMEDY: Final = "install prooflight[plant]"
 
 
 def outlets_of(file: PressFile, press: str | None = None) -> list[Outlet]:
-    """All outlets of ``[plant]``, not yet connected.
+    """Return all outlets of ``[plant]``, not yet connected.
 
-    press: the name that its events have; None: that of the press file, where there is no run.
+    ``press`` is the name of the press in the events; None: that of the press file, where there is no run.
 
-    PressFileError: a secret or a certificate is not to be had. RequestError: a library of the extra ``plant`` is not
-    there.
+    PressFileError: a secret or a certificate is not available. RequestError: a library of the extra ``plant``
+    is not installed.
     """
     plant, path = file.plant, file.path
     name = file.name if press is None else press
-    found: list[Outlet] = []
+    outlets: list[Outlet] = []
     try:
         if plant.mqtt is not None:
-            found.append(_mqtt(plant.mqtt, path, name))
+            outlets.append(_mqtt(plant.mqtt, path, name))
         for number, block in enumerate(plant.webhook, start=1):
-            found.append(_webhook(block, path, f"plant.webhook.{number}"))
+            outlets.append(_webhook(block, path, f"plant.webhook.{number}"))
         if plant.xjmf is not None:
-            found += _xjmf(plant.xjmf, path)
+            outlets += _xjmf(plant.xjmf, path)
         if plant.opcua is not None:
-            found.append(_opcua(plant.opcua, path, name))
+            outlets.append(_opcua(plant.opcua, path, name))
     except ModuleNotFoundError as error:
         raise RequestError("plant", f"{error.name} is not installed", remedy=REMEDY) from error
-    return found
+    return outlets
 
 
 def _mqtt(block: MqttBlock, path: Path, press: str) -> Outlet:
@@ -79,9 +79,9 @@ def _webhook(block: WebhookBlock, path: Path, where: str) -> Outlet:
 def _xjmf(block: XjmfBlock, path: Path) -> list[Outlet]:
     from prooflight.plant.outlets.xjmf import XjmfAnswers, XjmfPush
 
-    found: list[Outlet] = []
+    outlets: list[Outlet] = []
     if block.url is not None:
-        found.append(
+        outlets.append(
             XjmfPush(
                 device_id=block.device_id,
                 url=block.url,
@@ -92,8 +92,8 @@ def _xjmf(block: XjmfBlock, path: Path) -> list[Outlet]:
         )
     if block.listen is not None:
         host, port = address(block.listen)
-        found.append(XjmfAnswers(device_id=block.device_id, host=host, port=port))
-    return found
+        outlets.append(XjmfAnswers(device_id=block.device_id, host=host, port=port))
+    return outlets
 
 
 def _opcua(block: OpcuaBlock, path: Path, press: str) -> Outlet:
@@ -120,7 +120,7 @@ def _opcua(block: OpcuaBlock, path: Path, press: str) -> Outlet:
 
 
 def _trust(path: Path, where: str, ca_file: str | None) -> ssl.SSLContext:
-    """Whom to trust: a file's authorities, or the system's. PressFileError: the file is none of authorities."""
+    """Return the trusted authorities: those of a file, or the system's; PressFileError if the file has none."""
     try:
         return ssl.create_default_context(cafile=None if ca_file is None else str(path.parent / ca_file))
     except (OSError, ssl.SSLError) as error:
@@ -129,5 +129,5 @@ def _trust(path: Path, where: str, ca_file: str | None) -> ssl.SSLContext:
 
 
 def _level(name: str) -> str:
-    """One level of a topic."""
+    """Return a name as one level of a topic."""
     return "".join("_" if one in "+#/\x00" else one for one in name) or "_"

@@ -1,7 +1,8 @@
-"""MQTT: a message a sheet and an incident, and a retained state that whoever joins late sees first.
+"""MQTT outlet: a message for each event, and a retained state that late subscribers receive first.
 
-Everything is sent with QoS 1, in order, up to ``AT_ONCE`` messages under way. After a break what was not acknowledged
-is sent again: a message may come twice (``stream`` and ``number`` say so), and none is lost.
+Everything is sent with QoS 1, in order, with up to ``AT_ONCE`` messages under way. After a break, messages
+without acknowledgement are sent again: a message may come twice (``stream`` and ``number`` identify it), and
+none is lost.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from prooflight.plant.outlets.outbox import Outbox
 
 AT_ONCE: Final = 64
-"""A link that takes 2 s there and back still carries 30 events a second."""
+"""Messages under way. With these, a link with a round trip of 2 s still carries 30 events a second."""
 TIMEOUT_S: Final = 10.0
 QOS: Final = 1
 _CODE: Final = re.compile(r"^\[code:[^]]*\] ")
@@ -38,21 +39,21 @@ TOPICS: Final = {
     "notice": "notice",
     "events-lost": "lost",
 }
-"""Last part of an event's topic."""
+"""Last part of an event's topic, by the kind of the event."""
 EACH_SHEET: Final = frozenset({"sheet-judged", "sheet-at-gate"})
-"""Kinds after which the retained state is not sent again, for they come with every sheet."""
+"""Kinds after which the retained state is not sent again, because they come with every sheet."""
 ONLINE, STATE = "online", "state"
-"""Last parts of the retained topics; the first is the last will's too."""
+"""Last parts of the retained topics; the first is also the topic of the last will."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Mqtt:
-    """Towards one broker."""
+    """Connection to one broker."""
 
     host: str
     port: int
     topic: str
-    """All topics begin with it."""
+    """Prefix of all topics."""
     client_id: str | None = None
     user: str | None = None
     password: str | None = field(default=None, repr=False)
@@ -60,19 +61,19 @@ class Mqtt:
     keepalive_s: int = 10
     timeout_s: float = TIMEOUT_S
     state: PlantState = field(default=PlantState(), init=False, repr=False)
-    """Of the events that have arrived; it outlives a connection."""
+    """State after the events that have arrived; it outlives a connection."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name of the outlet, for people."""
         return f"MQTT {self.host}:{self.port}"
 
     def of(self, part: str) -> str:
-        """A whole topic."""
+        """Return a whole topic."""
         return f"{self.topic}/{part}"
 
     async def run(self, outbox: Outbox) -> None:
-        """See ``Outlet``."""
+        """Connect and deliver; see ``Outlet``."""
         will = aiomqtt.Will(self.of(ONLINE), payload="false", qos=QOS, retain=True)
         try:
             async with self._client(identifier=self.client_id, will=will) as client:
@@ -89,9 +90,10 @@ class Mqtt:
             raise OutletError(_CODE.sub("", told(error))) from error
 
     def _witness(self) -> aiomqtt.Client:
-        """Return a second link, by whose last will the retained state says that the run is lost: a link has one will.
+        """Return a second link, whose last will sets the retained state to a lost run.
 
-        A will is fixed when a link is made, so this link is made again when a run begins.
+        It is needed because a link has only one will. A will is fixed when a link is made, so this link is
+        made again when a run begins.
         """
         lost = replace(self.state, running=False, ending="lost", incidents={})
         will = aiomqtt.Will(self.of(STATE), payload=lost.json(), qos=QOS, retain=True)
@@ -99,7 +101,7 @@ class Mqtt:
         return self._client(identifier=own, will=will)
 
     async def reach(self) -> str:
-        """See ``Outlet``."""
+        """Try to connect to the broker; see ``Outlet``."""
         try:
             async with self._client():
                 return f"a broker at {self.host}:{self.port}"
@@ -149,13 +151,13 @@ class Mqtt:
 
 
 async def _broken(client: aiomqtt.Client) -> None:
-    """Ends, with an error, when the connection does; nothing is subscribed to."""
+    """Wait until the connection breaks, which raises an error; nothing is subscribed to."""
     async for _ in client.messages:
         pass
 
 
 async def _first_of(work: Any, *watches: Any) -> bool:
-    """Do the work until it is done, and return what it does, or until a watch says that it cannot be."""
+    """Do the work until it is done, and return its result, or until a watch raises an error."""
     tasks = [asyncio.ensure_future(one) for one in (work, *watches)]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -169,7 +171,7 @@ async def _first_of(work: Any, *watches: Any) -> bool:
 
 
 def topics(prefix: str = "PREFIX") -> list[tuple[str, str, bool]]:
-    """Of the reference: topic, what is said there, and whether it is retained."""
+    """Return the rows of the reference: topic, content, and whether it is retained."""
     kinds: dict[str, list[str]] = {}
     for kind in KINDS:
         kinds.setdefault(TOPICS[kind], []).append(f"`{kind}`")

@@ -1,7 +1,8 @@
-"""OPC UA: a server after OPC 40100-1, Machine Vision, in which clients browse the press's state and hear of results.
+"""OPC UA outlet: a server after OPC 40100-1, Machine Vision, for the press's state and the results.
 
-Under Objects stands one ``VisionSystemType`` by the press's name. Its state machine follows the press, and for every
-sheet it emits a ``ResultReadyEventType`` whose ``ResultContent`` is the event in JSON of the published schema.
+Under Objects is one ``VisionSystemType`` by the press's name. Its state machine follows the press, and for
+every sheet it emits a ``ResultReadyEventType`` whose ``ResultContent`` is the event in JSON of the published
+schema.
 
     run: waiting                Preoperational
          preparing              Operational, Initialized
@@ -61,7 +62,7 @@ SECURE: Final = (
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 )
 LOW, HIGH = 100, 700
-"""Severities of events, of 1 to 1000: of what is good, and of what is not."""
+"""Severities, in 1 to 1000, of events that are good and of all others."""
 OF_PRESS: Final = {
     "waiting": ("Preoperational", None),
     "preparing": ("Operational", "Initialized"),
@@ -74,7 +75,7 @@ OF_PRESS: Final = {
 
 
 def states_of(state: PlantState) -> tuple[str, str | None]:
-    """How the vision system stands, and its automatic mode; None: it is in none."""
+    """Return the state of the vision system and of its automatic mode; None: it is in none."""
     if state.states.get("camera") in ("away", "silent") and state.running:
         return "Error", None
     phase = state.states.get("press")
@@ -88,12 +89,12 @@ def states_of(state: PlantState) -> tuple[str, str | None]:
 
 
 def result_state(sheet: SheetJudged) -> int:
-    """Return the ``ResultState`` of a sheet: completed, or aborted where it was not inspected."""
+    """Return the ``ResultState`` of a sheet: completed, or aborted if it was not inspected."""
     return vision.COMPLETED if sheet.verdict != "not-inspected" else vision.ABORTED
 
 
 def severity(sheet: SheetJudged) -> int:
-    """Return the severity of the event of a sheet: high where it alarms or is not accepted."""
+    """Return the severity of the event of a sheet: high if it alarms or is not accepted."""
     return LOW if sheet.incident is None and sheet.disposition == "accept" else HIGH
 
 
@@ -105,7 +106,7 @@ class OpcUa:
     port: int
     press: str
     certificate: Path | None = None
-    """None: nothing is encrypted, for this machine alone."""
+    """File of the certificate; None: nothing is encrypted, for clients on this machine only."""
     key: Path | None = None
     anonymous: bool = True
     user: str | None = None
@@ -114,17 +115,17 @@ class OpcUa:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name of the outlet, for people."""
         return f"OPC UA at {self.url}"
 
     @property
     def url(self) -> str:
-        """Where clients find it."""
+        """Address to which clients connect."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"opc.tcp://{host}:{self.port}/prooflight"
 
     async def run(self, outbox: Outbox) -> None:
-        """See ``Outlet``."""
+        """Serve the events; see ``Outlet``."""
         async with self._server() as server:
             types = await vision.build(server)
             system = await VisionSystem.begin(server, types, self.press)
@@ -142,7 +143,7 @@ class OpcUa:
                 await server.stop()
 
     async def reach(self) -> str:
-        """See ``Outlet``: whether address, certificate and key can be used."""
+        """Check whether address, certificate and key can be used; see ``Outlet``."""
         if self.certificate is not None and self.key is not None:
             await load_certificate(self.certificate.read_bytes(), _format(self.certificate))
             await load_private_key(self.key.read_bytes(), extension=_format(self.key))
@@ -188,7 +189,7 @@ class VisionSystem:
 
     @classmethod
     async def begin(cls, server: Server, types: VisionTypes, press: str) -> VisionSystem:
-        """Put it under Objects."""
+        """Add the object under Objects."""
         index, kinds = types.index, types.nodes
         system = await server.nodes.objects.add_object(
             index, press, objecttype=kinds["VisionSystemType"].nodeid
@@ -211,17 +212,17 @@ class VisionSystem:
             for name in ("StateChangedEventType", "ResultReadyEventType", "VisionInformationEventType")
         }
         await server.nodes.server.add_reference(system, ObjectIds.HasNotifier, bidirectional=False)
-        found = cls(server, types, generators, nodes)
-        await found.enter("Preoperational", None)
-        await found._write_state("automatic", "VisionAutomaticModeStateMachineType", Step(to=""))
-        return found
+        vision_system = cls(server, types, generators, nodes)
+        await vision_system.enter("Preoperational", None)
+        await vision_system._write_state("automatic", "VisionAutomaticModeStateMachineType", Step(to=""))
+        return vision_system
 
     async def follow(self, state: PlantState) -> None:
-        """Stand as the press does."""
+        """Set the state of the vision system to that of the press."""
         await self.enter(*states_of(state))
 
     async def enter(self, state: str, mode: str | None) -> None:
-        """Go to a state and to one of its automatic mode, by the transitions that there are."""
+        """Go to a state and to one of its automatic mode, by the available transitions."""
         was, was_mode = self._now
         for step in path(was, state, vision.VISION_TRANSITIONS):
             await self._write_state("machine", "VisionStateMachineType", step)
@@ -242,7 +243,7 @@ class VisionSystem:
             await generator.trigger(message=f"{_worded((was, was_mode))} to {_worded(self._now)}")
 
     async def tell(self, event: Event, state: PlantState) -> None:
-        """Emit what clients subscribe to."""
+        """Emit the events to which clients subscribe."""
         match event.body:
             case SheetJudged() as sheet:
                 await self._result(event, sheet, state)
@@ -322,16 +323,16 @@ class VisionSystem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Into a state."""
+    """One step of a state machine."""
 
     to: str
-    """Empty: into none."""
+    """State that the step enters; empty: none."""
     by: str | None = None
-    """The transition; None: by none, as where a machine begins."""
+    """Transition of the step; None: there is none, as when a machine begins."""
 
 
 def path(start: str, end: str, transitions: Sequence[str]) -> list[Step]:
-    """The shortest way from a state to another; start empty: the machine begins there.
+    """Return the shortest path from a state to another; with ``start`` empty, the machine begins in ``end``.
 
     >>> [step.to for step in path("Initialized", "ContinuousExecution", vision.AUTOMATIC_TRANSITIONS)]
     ['Ready', 'ContinuousExecution']
@@ -351,7 +352,7 @@ def path(start: str, end: str, transitions: Sequence[str]) -> list[Step]:
 
 
 class _Users(UserManager):
-    """Who may read; nobody may write."""
+    """Users who may read; no user may write."""
 
     def __init__(self, user: str | None, password: str | None, *, anonymous: bool) -> None:
         self._user, self._password, self._anonymous = user, password, anonymous
@@ -363,7 +364,7 @@ class _Users(UserManager):
         password: str | None = None,
         certificate: object = None,
     ) -> User | None:
-        """See ``asyncua.server.user_managers.UserManager``; None: refused."""
+        """Return the user; None refuses. See ``asyncua.server.user_managers.UserManager``."""
         if username is None:
             return User(role=UserRole.User, name="anonymous") if self._anonymous else None
         expected = self._password
@@ -375,7 +376,7 @@ class _Users(UserManager):
 
 
 def _format(file: Path) -> str:
-    """Of a certificate or a key. OSError: it cannot be read."""
+    """Return the format of a certificate or a key; OSError if it cannot be read."""
     return "pem" if file.read_bytes().startswith(b"-----BEGIN") else "der"
 
 

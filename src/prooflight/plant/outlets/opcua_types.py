@@ -1,7 +1,8 @@
-"""Types of OPC 40100-1, Machine Vision, release 1.0: those of them that Prooflight uses, built in the address space.
+"""The types of OPC 40100-1, Machine Vision, release 1.0, that Prooflight uses, built in the address space.
 
-Names of nodes, the namespace and the numbers of its types are the specification's. What Prooflight does not fill is
-left out: recipes, configurations, step models, conditions, and methods, for the press is not steered from here.
+Names of nodes, the namespace and the numbers of its types are the specification's. Parts that Prooflight does
+not fill are left out: recipes, configurations, step models, conditions, and methods, because the press is not
+controlled by this server.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
 
 NAMESPACE: Final = "http://opcfoundation.org/UA/MachineVision"
 VISION_STATES: Final = ("Preoperational", "Halted", "Error", "Operational")
-"""Of ``VisionStateMachineType``; their numbers are their places, from 1."""
+"""States of ``VisionStateMachineType``; their numbers are their positions, from 1."""
 AUTOMATIC_STATES: Final = ("Initialized", "Ready", "SingleExecution", "ContinuousExecution")
-"""Of ``VisionAutomaticModeStateMachineType``, within Operational."""
+"""States of ``VisionAutomaticModeStateMachineType``, within Operational."""
 VISION_TRANSITIONS: Final = (
     "PreoperationalToHaltedAuto",
     "PreoperationalToErrorAuto",
@@ -54,7 +55,7 @@ RESULT_FIELDS: Final = (
     ("ProcessingTimes", "ProcessingTimesDataType"),
     ("ResultContent", ua.VariantType.String),
 )
-"""Of ``ResultReadyEventType`` and of a result variable."""
+"""Fields of ``ResultReadyEventType`` and of a result variable."""
 COMPLETED, ABORTED = 1, 3
 """Values of ``ResultStateDataType``: undefined, completed, processing, aborted, failed, from 0."""
 _NUMBERS: Final = {
@@ -74,7 +75,7 @@ _NUMBERS: Final = {
     "JobIdDataType": 3016,
     "ResultIdDataType": 3021,
 }
-"""By which the specification's own nodes are found."""
+"""Numbers that identify the specification's own nodes."""
 _TEXT, _WORDS, _TIME, _DURATION = (
     ua.VariantType.String,
     ua.VariantType.LocalizedText,
@@ -97,10 +98,10 @@ _STRUCTURES: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionTypes:
-    """What was built."""
+    """Types that were built."""
 
     index: int
-    """Of the namespace."""
+    """Index of the namespace."""
     nodes: dict[str, Node]
     """Types by name; states and transitions as TYPE.NAME."""
     structures: dict[str, Any]
@@ -169,20 +170,20 @@ async def build(server: Server) -> VisionTypes:
 async def _states(
     machine: Node, name: str, index: int, states: tuple[str, ...], transitions: tuple[str, ...]
 ) -> dict[str, Node]:
-    found: dict[str, Node] = {}
+    nodes: dict[str, Node] = {}
     for number, state in enumerate(states, start=1):
         kind = ObjectIds.InitialStateType if number == 1 else ObjectIds.StateType
         node = await machine.add_object(index, state, objecttype=_id(kind))
         await (await node.get_child("0:StateNumber")).write_value(number, ua.VariantType.UInt32)
-        found[f"{name}.{state}"] = node
+        nodes[f"{name}.{state}"] = node
     for number, transition in enumerate(transitions, start=1):
         node = await machine.add_object(index, transition, objecttype=_id(ObjectIds.TransitionType))
         await (await node.get_child("0:TransitionNumber")).write_value(number, ua.VariantType.UInt32)
         start, end = transition.removesuffix("Auto").split("To")
-        await node.add_reference(found[f"{name}.{start}"], ObjectIds.FromState, bidirectional=False)
-        await node.add_reference(found[f"{name}.{end}"], ObjectIds.ToState, bidirectional=False)
-        found[f"{name}.{transition}"] = node
-    return found
+        await node.add_reference(nodes[f"{name}.{start}"], ObjectIds.FromState, bidirectional=False)
+        await node.add_reference(nodes[f"{name}.{end}"], ObjectIds.ToState, bidirectional=False)
+        nodes[f"{name}.{transition}"] = node
+    return nodes
 
 
 async def _component(owner: Node, name: str, kind: Node, index: int) -> None:
@@ -190,14 +191,14 @@ async def _component(owner: Node, name: str, kind: Node, index: int) -> None:
 
 
 async def _mandatory(node: Node) -> None:
-    """Have it and all below it made with whatever its owner is made with."""
+    """Make the node and all below it mandatory, so that they are created with each instance of the owner."""
     await node.set_modelling_rule(True)
     for child in await node.get_children():
         await _mandatory(child)
 
 
 async def _fields(owner: Node, nodes: dict[str, Node], index: int) -> None:
-    """Properties of ``RESULT_FIELDS``."""
+    """Add the properties of ``RESULT_FIELDS``."""
     for name, kind in RESULT_FIELDS:
         if isinstance(kind, ua.VariantType):
             value = [""] if name == "ResultContent" else ua.get_default_value(kind)

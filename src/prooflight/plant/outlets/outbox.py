@@ -1,4 +1,4 @@
-"""Events that wait to leave by one outlet: bounded, never in the way of whoever puts them in, loss told."""
+"""Bounded queue of events that wait to leave by one outlet; it never blocks a producer, and reports losses."""
 
 from __future__ import annotations
 
@@ -16,39 +16,41 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 ROOM: Final = 10_000
-"""Events. assumed: half an hour at 5 sheets a second, some 20 MB."""
+"""Capacity in events. assumed: half an hour at 5 sheets a second, some 20 MB."""
 LAST_PAUSE_S: Final = 0.2
-"""Between tries when the run has ended."""
+"""Pause between tries when the run has ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutletHealth:
-    """How an outlet does."""
+    """Health of an outlet."""
 
     name: str
     connected: bool
     detail: str
-    """Why not, or with whom; one line."""
+    """Reason why it is not connected, or the name of the other end; one line."""
     delivered: int
     lost: int
-    """Given up, because the queue was full or time was up."""
+    """Number of events dropped, because the queue was full or time was up."""
     waiting: int
 
 
 class Outbox:
-    """Between the threads of a run and the event loop of one outlet.
+    """Queue between the threads of a run and the event loop of one outlet.
 
-    ``put`` may be called from any thread and never waits: where the queue is full the oldest event goes that is not
-    being delivered, and an event ``events-lost`` stands in its place. The outlet looks at the first with ``head`` or at
-    the first few with ``heads``, and removes each with ``delivered`` when it has arrived; until then it may be tried
-    again.
+    ``put`` may be called from any thread and never waits: if the queue is full, the oldest event that is not
+    being delivered is dropped, and an event ``events-lost`` takes its place. The outlet reads the first with
+    ``head`` or the first few with ``heads``, and removes each with ``delivered`` when it has arrived; until
+    then it may be tried again.
     """
 
     def __init__(
         self, name: str, *, room: int = ROOM, changed: Callable[[OutletHealth], None] = lambda _: None
     ) -> None:
-        """room: events that may wait, beside two that say what was lost. changed: told when the outlet is connected or
-        is no longer.
+        """Create an empty queue.
+
+        ``room`` is the number of events that may wait, in addition to two that report losses. ``changed`` is
+        called when the outlet connects or disconnects.
         """
         self.name, self._room, self._changed = name, room, changed
         self._waiting: deque[Event] = deque()
@@ -57,13 +59,13 @@ class Outbox:
         self._more: asyncio.Event | None = None
         self._closing: asyncio.Event | None = None
         self._held = 0
-        """The first so many are being delivered."""
+        """Number of events, from the first, that are being delivered."""
         self._closed = False
         self._connected, self._detail = False, "not yet connected"
         self._delivered = self._lost = 0
 
     def put(self, event: Event) -> None:
-        """Add one; nothing after ``close``."""
+        """Add an event; after ``close``, do nothing."""
         with self._guard:
             if self._closed:
                 return
@@ -73,14 +75,14 @@ class Outbox:
             self._wake()
 
     def close(self) -> None:
-        """No more are added; those that wait may still be delivered."""
+        """Accept no more events; those that wait may still be delivered."""
         with self._guard:
             self._closed = True
             self._wake()
             self._wake(closing=True)
 
     def attach(self) -> None:
-        """The event loop that runs now is the outlet's."""
+        """Attach the queue to the running event loop, which is the outlet's."""
         with self._guard:
             self._loop, self._held = asyncio.get_running_loop(), 0
             self._more, self._closing = asyncio.Event(), asyncio.Event()
@@ -88,7 +90,7 @@ class Outbox:
                 self._closing.set()
 
     async def pause(self, seconds: float) -> None:
-        """Let time pass, little of it when the end has come."""
+        """Let time pass, but little of it once the queue is closed."""
         if self._closing is None or self._closing.is_set():
             await asyncio.sleep(min(seconds, LAST_PAUSE_S))
             return
@@ -96,12 +98,18 @@ class Outbox:
             await asyncio.wait_for(self._closing.wait(), seconds)
 
     async def head(self) -> Event | None:
-        """The next event, when there is one; the same until it is delivered. None: closed, and all are delivered."""
-        found = await self.heads(1)
-        return found[0] if found else None
+        """Wait for the next event and return it; the same until it is delivered.
+
+        None: the queue is closed, and all events are delivered.
+        """
+        events = await self.heads(1)
+        return events[0] if events else None
 
     async def heads(self, most: int) -> list[Event]:
-        """The next events, when there are any; the same until they are delivered. None: closed, all are delivered."""
+        """Wait for the next events and return them; the same until they are delivered.
+
+        The list is empty if the queue is closed and all events are delivered.
+        """
         while True:
             with self._guard:
                 more = self._more
@@ -117,7 +125,7 @@ class Outbox:
             await more.wait()
 
     def delivered(self, event: Event) -> None:
-        """It has arrived: the next one's turn."""
+        """Remove an event that has arrived."""
         with self._guard:
             if self._waiting and self._waiting[0].key == event.key:
                 self._waiting.popleft()
@@ -125,37 +133,37 @@ class Outbox:
                 self._delivered += 1
 
     def refused(self, event: Event) -> None:
-        """The other end will never take it: it is lost, and told as lost in its place."""
+        """Replace an event that the receiver will never take by a report of its loss."""
         with self._guard:
             if self._waiting and self._waiting[0].key == event.key:
                 self._refuse()
 
     def refuse_first(self) -> None:
-        """The same of the first, if there is one."""
+        """Replace the first event, if there is one, by a report of its loss."""
         with self._guard:
             if self._waiting:
                 self._refuse()
 
     def up(self, detail: str) -> None:
-        """The outlet is connected; detail: with whom."""
+        """Note that the outlet is connected; ``detail`` names the other end."""
         self._say(connected=True, detail=detail)
 
     def down(self, detail: str) -> None:
-        """It is not; detail: why."""
+        """Note that the outlet is not connected; ``detail`` is the reason."""
         self._say(connected=False, detail=detail)
 
     def abandon(self) -> EventsLost | None:
-        """Give up all that wait, where time is up; which they were, None: none."""
+        """Drop all waiting events because time is up, and return which they were; None if there were none."""
         with self._guard:
-            gone, self._waiting = list(self._waiting), deque()
-            if not gone:
+            dropped, self._waiting = list(self._waiting), deque()
+            if not dropped:
                 return None
-            self._lost += _untold(gone)
-            return _lost(gone)
+            self._lost += _untold(dropped)
+            return _lost(dropped)
 
     @property
     def health(self) -> OutletHealth:
-        """Now."""
+        """Health of the outlet now."""
         with self._guard:
             return OutletHealth(
                 name=self.name,
@@ -169,21 +177,21 @@ class Outbox:
     # --- under the guard ---
 
     def _refuse(self) -> None:
-        gone = self._waiting.popleft()
+        dropped = self._waiting.popleft()
         self._held = 0
-        if not isinstance(gone.body, EventsLost):
+        if not isinstance(dropped.body, EventsLost):
             self._lost += 1
-            self._waiting.appendleft(replace(gone, body=_lost([gone])))
+            self._waiting.appendleft(replace(dropped, body=_lost([dropped])))
 
     def _give_up(self) -> None:
-        """The oldest event that is not being delivered goes; one ``events-lost`` says so for all that have gone."""
-        held = [self._waiting.popleft() for _ in range(min(self._held, len(self._waiting) - 1))]
-        gone = [self._waiting.popleft()]
-        if isinstance(gone[0].body, EventsLost) and self._waiting:
-            gone.append(self._waiting.popleft())
-        lost = _lost(gone)
-        self._lost += _untold(gone)
-        self._waiting.extendleft([replace(gone[-1], body=lost), *reversed(held)])
+        """Drop the oldest event that is not being delivered; one ``events-lost`` reports all that were dropped."""
+        in_delivery = [self._waiting.popleft() for _ in range(min(self._held, len(self._waiting) - 1))]
+        dropped = [self._waiting.popleft()]
+        if isinstance(dropped[0].body, EventsLost) and self._waiting:
+            dropped.append(self._waiting.popleft())
+        lost = _lost(dropped)
+        self._lost += _untold(dropped)
+        self._waiting.extendleft([replace(dropped[-1], body=lost), *reversed(in_delivery)])
 
     def _wake(self, *, closing: bool = False) -> None:
         flag = self._closing if closing else self._more
@@ -199,17 +207,17 @@ class Outbox:
             self._changed(self.health)
 
 
-def _lost(gone: list[Event]) -> EventsLost:
-    """That events are lost, in a row; what was lost before them may be among them."""
-    first, last = gone[0], gone[-1]
-    before = sum(one.body.count for one in gone if isinstance(one.body, EventsLost))
+def _lost(dropped: list[Event]) -> EventsLost:
+    """Return the report of consecutive lost events, which may include reports of earlier losses."""
+    first, last = dropped[0], dropped[-1]
+    before = sum(one.body.count for one in dropped if isinstance(one.body, EventsLost))
     return EventsLost(
-        count=before + _untold(gone),
+        count=before + _untold(dropped),
         first=first.body.first if isinstance(first.body, EventsLost) else first.number,
         last=last.number,
     )
 
 
-def _untold(gone: list[Event]) -> int:
-    """How many of them have not been counted as lost."""
-    return sum(not isinstance(one.body, EventsLost) for one in gone)
+def _untold(dropped: list[Event]) -> int:
+    """Count the events that have not been counted as lost."""
+    return sum(not isinstance(one.body, EventsLost) for one in dropped)

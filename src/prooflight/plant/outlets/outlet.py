@@ -1,4 +1,4 @@
-"""What an outlet is, and the thread that it runs in: it is started again whenever it breaks off."""
+"""Protocol of an outlet, and the thread that runs it and starts it again whenever it fails."""
 
 from __future__ import annotations
 
@@ -23,46 +23,48 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-"""After an outlet has broken off, doubled each time."""
+"""First and longest pause after an outlet has failed; the pause doubles each time."""
 CLOSE_S: Final = 5.0
-"""For what waits to be delivered at the end. assumed: as long a person waits for a command to end."""
+"""Time for the delivery of waiting events at the end. assumed: as long as a person waits for a command to
+end."""
 CANCEL_S: Final = 2.0
 MOST_FAULTS: Final = 3
-"""Of our own, one after another with nothing delivered between, after which the event at hand is given up."""
+"""Consecutive internal errors, without a delivery between them, after which the event at hand is dropped."""
 
 
 class OutletError(ConnectionError):
-    """An outlet cannot deliver now: what it says is one line for a person."""
+    """An outlet cannot deliver now; the message is one line for a person."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """What answered when an outlet was tried."""
+    """Result of trying an outlet."""
 
     name: str
     ok: bool
     said: str
-    """Who answered, or what went wrong; one line."""
+    """Name of the other end, or the error; one line."""
     milliseconds: float
 
 
 class Outlet(Protocol):
-    """One way out for events."""
+    """Protocol of an outlet for events."""
 
     @property
     def name(self) -> str:
-        """For people: what it is and where it leads."""
+        """Name for people: the kind of outlet and its destination."""
         ...
 
     async def run(self, outbox: Outbox) -> None:
-        """Connect, say ``outbox.up``, and deliver its events one after another until there are no more.
+        """Connect, call ``outbox.up``, and deliver its events one after another until there are no more.
 
-        Whatever it raises is said, and it is called again after a pause; OSError and its kind are expected.
+        Any error is reported, and the method is called again after a pause; OSError and its subclasses are
+        expected.
         """
         ...
 
     async def reach(self) -> str:
-        """Try the other end without disturbing it; returns what answered, in one line, or raises what went wrong."""
+        """Try the other end without disturbing it; return its answer in one line, or raise the error."""
         ...
 
 
@@ -85,7 +87,7 @@ def check(outlet: Outlet, *, within_s: float = 5.0) -> Checked:
 
 
 def told(error: BaseException) -> str:
-    """What went wrong, in one line: what the system says of it, where it is to blame, else the error itself."""
+    """Return an error in one line: the system's message if the system caused it, else that of the error itself."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and not isinstance(cause, ssl.SSLError) and (cause.errno or 0) > 0:
@@ -95,7 +97,7 @@ def told(error: BaseException) -> str:
 
 
 class Outlets:
-    """Outlets at work, each in its thread; use it as a context. ``put`` never waits for any of them."""
+    """Running outlets, each in its thread; use it as a context. ``put`` never waits for any of them."""
 
     def __init__(
         self,
@@ -106,13 +108,17 @@ class Outlets:
         close_s: float = CLOSE_S,
         pauses_s: tuple[float, float] = (FIRST_PAUSE_S, LONGEST_PAUSE_S),
     ) -> None:
-        """room: events that may wait in each. changed: told when one is connected or no longer, by its thread."""
+        """Prepare the threads.
+
+        ``room`` is the number of events that may wait in each. ``changed`` is called in the outlet's thread
+        when it connects or disconnects.
+        """
         self._close_s = close_s
         self._threads = [
             _Thread(outlet, Outbox(outlet.name, room=room, changed=changed), pauses_s) for outlet in outlets
         ]
         self.given_up: dict[str, EventsLost] = {}
-        """By outlet, what was still undelivered when time was up; known after the end."""
+        """Events of each outlet that were still undelivered when time was up; set by ``close``."""
 
     def __enter__(self) -> Self:
         for thread in self._threads:
@@ -123,17 +129,17 @@ class Outlets:
         self.close()
 
     def put(self, event: Event) -> None:
-        """To all; never waits."""
+        """Put an event into all queues; never waits."""
         for thread in self._threads:
             thread.outbox.put(event)
 
     @property
     def health(self) -> list[OutletHealth]:
-        """Of each, in their order."""
+        """Health of each outlet, in their order."""
         return [thread.outbox.health for thread in self._threads]
 
     def close(self) -> None:
-        """Deliver what waits, within the time given for all together; what is left is given up and told."""
+        """Deliver waiting events within the time given for all outlets; drop and report the rest."""
         for thread in self._threads:
             thread.outbox.close()
         until_s = time.monotonic() + self._close_s
@@ -150,7 +156,7 @@ class Outlets:
 
 
 class _Thread(threading.Thread):
-    """An outlet's thread, with an event loop of its own."""
+    """Thread of an outlet, with an event loop of its own."""
 
     def __init__(self, outlet: Outlet, outbox: Outbox, pauses_s: tuple[float, float]) -> None:
         super().__init__(name=f"outlet {outlet.name}", daemon=True)
@@ -162,7 +168,7 @@ class _Thread(threading.Thread):
         asyncio.run(self._until_cancelled())
 
     def cancel(self) -> None:
-        """End it, delivered or not."""
+        """End the outlet, whether its events are delivered or not."""
         with self._guard:
             if self._serving is not None:
                 loop, task = self._serving

@@ -1,4 +1,4 @@
-"""Posting to a machine of the plant: one client, and what goes wrong with it in words."""
+"""HTTP client for posting to a machine of the plant, and the description of its errors."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
 REFUSED: Final = frozenset({400, 413, 415, 422})
-"""Answers that say that this very event will never be taken: it is given up, and the others go on."""
+"""Status codes by which a receiver refuses this event for good: it is dropped, and the others go on."""
 
 
 @contextlib.asynccontextmanager
 async def posting(*, tls: ssl.SSLContext | None, timeout_s: float) -> AsyncIterator[httpx.AsyncClient]:
-    """A client; OutletError: whom it asked did not answer, or not in time. No proxy: the plant is near."""
+    """Give a client that raises OutletError if there is no answer, or none in time.
+
+    It uses no proxy, because the plant is near.
+    """
     verify = True if tls is None else tls
     try:
         async with httpx.AsyncClient(verify=verify, timeout=timeout_s, trust_env=False) as client:
@@ -31,9 +34,8 @@ async def posting(*, tls: ssl.SSLContext | None, timeout_s: float) -> AsyncItera
 
 
 def said(answer: httpx.Response) -> str:
-    """What a receiver answers.
+    """Describe a receiver's answer.
 
-    >>> said(httpx.Response(503))
-    'answers 503 Service Unavailable'
+    >>> said(httpx.Response(503)) 'answers 503 Service Unavailable'
     """
     return f"answers {answer.status_code} {answer.reason_phrase}".rstrip()

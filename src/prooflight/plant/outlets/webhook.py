@@ -1,8 +1,8 @@
-"""Webhook: every event is posted to a URL, signed, in order, and again until it is taken.
+"""Webhook outlet: every event is posted to a URL, signed, in order, and repeated until it is accepted.
 
-The signature is HMAC-SHA256 by a secret that both sides know, over the time of sending, a full stop and the body. A
-receiver refuses what was signed long ago, so that nobody can send an event again, and knows by the key of idempotency
-what it has had (``verified`` shows how).
+The signature is HMAC-SHA256 with a shared secret, over the time of sending, a full stop and the body. A
+receiver refuses a body that was signed long ago, so that nobody can replay an event, and recognises repeated
+events by the idempotency key (``verified`` shows how).
 """
 
 from __future__ import annotations
@@ -26,28 +26,29 @@ if TYPE_CHECKING:
 
 TIMESTAMP, SIGNATURE, KEY = "Prooflight-Timestamp", "Prooflight-Signature", "Idempotency-Key"
 TOLERANCE_S: Final = 300.0
-"""Between sending and receiving. assumed: clocks of one plant agree better, a busy network is faster."""
+"""Longest time between sending and receiving. assumed: clocks of one plant agree better, a busy network is
+faster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Webhook:
-    """Towards one URL."""
+    """Connection to one URL."""
 
     url: str
     secret: bytes = field(repr=False)
     kinds: frozenset[str] | None = None
-    """Of events that are sent; None: all. ``events-lost`` always is."""
+    """Kinds of events that are sent; None: all. ``events-lost`` is always sent."""
     tls: ssl.SSLContext | None = None
     timeout_s: float = 10.0
     clock: Callable[[], float] = time.time
 
     @property
     def name(self) -> str:
-        """For people; what stands behind a question mark may be a secret."""
+        """Name of the outlet, for people; without the part after a question mark, which may be a secret."""
         return f"webhook {self.url.partition('?')[0]}"
 
     async def run(self, outbox: Outbox) -> None:
-        """See ``Outlet``."""
+        """Post the events; see ``Outlet``."""
         async with posting(tls=self.tls, timeout_s=self.timeout_s) as client:
             while (event := await outbox.head()) is not None:
                 if self.kinds is not None and event.kind not in self.kinds | {"events-lost"}:
@@ -65,7 +66,7 @@ class Webhook:
                 outbox.up(self.url.partition("?")[0])
 
     async def reach(self) -> str:
-        """See ``Outlet``; nothing is posted."""
+        """Try the web server without posting anything; see ``Outlet``."""
         async with posting(tls=self.tls, timeout_s=self.timeout_s) as client:
             return f"a web server ({said(await client.head(self.url))} when asked for its headers)"
 
@@ -81,14 +82,14 @@ class Webhook:
 
 
 def signature(secret: bytes, timestamp: str, body: bytes) -> str:
-    """What stands in the header."""
+    """Return the value of the signature header."""
     return "v1=" + hmac.new(secret, timestamp.encode() + b"." + body, hashlib.sha256).hexdigest()
 
 
 def verified(
     secret: bytes, headers: Mapping[str, str], body: bytes, *, now_s: float, tolerance_s: float = TOLERANCE_S
 ) -> bool:
-    """What a receiver does: whether a body comes from whoever knows the secret, and was sent just now."""
+    """Return whether a body comes from an owner of the secret and was sent just now, as a receiver must check."""
     sent = headers.get(TIMESTAMP, "")
     if not (sent.isascii() and sent.isdecimal() and abs(now_s - int(sent)) <= tolerance_s):
         return False

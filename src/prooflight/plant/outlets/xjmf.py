@@ -1,4 +1,4 @@
-"""XJMF by HTTP: signals pushed to one URL of the plant's, and queries answered at an address of ours."""
+"""XJMF by HTTP: signals pushed to one URL of the plant, and queries answered at an address of this program."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from prooflight.plant.outlets.outbox import Outbox
 
 KEPT: Final = 100
-"""Sheets that a query is answered with. assumed: more than pass between two queries of a controller."""
+"""Number of sheets in the answer to a query. assumed: more than pass between two queries of a controller."""
 
 
 @dataclass(slots=True, kw_only=True)
-class _Told:
-    """What of a run every message needs."""
+class _RunFacts:
+    """Facts of a run that every message needs."""
 
     device_id: str
     job: str = field(default="unknown", init=False)
     sheet_mm: tuple[float, float] | None = field(default=None, init=False)
 
     def note(self, event: Event) -> None:
-        """Take what it says of the run."""
+        """Take the facts of the run from an event."""
         if isinstance(event.body, RunStarted):
             start = event.body
             self.job = start.job
@@ -47,8 +47,8 @@ class _Told:
 
 
 @dataclass(slots=True, kw_only=True)
-class XjmfPush(_Told):
-    """A ``SignalResource`` a sheet, to one URL."""
+class XjmfPush(_RunFacts):
+    """Outlet that sends a ``SignalResource`` a sheet to one URL."""
 
     url: str
     alarms_only: bool = False
@@ -57,11 +57,11 @@ class XjmfPush(_Told):
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name of the outlet, for people."""
         return f"XJMF to {self.url.partition('?')[0]}"
 
     async def run(self, outbox: Outbox) -> None:
-        """See ``Outlet``."""
+        """Push the events; see ``Outlet``."""
         async with posting(tls=self.tls, timeout_s=self.timeout_s) as client:
             while (event := await outbox.head()) is not None:
                 self.note(event)
@@ -72,7 +72,7 @@ class XjmfPush(_Told):
                 await self._push(client, outbox, event, message)
 
     async def reach(self) -> str:
-        """See ``Outlet``; nothing is posted."""
+        """Try the web server without posting anything; see ``Outlet``."""
         async with posting(tls=self.tls, timeout_s=self.timeout_s) as client:
             return f"a web server (answers {(await client.head(self.url)).status_code} when asked for its headers)"
 
@@ -106,22 +106,22 @@ class XjmfPush(_Told):
 
 
 @dataclass(slots=True, kw_only=True)
-class XjmfAnswers(_Told):
-    """Answers ``QueryResource`` by what became of the last sheets."""
+class XjmfAnswers(_RunFacts):
+    """Outlet that answers ``QueryResource`` with the results of the last sheets."""
 
     host: str
     port: int
-    """0: any that is free."""
+    """Port; 0: any free port."""
     clock: Callable[[], float] = time.time
     sheets: deque[Event] = field(default_factory=lambda: deque(maxlen=KEPT), init=False, repr=False)
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name of the outlet, for people."""
         return f"XJMF at {self.host}:{self.port}"
 
     async def run(self, outbox: Outbox) -> None:
-        """See ``Outlet``."""
+        """Serve the queries; see ``Outlet``."""
         async with answering(self.host, self.port, self.answer, mime=xjmf.MIME) as (host, port):
             outbox.up(f"{host}:{port}")
             while (event := await outbox.head()) is not None:
@@ -131,32 +131,32 @@ class XjmfAnswers(_Told):
                 outbox.delivered(event)
 
     async def reach(self) -> str:
-        """See ``Outlet``: whether the address can be had."""
+        """Check whether the address is available; see ``Outlet``."""
         async with answering(self.host, self.port, self.answer, mime=xjmf.MIME) as (host, port):
             return f"{host}:{port} is free to listen at"
 
     def answer(self, data: bytes) -> bytes:
-        """What a message of somebody's is answered with."""
+        """Return the answer to a message."""
         now_s = self.clock()
 
         def refused(kind: str, text: str, code: int, query_id: str | None = None) -> bytes:
             return xjmf.refusal(kind, text, code, device_id=self.device_id, query_id=query_id, time_s=now_s)
 
         try:
-            found = xjmf.messages(xjmf.read(data))
+            messages = xjmf.messages(xjmf.read(data))
         except ValueError as error:
             return refused("Notification", f"this is no XJMF: {error}", xjmf.NOT_XML)
-        if len(found) != 1:
+        if len(messages) != 1:
             return refused("Notification", "one query at a time is answered", xjmf.UNSUPPORTED)
-        kind, query = found[0]
+        kind, query = messages[0]
         header = xjmf.part(query, "Header")
         query_id = None if header is None else header.get("ID")
         if kind != "QueryResource":
-            known = "QueryResource" if kind.startswith(("Query", "Command")) else "queries"
-            asked = kind.removeprefix("Query").removeprefix("Command")
-            answerable = asked if asked in ANSWERABLE else "Notification"
+            answered = "QueryResource" if kind.startswith(("Query", "Command")) else "queries"
+            requested = kind.removeprefix("Query").removeprefix("Command")
+            answerable = requested if requested in ANSWERABLE else "Notification"
             return refused(
-                answerable, f"{kind} is not answered here, only {known}", xjmf.UNSUPPORTED, query_id
+                answerable, f"{kind} is not answered here, only {answered}", xjmf.UNSUPPORTED, query_id
             )
         parameters = xjmf.part(query, "ResourceQuParams")
         resource = None if parameters is None else parameters.get("ResourceName")
@@ -180,11 +180,11 @@ class XjmfAnswers(_Told):
 ANSWERABLE: Final = frozenset(
     {"KnownDevices", "KnownMessages", "KnownSubscriptions", "Notification", "QueueStatus", "Status"}
 )
-"""Messages whose response may say that it is refused, by the schema."""
+"""Messages whose response may report a refusal, by the schema."""
 
 
 def _return_code(answer: bytes) -> int | None:
-    """What a receiver's answer says, if it says something; 0 is success."""
+    """Return the error code of a receiver's answer; None if it has none, or reports success (0)."""
     if not answer.strip():
         return None
     try:

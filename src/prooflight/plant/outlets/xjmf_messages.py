@@ -1,8 +1,8 @@
 """XJMF messages: verdicts as ``QualityControlResult`` of CIP4's XJDF 2.1, section 6 and its schema.
 
-Lengths are points (1/72 inch), rectangles go from the lower left corner to the upper right one, origin at the sheet's
-lower left. Names of sheets, jobs and devices are NMTOKENs there: other characters become underscores. Severities are
-whole numbers from 0 to 100.
+Lengths are points (1/72 inch), rectangles go from the lower left corner to the upper right one, origin at the
+sheet's lower left. Names of sheets, jobs and devices are NMTOKENs there: other characters become underscores.
+Severities are whole numbers from 0 to 100.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 NAMESPACE: Final = "http://www.CIP4.org/JDFSchema_2_0"
 VERSION: Final = "2.1"
-"""The first with ``Inspection`` and ``Defect``."""
+"""Version of XJMF; it is the first with ``Inspection`` and ``Defect``."""
 MIME: Final = "application/vnd.cip4-xjmf+xml"
 POINTS_A_MM: Final = 72 / 25.4
 RESOURCE: Final = "QualityControlResult"
@@ -44,9 +44,10 @@ DETAILS: Final = {
     "wrong-page": "WrongPage",
     "scum": "Scumming",
 }
-"""``DefectTypeDetails`` by our kind; CIP4 leaves the names open. Others are given as they are."""
+"""``DefectTypeDetails`` for each kind of misprint; CIP4 leaves the names open. Other kinds are given by
+their own names."""
 SURE_SIGMAS: Final = 20.0
-"""Of a place: what is so far off has the severity 100. assumed: good prints reach 5."""
+"""Deviation of a region at which its severity is 100. assumed: good prints reach 5."""
 MOST_DEFECTS: Final = 100
 MOST_TEXT: Final = 2000
 _NO_NAME = re.compile(r"[^\w.:-]", re.ASCII)
@@ -58,16 +59,16 @@ OK, NOT_XML, UNSUPPORTED, INVALID = 0, 3, 5, 6
 def signals(
     events: Iterable[Event], *, device_id: str, job: str, sheet_mm: tuple[float, float] | None = None
 ) -> bytes:
-    """One XJMF with a ``SignalResource`` for each ``sheet-judged`` among events; there must be one at least.
+    """Return one XJMF with a ``SignalResource`` for each ``sheet-judged`` among events.
 
-    sheet_mm: width and height; None: not known, and defects have no box.
+    There must be at least one. ``sheet_mm`` is width and height; None: not known, and defects have no box.
     """
-    found = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
-    if not found:
+    sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
+    if not sheets:
         message = "no sheet was judged"
         raise ValueError(message)
-    root = _root(device_id, found[-1][0].time_s)
-    for event, sheet in found:
+    root = _root(device_id, sheets[-1][0].time_s)
+    for event, sheet in sheets:
         signal = _element(root, "SignalResource", ChannelMode="Reliable")
         _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
         _resource_info(signal, [(event, sheet)], job, sheet_mm)
@@ -83,30 +84,35 @@ def response(
     time_s: float,
     sheet_mm: tuple[float, float] | None = None,
 ) -> bytes:
-    """The answer to a ``QueryResource``: what is known of the last sheets. query_id: of the query."""
+    """Return the answer to a ``QueryResource``: the results of the last sheets.
+
+    ``query_id`` is the identifier of the query.
+    """
     root = _root(device_id, time_s)
     answer = _element(root, "ResponseResource", ReturnCode=str(OK))
     _header(answer, device_id, time_s, query_id=query_id)
-    found = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
-    _resource_info(answer, found, job, sheet_mm)
+    sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
+    _resource_info(answer, sheets, job, sheet_mm)
     return written(root)
 
 
 def lost(event: Event, *, device_id: str) -> bytes:
-    """A ``SignalNotification`` that results did not get through; of an event ``events-lost``."""
+    """Return a ``SignalNotification`` of an event ``events-lost``: some results were not delivered."""
     root = _root(device_id, event.time_s)
     signal = _element(root, "SignalNotification", ChannelMode="Reliable")
     _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
     notification = _element(signal, "Notification", Class="Warning")
     if isinstance(event.body, EventsLost):
-        told = event.body
-        what = "1 message was lost" if told.count == 1 else f"{told.count:,} messages were lost"
-        _element(notification, "Comment").text = f"{what}, {told.first} to {told.last}"
+        loss = event.body
+        what = "1 message was lost" if loss.count == 1 else f"{loss.count:,} messages were lost"
+        _element(notification, "Comment").text = f"{what}, {loss.first} to {loss.last}"
     return written(root)
 
 
 def at_gate(event: Event, passed: SheetAtGate, *, device_id: str) -> bytes:
-    """A ``SignalNotification`` of a sheet that has passed the gate; a warning where its tray is not the decided one."""
+    """Return a ``SignalNotification`` of a sheet that has passed the gate; a warning if its tray is not the
+    decided one.
+    """
     root = _root(device_id, event.time_s)
     signal = _element(root, "SignalNotification", ChannelMode="Reliable")
     _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
@@ -122,7 +128,7 @@ def at_gate(event: Event, passed: SheetAtGate, *, device_id: str) -> bytes:
 
 
 def refusal(kind: str, text: str, code: int, *, device_id: str, query_id: str | None, time_s: float) -> bytes:
-    """The answer to what cannot be answered; kind: the message's, such as ``Resource``."""
+    """Return the answer to a message that cannot be answered; ``kind`` is the message's, such as ``Resource``."""
     root = _root(device_id, time_s)
     answer = _element(root, f"Response{kind}", ReturnCode=str(code))
     _header(answer, device_id, time_s, query_id=query_id)
@@ -132,29 +138,29 @@ def refusal(kind: str, text: str, code: int, *, device_id: str, query_id: str | 
 
 
 def written(root: _Element) -> bytes:
-    """As it is sent."""
+    """Return the message as it is sent."""
     text: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     return text
 
 
 def name(text: str) -> str:
-    """An NMTOKEN of it.
+    """Return the text as an NMTOKEN.
 
-    >>> name("a brochure.pdf"), name("")
-    ('a_brochure.pdf', '_')
+    >>> name("a brochure.pdf"), name("") ('a_brochure.pdf', '_')
     """
     return _NO_NAME.sub("_", text)[:200] or "_"
 
 
 def clean(text: str) -> str:
-    """Without what no XML may hold."""
+    """Return the text without characters that XML does not allow."""
     return _NO_XML.sub("\ufffd", text)[:MOST_TEXT]
 
 
 def severity(sheet: SheetJudged) -> int:
-    """Of a sheet as a whole: 0 is good; of a misprint, how probable it is, from 50 on.
+    """Return the severity of a sheet as a whole: 0 if it is good; for a misprint its probability in percent,
+    at least 50.
 
-    A sheet that was not inspected has no severity; it is not asked for.
+    A sheet that was not inspected has no severity, and the function is not called for it.
     """
     if sheet.verdict == "good":
         return 0
@@ -163,7 +169,7 @@ def severity(sheet: SheetJudged) -> int:
 
 
 def box_points(box: Box, height_mm: float) -> str:
-    """Lower left and upper right corner, from the sheet's lower left. [point]"""
+    """Return lower left and upper right corner, from the sheet's lower left. [point]"""
     left, right = box.x_mm, box.x_mm + box.width_mm
     low, high = height_mm - box.y_mm - box.height_mm, height_mm - box.y_mm
     return " ".join(_number(POINTS_A_MM * one) for one in (left, low, right, high))
@@ -176,12 +182,12 @@ def _resource_info(
     above: _Element, sheets: list[tuple[Event, SheetJudged]], job: str, sheet_mm: tuple[float, float] | None
 ) -> None:
     info = _element(above, "ResourceInfo", JobID=name(job), Scope="Job")
-    found = _element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
+    resource_set = _element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
     for event, sheet in sheets:
-        _sheet(found, event, sheet, sheet_mm)
+        _sheet(resource_set, event, sheet, sheet_mm)
         for ink in sheet.inks:
             if ink.register_x_mm is not None and ink.register_y_mm is not None:
-                resource = _resource(found, sheet, Separation=NAME_OF_INK[ink.ink].capitalize())
+                resource = _resource(resource_set, sheet, Separation=NAME_OF_INK[ink.ink].capitalize())
                 result = _result(resource, event, sheet)
                 _registration(result, ink.register_x_mm, ink.register_y_mm, reference="Print")
 
@@ -218,7 +224,7 @@ def _resource(above: _Element, sheet: SheetJudged, **part: str) -> _Element:
 
 
 def _worded(own: OnSheet) -> str:
-    """Of which sheet it is a side, for people."""
+    """Describe, for people, the sheet of which this is a side."""
     side = f"{own.side} of " if own.side else ""
     of_set = "" if own.set is None else f", set {own.set}"
     return f"{side}sheet {own.sheet} ({own.name}, copy {own.copy}{of_set})"
@@ -230,19 +236,19 @@ def _face(sheet: SheetJudged) -> str:
 
 
 def _result(resource: _Element, event: Event, sheet: SheetJudged) -> _Element:
-    looked = sheet.verdict != "not-inspected"
+    inspected = sheet.verdict != "not-inspected"
     return _element(
         resource,
         RESOURCE,
         End=_time(event.time_s),
         MeasurementUsage="Standard",
-        Measurements=str(int(looked)),
+        Measurements=str(int(inspected)),
         Sample=f"{sheet.sheet} {sheet.sheet}",
     )
 
 
 def _defects(inspection: _Element, sheet: SheetJudged, sheet_mm: tuple[float, float] | None) -> None:
-    """One of each place; of a misprint without places, one of the sheet as a whole."""
+    """Add a defect for each region; for a misprint without regions, one for the sheet as a whole."""
     for place in sheet.places[:MOST_DEFECTS]:
         defect = _element(
             inspection,
@@ -270,7 +276,7 @@ def _details(kind: str) -> str:
 
 
 def _registration(result: _Element, x_mm: float, y_mm: float, *, reference: str) -> None:
-    """How far it lies off, to the right and up. [point]"""
+    """Add the registration error, to the right and up. [point]"""
     offset = f"{_number(POINTS_A_MM * x_mm)} {_number(-POINTS_A_MM * y_mm)}"
     _element(result, "RegistrationQuality", Offset=offset, Reference=reference)
 
@@ -310,7 +316,10 @@ def _number(value: float) -> str:
 
 
 def read(data: bytes) -> _Element:
-    """The root of a message from elsewhere. ValueError: it is no XJMF. Nothing that it refers to is loaded."""
+    """Return the root of a received message; ValueError if it is no XJMF.
+
+    Nothing that the message refers to is loaded.
+    """
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(data, parser)
@@ -323,11 +332,11 @@ def read(data: bytes) -> _Element:
 
 
 def messages(root: _Element) -> list[tuple[str, _Element]]:
-    """Name and element of each message in it."""
-    found = [(etree.QName(one).localname, one) for one in root if isinstance(one.tag, str)]
-    return [(kind, one) for kind, one in found if kind != "Header"]
+    """Return name and element of each message in it."""
+    elements = [(etree.QName(one).localname, one) for one in root if isinstance(one.tag, str)]
+    return [(kind, one) for kind, one in elements if kind != "Header"]
 
 
 def part(element: _Element, tag: str) -> _Element | None:
-    """The first child of that name."""
+    """Return the first child with that name."""
     return element.find(_tag(tag))

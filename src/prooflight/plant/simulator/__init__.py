@@ -1,1 +1,1 @@
-"""A controller with a gate and two trays, for whoever has none."""
+"""A simulated controller with a gate and two trays, for use without a real one."""

@@ -1,4 +1,4 @@
-"""The paper path behind the camera: a transport with its encoder, and sheets that lie on it."""
+"""The paper path after the camera: a transport with its encoder, and the sheets on it."""
 
 from __future__ import annotations
 
@@ -14,57 +14,57 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeltSheet:
-    """A sheet of paper, and what a person would see who looked at it."""
+    """A sheet of paper, with the truth about its print."""
 
     serial: int
-    """From 1, as the press fed it."""
+    """Number of the sheet, from 1, as the press fed it."""
     front_mm: float
-    """How far the transport had moved when its leading edge passed the camera."""
+    """Distance that the transport had moved when the sheet's leading edge passed the camera."""
     truth: str = "good"
-    """good, misprint, or anything else that must not be sold."""
+    """True state of the sheet: good, misprint, or anything else that must not be sold."""
     slip_mm: float = 0.0
-    """How far it slips back between camera and gate."""
+    """Distance by which it slips back between camera and gate."""
     under: int = 0
-    """Sheets that stick to it from below: the eye sees them as one."""
+    """Number of sheets that stick to it from below; the eye sees them as one."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Belt:
-    """Moves at one speed since it was started."""
+    """Transport that has moved at one speed since it was started."""
 
     distance_mm: float
-    """From camera to gate."""
+    """Distance from camera to gate."""
     counts_per_mm: float
     speed_mm_s: float = 0.0
     started_s: float = 0.0
     first_count: int = 0
-    """Of the encoder, at the start."""
+    """Count of the encoder at the start."""
     sheets: deque[BeltSheet] = field(default_factory=deque)
 
     def start(self, speed_mm_s: float, now_s: float) -> None:
-        """Move from now on, as if nothing had passed; the encoder goes on."""
+        """Move from now on, without sheets; the encoder's count continues."""
         self.first_count = self.count(now_s)
         self.speed_mm_s, self.started_s = speed_mm_s, now_s
         self.sheets.clear()
 
     def travelled_mm(self, now_s: float) -> float:
-        """Since the start."""
+        """Return the distance moved since the start."""
         return (now_s - self.started_s) * self.speed_mm_s
 
     def count(self, now_s: float) -> int:
-        """The encoder's."""
+        """Return the encoder's count."""
         return self.count_at(self.travelled_mm(now_s))
 
     def count_at(self, travelled_mm: float) -> int:
-        """The encoder's when the transport has moved so far."""
+        """Return the encoder's count when the transport has moved by a distance."""
         return int(self.first_count + travelled_mm * self.counts_per_mm) % WRAP
 
     def lay(self, sheet: BeltSheet) -> None:
-        """A sheet passes the camera; sheets come in their order."""
+        """Add a sheet that passes the camera; sheets are added in their order."""
         self.sheets.append(sheet)
 
     def at_gate(self, now_s: float) -> Iterator[tuple[BeltSheet, int]]:
-        """Sheets whose leading edge has reached the gate's eye since the last time, with the encoder's count then."""
+        """Yield sheets that have reached the gate's eye since the last call, with the encoder's counts then."""
         travelled_mm = self.travelled_mm(now_s)
         while self.sheets:
             one = self.sheets[0]

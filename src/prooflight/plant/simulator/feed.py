@@ -1,7 +1,7 @@
-"""The simulated press tells the simulated controller what it has laid on the belt; a real plant has nothing of it.
+"""Link by which the simulated press reports its sheets to the simulated controller; a real plant has no such link.
 
-``watch --source drum:...`` feeds a controller that is simulated, so that its trays fill with the sheets of the drum,
-and a person can see where each misprint went. What the gate is told goes by the register map alone.
+``watch --source drum:...`` feeds a simulated controller, so that its trays fill with the sheets of the drum,
+and a person can see where each misprint went. The gate itself uses the register map only.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ if TYPE_CHECKING:
 FEED_AT: Final = 96
 FEED_ID: Final = 0x5349
 FEED_WORDS: Final = 8
-"""What; the belt's speed [um/s] or a front [0.1 mm: 430 km of paper] in two words; serial in two; truth; two of 0."""
+"""Registers of a message: its kind; the belt's speed [um/s] or a front [0.1 mm: 430 km of paper] in two
+words; serial in two; truth; two of 0."""
 STARTED, LAID = 1, 2
 TRUTHS: Final = ("good", "misprint", "blank", "unknown", "repeated")
 
 
 def feed_shown() -> list[int]:
-    """What a simulated controller shows at ``FEED_AT``."""
+    """Return the registers that a simulated controller shows at ``FEED_AT``."""
     return [FEED_ID]
 
 
 def fed(plc: SimulatedPlc, words: Sequence[int]) -> None:
-    """A simulated press has started the belt, or laid a sheet on it."""
+    """Take a message of a simulated press, which has started the belt or put a sheet on it."""
     number, serial = (words[1] << 16) | words[2], (words[3] << 16) | words[4]
     if words[0] == STARTED:
         plc.belt.start(number / 1e3, plc.clock())
@@ -61,8 +62,16 @@ class FedDrum:
         speed_mm_s: float,
         sides: int = 1,
     ) -> None:
-        """passing: what the drum shows; give it ``turns()`` instead. misprints: whether a side of the run is one.
-        sides: of a sheet, front and back in turn; only behind its last does a sheet go to the gate.
+        """Prepare the link.
+
+        Parameters
+        ----------
+        passing
+            Turns that the drum shows; give the drum ``turns()`` instead.
+        misprints
+            Function that returns whether a side of the run is a misprint.
+        sides
+            Sides of a sheet, front and back in turn; a sheet goes to the gate only after its last side.
         """
         self._sides = sides
         self._plc, self._geometry, self._passing = plc, geometry, passing
@@ -76,7 +85,7 @@ class FedDrum:
         self._thread = threading.Thread(target=self._feed, name="simulated press", daemon=True)
 
     def turns(self) -> Iterator[Turn]:
-        """What passes; each sheet is laid on the belt as it comes."""
+        """Yield the turns; each sheet is put on the belt as it comes."""
         shown: set[int] = set()
         for turn in self._passing:
             kind = None if turn.fault is None else turn.fault.kind
@@ -90,13 +99,13 @@ class FedDrum:
             yield turn
 
     def of(self, source: LineSource) -> FedDrum:
-        """As the line source that ``source`` is."""
+        """Return this object as a line source that wraps ``source``."""
         self._source = source
         self.sensors, self.pixels = source.sensors, source.pixels
         return self
 
     def blocks(self) -> Iterator[LineBlock]:
-        """Those of the drum; the belt starts with the first."""
+        """Yield the blocks of the drum; the belt starts with the first."""
         if self._source is None:
             return
         self._tell(STARTED, round(1e3 * self._speed_mm_s), 0, 0)
@@ -117,7 +126,10 @@ class FedDrum:
             self._source.close()
 
     def _leaves(self, turn: Turn) -> bool:
-        """Whether a sheet goes on to the gate with this side: a stranger is taken for what is due."""
+        """Return whether a sheet goes on to the gate with this side.
+
+        An unknown page is taken for the side that is due.
+        """
         if turn.page is not None:
             self._last_side = turn.page % self._sides
         else:
@@ -151,7 +163,7 @@ class FedDrum:
 
 
 def is_simulated(plc: PlcSettings) -> bool:
-    """Whether the controller is one of ours. PlantError: it does not answer."""
+    """Return whether the controller is a simulated one of Prooflight; PlantError if it does not answer."""
     with closing(Wire(plc)) as wire:
         try:
             return wire.words(FEED_AT, 1) == [FEED_ID]

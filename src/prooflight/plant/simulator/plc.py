@@ -1,6 +1,6 @@
-"""The simulated controller's ladder: scan after scan, watchdog, results, gate.
+"""The simulated controller's ladder program, which handles watchdog, results and gate in every scan.
 
-In docs/reference/registers.md it stands as structured text; both do the same.
+docs/reference/registers.md has it as structured text; both do the same.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from prooflight.plant.simulator.belt import Belt, BeltSheet
 
 RESULTS: Final = 32
-"""That the controller keeps: more sheets than lie between camera and gate."""
+"""Number of results that the controller stores: more than there are sheets between camera and gate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stored:
-    """A result as the controller keeps it."""
+    """A result as the controller stores it."""
 
     tag: int
     result: int
@@ -46,33 +46,33 @@ class Stored:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrayRow:
-    """One sheet at the gate: what a controller would log of it, and what a person sees who looks into the tray."""
+    """One sheet at the gate: the controller's log entry, and the truth that a person would see in the tray."""
 
     serial: int
     truth: str
     session: int
-    """0: none was taken."""
+    """Session; 0: none was taken."""
     tag: int
-    """0: no result was found for it."""
+    """Tag of the sheet; 0: no result was found for it."""
     code: int
     tray: str
-    """good or reject."""
+    """Tray: good or reject."""
     why: str
     count: int
-    """The encoder's, at its leading edge."""
+    """Count of the encoder at its leading edge."""
 
 
 @dataclass(slots=True)
 class SimulatedPlc:
-    """Sorts the sheets of a belt into two trays. One thread calls it."""
+    """Controller that sorts the sheets of a belt into two trays. One thread calls it."""
 
     belt: Belt
     heartbeat_s: float = 0.5
     log: TextIO | None = None
-    """Gets one JSON object a sheet."""
+    """Log that receives one JSON object a sheet."""
     clock: Callable[[], float] = time.monotonic
     coil: bool = False
-    """The one output, where the gate follows it instead of registers."""
+    """State of the single output, which the gate follows instead of registers."""
     style: str = "registers"
     registers: list[int] = field(default_factory=lambda: [0] * WRITTEN_WORDS)
     stored: deque[Stored] = field(default_factory=lambda: deque(maxlen=RESULTS))
@@ -82,9 +82,9 @@ class SimulatedPlc:
     alive: bool = False
     """Whether Prooflight's heartbeat moves."""
     off: bool = False
-    """Whether it has no power."""
+    """Whether the controller has no power."""
     stopped: bool = False
-    """Whether the press was asked to stop; what is still on its way is sorted as ever."""
+    """Whether the press was asked to stop; sheets still on their way are sorted as ever."""
     _beat: int = 0
     _beat_s: float = 0.0
     _session: int = 0
@@ -96,7 +96,7 @@ class SimulatedPlc:
 
     @property
     def session(self) -> int:
-        """That is taken; 0: none."""
+        """Session that is taken; 0: none."""
         return self._session
 
     @property
@@ -107,18 +107,18 @@ class SimulatedPlc:
     # --- what the wire does ---
 
     def write(self, at: int, words: Sequence[int]) -> None:
-        """Registers are written."""
+        """Take registers that were written."""
         self.registers[at : at + len(words)] = words
         self.scan()
 
     def set_coil(self, on: bool) -> None:
-        """The output is written."""
+        """Take the output that was written."""
         self.coil = on
         self._heard()
         self.scan()
 
     def shown(self) -> list[int]:
-        """What can be read from ``READ_FROM`` on."""
+        """Return the registers that can be read from ``READ_FROM`` on."""
         self._own_beat = (self._own_beat + 1) & 0xFFFF
         status = PlcStatus.READY | (PlcStatus.STOPPED if self.stopped else PlcStatus(0))
         last = self.last
@@ -141,7 +141,11 @@ class SimulatedPlc:
         )
 
     def power(self, *, on: bool) -> None:
-        """Off: it forgets all but what lies in the trays, the gate falls to reject. On: its encoder counts anew."""
+        """Switch the power.
+
+        Off: the controller forgets all but the content of the trays, and the gate falls to reject. On: its
+        encoder counts from 0.
+        """
         self.off = not on
         self.registers = [0] * WRITTEN_WORDS
         self.stored.clear()
@@ -153,7 +157,7 @@ class SimulatedPlc:
     # --- the ladder ---
 
     def scan(self) -> None:
-        """Once round, every few milliseconds."""
+        """Do one scan, which is due every few milliseconds."""
         if self.style == "registers" and not self.off:
             self._listen()
         self._watch()
@@ -185,14 +189,14 @@ class SimulatedPlc:
         self._beat_s, self.alive = self.clock(), True
 
     def _watch(self) -> None:
-        """Whoever is silent for too long is forgotten, with all that he said."""
+        """Forget a client that is silent for too long, with all its results."""
         if self.alive and self.clock() - self._beat_s > self.heartbeat_s:
             self.alive, self.coil = False, False
             self.stored.clear()
             self._dropped, self._session = self._session, 0
 
     def _sort(self, sheet: BeltSheet, count: int) -> None:
-        tag, code, accepted, why = self._found(count)
+        tag, code, accepted, why = self._match(count)
         tray = "good" if accepted else "reject"
         facts: dict[str, Any] = {"session": self._session, "tag": tag, "code": code, "tray": tray, "why": why}
         for below in range(sheet.under + 1):  # what sticks to a sheet goes where it goes
@@ -205,8 +209,8 @@ class SimulatedPlc:
         self.last = row
         self._at_gate += 1
 
-    def _found(self, count: int) -> tuple[int, int, bool, str]:
-        """Tag, code, whether the sheet is accepted, and why."""
+    def _match(self, count: int) -> tuple[int, int, bool, str]:
+        """Return tag, code, whether the sheet is accepted, and why."""
         if self.style == "coil":
             return 0, 0, self.coil, "the output is on" if self.coil else "the output is off"
         near = [one for one in self.stored if abs(apart(one.position, count)) <= one.tolerance]

@@ -9,14 +9,14 @@ from typing import Self
 
 
 class Relay:
-    """Passes bytes on; use it as a context. ``cut`` and ``delay_s`` may be set from any thread."""
+    """Relay that passes bytes on; use it as a context. ``cut`` and ``delay_s`` may be set from any thread."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Where to."""
+        """Prepare a relay to this address."""
         self._to = host, port
         self.port = 0
         self.delay_s = 0.0
-        """That each piece is held back, either way."""
+        """Time by which each piece is delayed, in either direction."""
         self._cut = False
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="relay", daemon=True)
@@ -34,19 +34,19 @@ class Relay:
         self._thread.join()
 
     def cut(self) -> None:
-        """Break what is connected, and let nobody connect."""
+        """Break all connections, and refuse new ones."""
         self._loop.call_soon_threadsafe(self._break)
 
     def mend(self) -> None:
-        """Let them connect again."""
-        self._loop.call_soon_threadsafe(self._mend)
+        """Accept connections again."""
+        self._loop.call_soon_threadsafe(self._reconnect)
 
     def _break(self) -> None:
         self._cut = True
         for writer in self._writers:
             writer.transport.abort()
 
-    def _mend(self) -> None:
+    def _reconnect(self) -> None:
         self._cut = False
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""The simulated controller on the wire: a Modbus TCP server in a thread of its own, which scans its ladder as well."""
+"""The simulated controller as a Modbus TCP server in a thread of its own, which also scans its ladder program."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from prooflight.plant.simulator.plc import SimulatedPlc
 
 SCAN_S: Final = 0.005
-"""assumed: the cycle of a small controller."""
+"""Time from scan to scan. assumed: the cycle of a small controller."""
 WRITES: Final = frozenset({5, 6, 15, 16})
 """Functions of the protocol that write."""
 REGISTERS: Final = 128
 
 
 class PlcServer:
-    """Serves a controller; use it as a context."""
+    """Server of a controller; use it as a context."""
 
     def __init__(
         self,
@@ -39,7 +39,11 @@ class PlcServer:
         unit: int = 1,
         scan_s: float = SCAN_S,
     ) -> None:
-        """port: 0 takes one that is free; ``port`` says which. PlantError, when it is started: the port is taken."""
+        """Prepare the server.
+
+        ``port`` 0 takes a free port, which the attribute ``port`` names after the start. PlantError, at the
+        start: the port is taken.
+        """
         self.plc = plc
         self._host, self.port, self._first, self._unit = host, port, first_register, unit
         self._scan_s = scan_s
@@ -48,7 +52,7 @@ class PlcServer:
         self._started, self._ended = threading.Event(), asyncio.Event()
         self._failed: Exception | None = None
         self.hung = False
-        """Whether it takes requests and answers none."""
+        """Whether the server takes requests and answers none."""
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -63,7 +67,7 @@ class PlcServer:
         self._thread.join()
 
     def call(self, what: Callable[[], object]) -> None:
-        """Have something done between two scans, and wait for it."""
+        """Call a function between two scans, and wait for it."""
         done = threading.Event()
 
         def then() -> None:
@@ -83,7 +87,7 @@ class PlcServer:
     async def _serve(self) -> None:
         bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
         words = [SimData(self._first, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
-        device = SimDevice(id=self._unit, simdata=(bits, bits, words, words), action=self._asked)
+        device = SimDevice(id=self._unit, simdata=(bits, bits, words, words), action=self._handle)
         server = ModbusTcpServer(device, address=(self._host, self.port))
         try:
             await server.serve_forever(background=True)
@@ -103,7 +107,7 @@ class PlcServer:
         sockets = listening.sockets if isinstance(listening, asyncio.Server) else ()
         return int(sockets[0].getsockname()[1])
 
-    async def _asked(
+    async def _handle(
         self,
         function: int,
         _start: int,
@@ -112,7 +116,7 @@ class PlcServer:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """A request has come: registers are made up for it, or taken from it."""
+        """Handle a request: fill registers for it, or take them from it."""
         while self.hung and not self._ended.is_set():
             await asyncio.sleep(self._scan_s)
         if function in WRITES:

@@ -38,6 +38,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
+from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
 from prooflight.detectors.matched_filter.glyphs.weighing import (
     NOTHING,
@@ -81,6 +82,8 @@ FAR_PIXELS: Final = 0.1
 REMAINING_SHARE: Final = 0.75
 """... unless that displacement is at least this share of the previous one: displacements caused by a page's
 edge and by uneven light do not decrease."""
+UNRESOLVED: Final = 0.25
+"""Share of a moved pixel that was unresolved from which all of it is. [-]"""
 ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
 
 
@@ -104,6 +107,8 @@ class PreparedPage:
     """Ignored areas, and areas that are also judged separately; None: there are none."""
     binned_geometry: ScanGeometry
     binned_sensors: tuple[SensorModel, ...]
+    unresolved: NDArray[np.float32] | None = None
+    """See ``unresolved_places``."""
     glyphs: PageGlyphs | None = None
     """None: glyphs are not tested."""
 
@@ -175,6 +180,7 @@ def prepare_page(
         zones=images,
         binned_geometry=at,
         binned_sensors=taken_as,
+        unresolved=unresolved_places(page, at, bins),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
     )
 
@@ -307,6 +313,9 @@ def analyse_found(
     if not residual_variance.exact:
         _take_moves(prepared, printed, placement, seen, left, weight, light, threads=threads)
 
+    unresolved = None
+    if prepared.unresolved is not None:
+        unresolved = moved(prepared.unresolved[None], where, threads=threads)[0] > UNRESOLVED
     marks = measure_marks(
         placed,
         light,
@@ -314,6 +323,7 @@ def analyse_found(
         weight,
         geometry=at,
         page_width_mm=page.width_mm,
+        unresolved=unresolved,
         tolerance=prior.place,
         floor_share=floor_share,
         threads=threads,

@@ -98,6 +98,7 @@ def classify(
     inside: NDArray[np.bool_],
     *,
     pixel_mm: float,
+    unresolved: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> Places:
     """Return the class of every place of a scan, from its expected light alone.
@@ -108,6 +109,7 @@ def classify(
     white : (sensors, pixels) light of bare paper [DN].
     inside : (lines, pixels) inspected part of the page.
     pixel_mm : pitch of the pixels [mm].
+    unresolved : (lines, pixels) places of which windows say nothing (``unresolved_places``); None: there are none.
     threads : number of threads that share the work.
     """
     slope = unset(inside.shape)
@@ -126,7 +128,8 @@ def classify(
     areas = np.zeros((len(parts), SIZES, CLASSES), np.int64)
     for size, window in enumerate(WINDOWS):
         reach = REACH + window // 2
-        near = cv2.dilate(steps, _square(reach)), _eroded(np.asarray(paper), reach, beyond=1), border, within
+        bare = _eroded(np.asarray(paper), reach, beyond=1)
+        near = cv2.dilate(steps, _square(reach)), bare, border, _without(within, unresolved, window // 2)
         shared_out(
             [
                 partial(classes_of, *near, *part, classes[size], areas[n, size])
@@ -135,8 +138,17 @@ def classify(
             threads=threads,
         )
     steep = (slope >= np.float32(FLOOR_FLAT)).view(np.uint8)
-    flat = (cv2.dilate(steep, _square(REACH)) == 0).view(np.uint8) & within
+    flat = (cv2.dilate(steep, _square(REACH)) == 0).view(np.uint8) & _without(within, unresolved, 0)
     return Places(of_windows=classes, flat=flat, areas=areas.sum(axis=0).T)
+
+
+def _without(
+    within: NDArray[np.uint8], unresolved: NDArray[np.bool_] | None, reach: int
+) -> NDArray[np.uint8]:
+    """Return places of ``within`` that are further from unresolved ones than ``reach``."""
+    if unresolved is None:
+        return within
+    return np.asarray(within & (cv2.dilate(unresolved.view(np.uint8), _square(reach)) == 0).view(np.uint8))
 
 
 def _square(reach: int) -> NDArray[np.uint8]:
@@ -213,6 +225,7 @@ def measure_marks(
     *,
     geometry: ScanGeometry,
     page_width_mm: float,
+    unresolved: NDArray[np.bool_] | None = None,
     tolerance: float,
     floor_share: float,
     threads: int = 1,
@@ -227,12 +240,14 @@ def measure_marks(
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
     geometry : of the pixels.
     page_width_mm : width of the page [mm].
+    unresolved : see ``classify``.
     tolerance : standard deviation of a change common to all light of a window, as a share of the light.
     floor_share : share of paper white beyond which a flat place counts for the floor; 0: there is no floor.
     threads : number of threads that share the work.
     """
     white = np.stack([one.white_dn * one.column_gain for one in scan.sensors]).astype(np.float32)
-    places = classify(light, white, scan.where.inside, pixel_mm=geometry.pixel_pitch_mm, threads=threads)
+    inside, pixel_mm = scan.where.inside, geometry.pixel_pitch_mm
+    places = classify(light, white, inside, pixel_mm=pixel_mm, unresolved=unresolved, threads=threads)
     lines = left.shape[1]
     parts = [
         (STRIP * first, min(STRIP * last, lines)) for first, last in parts_of(-(-lines // STRIP), threads)

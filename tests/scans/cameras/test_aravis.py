@@ -138,7 +138,7 @@ def test_a_camera_that_another_program_has_taken_is_opened_again(camera: Peer) -
     for block in source.blocks():
         blocks.append(block)
         if len(blocks) == 20:
-            camera.told("control", 0)
+            camera.send("control", 0)
         if len(said) == 2 and block.faults == ():
             source.close()
     assert [kind for kind, _ in said] == ["camera-away", "camera-back"]

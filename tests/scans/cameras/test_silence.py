@@ -198,7 +198,7 @@ def test_a_camera_that_answers_and_sends_nothing_is_opened_again() -> None:
 
         def ready() -> object:
             if said:
-                peer.told("lost", 0.0)  # it is mended by being opened again
+                peer.send("lost", 0.0)  # it is mended by being opened again
             return backends.ready(found_camera(ID), settings, where="my.toml")
 
         moving = threading.Event()
@@ -213,13 +213,13 @@ def test_a_camera_that_answers_and_sends_nothing_is_opened_again() -> None:
         for block in source.blocks():
             blocks.append(block)
             if len(blocks) == 20:
-                peer.told("lost", 1.0)
+                peer.send("lost", 1.0)
 
                 def turn() -> None:
                     steps = 0
                     while not moving.wait(0.05):
                         steps += 800
-                        peer.told("encoder", steps)
+                        peer.send("encoder", steps)
 
                 threads.append(threading.Thread(target=turn))
                 threads[-1].start()

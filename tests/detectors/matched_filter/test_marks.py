@@ -224,3 +224,20 @@ def test_what_is_not_inspected_says_nothing() -> None:
     marks = measured(spot(6, 0.9), inside=inside)
     assert marks.floor.area_mm2 == 0
     assert marks.greatest.max() == LEAST_T
+
+
+def test_lines_that_nobody_saw_have_no_windows_by_rounding() -> None:
+    """Every window that reaches into seen lines deviates, and none that does not, whatever sliding sums leave."""
+    lines, pixels, seen = 120, 90, 41
+    rng = np.random.default_rng(8)
+    residual = rng.uniform(300, 500, (2, lines, pixels)).astype(np.float32)
+    light = rng.uniform(1000, 3000, (2, lines, pixels)).astype(np.float32)
+    weight = np.full((2, lines, pixels), 1 / 200, np.float32)
+    weight[:, seen:] = 0
+    places = np.ones((SIZES, lines, pixels), np.uint8)
+    most, at = np.zeros((CLASSES, SIZES, 2)), np.zeros((CLASSES, SIZES, 2, 2), np.int64)
+    beyond = np.zeros((CLASSES, SIZES), np.int64)
+    window_extremes(residual, weight, light, places, np.float32(0), 0, lines, most, at, beyond)
+    for size, side in enumerate(WINDOWS):
+        assert beyond[1, size] == 3 * seen * (pixels - side + 1)  # of two sensors, and of both together
+    assert (at[1, :, 0, 0] < seen).all()

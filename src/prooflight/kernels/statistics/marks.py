@@ -21,7 +21,9 @@ _BARE, _GRADIENT, _BORDER = 0, 2, 5
 LEAST_T = np.float32(2.5)
 """Least deviation that is noted: 1.2 % of Gaussian noise are beyond."""
 _BLOCK = 64
-_NOTHING = np.float32(1e-9)
+_LEAST_POWER = np.float32(1.0)
+"""Information below which a window says nothing: it could not tell whether all of its light is gone. What sliding sums
+leave of lines that were lost, by rounding, is less."""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
@@ -131,12 +133,12 @@ def note_row(push, power, tolerance, count, places, line, size, most, at, beyond
             continue
         for x in range(begin, end):
             scatter = power[x] + tolerance * power[x] * power[x]
-            if push[x] * push[x] <= LEAST_T * LEAST_T * scatter:
+            if power[x] < _LEAST_POWER or push[x] * push[x] < LEAST_T * LEAST_T * scatter:
                 continue
             which = places[x + half]
-            square = push[x] * push[x] / (scatter + _NOTHING)
-            if which >= CLASSES or square < LEAST_T * LEAST_T:
+            if which >= CLASSES:
                 continue
+            square = push[x] * push[x] / scatter
             beyond[which, size] += 1
             sign = 0 if push[x] > 0 else 1
             if square > most[which, size, sign]:

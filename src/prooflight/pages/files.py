@@ -47,7 +47,8 @@ _COPY = "export or copy it again"
 def page_name(number: int) -> str:
     """Return the file-name stem of page ``number`` of a job, from 1.
 
-    >>> page_name(7) 'p0007'
+    >>> page_name(7)
+    'p0007'
     """
     return f"p{number:04d}"
 

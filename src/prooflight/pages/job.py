@@ -305,7 +305,8 @@ def files_in(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
     """Return a sort key by which digits in file names count as numbers.
 
-    >>> sorted(["p10.tif", "p9.tif", "P1.tif"], key=natural_order) ['P1.tif', 'p9.tif', 'p10.tif']
+    >>> sorted(["p10.tif", "p9.tif", "P1.tif"], key=natural_order)
+    ['P1.tif', 'p9.tif', 'p10.tif']
     """
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     key = [(0, int(part), "") if part.isdecimal() else (1, 0, part.casefold()) for part in parts]
@@ -321,7 +322,8 @@ def parse_pages(text: str, count: int) -> tuple[int, ...]:
 
     RequestError: the text is no such list, or not all numbers are in 1..``count``.
 
-    >>> parse_pages("4-6, 1", 24) (4, 5, 6, 1)
+    >>> parse_pages("4-6, 1", 24)
+    (4, 5, 6, 1)
     """
     where, numbers = f"pages {text[:40]!r}", dict[int, None]()
     for part in text.split(","):

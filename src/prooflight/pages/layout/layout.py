@@ -69,7 +69,8 @@ class Layout:
     def parse(cls, text: str) -> Layout:
         """Parse ``word=value,...``; RequestError if a word or a value is not valid.
 
-        >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm (4.0, 4.0)
+        >>> Layout.parse("sides=2,order=loop:3,n-up=2x1,gutter=4").gutter_mm
+        (4.0, 4.0)
         """
         given: dict[str, object] = {}
         for part in text.split(","):
@@ -152,8 +153,10 @@ class Layout:
 
         None: the place stays blank.
 
-        >>> Layout.parse("sides=2,n-up=2x1").pages_on(4) (7, 8) >>>
-        Layout.parse("sides=2,n-up=2x1").of(5).pages_on(3) (5, None)
+        >>> Layout.parse("sides=2,n-up=2x1").pages_on(4)
+        (7, 8)
+        >>> Layout.parse("sides=2,n-up=2x1").of(5).pages_on(3)
+        (5, None)
         """
         first, of_side = self.first_page(number), self.pages_a_side
         back = (number - 1) % self.sides
@@ -169,8 +172,8 @@ class Layout:
     def side_name(self, number: int) -> str:
         """Return the name of side ``number`` of the job, from 1: that of its page if it has one, else of its sheet.
 
-        >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4) ('p0004',
-        's0002-back')
+        >>> Layout.parse("sides=2").side_name(4), Layout.parse("sides=2,n-up=2x1").side_name(4)
+        ('p0004', 's0002-back')
         """
         page = self.pages_on(number)[0]
         if self.pages_a_side == 1 and page is not None:
@@ -187,7 +190,8 @@ class Layout:
 
         ``sheets`` is the number of sheets of the run, of which the last batch or loop may be incomplete.
 
-        >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)] [0, 2, 1, 4, 3, 6, 5, 7]
+        >>> [Layout.parse("sides=2,order=loop:2").side_at(at, 4) for at in range(8)]
+        [0, 2, 1, 4, 3, 6, 5, 7]
         """
         if self.sides == 1 or self.order == "alternate":
             return position

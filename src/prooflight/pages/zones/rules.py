@@ -142,7 +142,8 @@ def on_all_pages(entries: Sequence[ZoneEntry], count: int) -> list[ZoneEntry]:
 def _listed(numbers: Sequence[int], count: int) -> str:
     """Return a list of pages such as 1,4-6.
 
-    >>> _listed([1, 4, 5, 6], 9), _listed([1, 2], 2) ('1,4-6', 'all')
+    >>> _listed([1, 4, 5, 6], 9), _listed([1, 2], 2)
+    ('1,4-6', 'all')
     """
     if list(numbers) == list(range(1, count + 1)):
         return "all"

@@ -36,6 +36,7 @@ async def posting(*, tls: ssl.SSLContext | None, timeout_s: float) -> AsyncItera
 def said(answer: httpx.Response) -> str:
     """Describe a receiver's answer.
 
-    >>> said(httpx.Response(503)) 'answers 503 Service Unavailable'
+    >>> said(httpx.Response(503))
+    'answers 503 Service Unavailable'
     """
     return f"answers {answer.status_code} {answer.reason_phrase}".rstrip()

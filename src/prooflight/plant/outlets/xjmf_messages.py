@@ -146,7 +146,8 @@ def written(root: _Element) -> bytes:
 def name(text: str) -> str:
     """Return the text as an NMTOKEN.
 
-    >>> name("a brochure.pdf"), name("") ('a_brochure.pdf', '_')
+    >>> name("a brochure.pdf"), name("")
+    ('a_brochure.pdf', '_')
     """
     return _NO_NAME.sub("_", text)[:200] or "_"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.binning import binned_geometry, bins_of
+from prooflight.detectors.matched_filter.fit.binning import binned_geometry, bins_of, thinned
 from prooflight.detectors.matched_filter.fit.unresolved import REACH, WINDOW, unresolved_places
 from prooflight.detectors.matched_filter.statistics.marks import classify
 from prooflight.kernels.statistics.marks import NOT_INSPECTED
@@ -40,7 +40,7 @@ def test_lines_below_two_pixels_alone_are_unresolved(press: Press, period: float
     bins = bins_of(press.geometry)
     at = binned_geometry(press.geometry, bins)
     page = lines_of(press, period)
-    places = unresolved_places(page, at, bins)
+    places = unresolved_places(page, thinned(page, bins), at)
     assert (places is not None) == unresolved
     if places is not None:
         assert places.shape == (at.lines(page.height_mm), at.pixels)
@@ -58,9 +58,9 @@ def test_a_hairline_and_a_tint_are_resolved(press: Press) -> None:
     bins = bins_of(press.geometry)
     at = binned_geometry(press.geometry, bins)
     page = lines_of(press, 40.0, width=0.02)
-    assert unresolved_places(page, at, bins) is None
+    assert unresolved_places(page, thinned(page, bins), at) is None
     tint = replace(page, cmyk=np.full_like(page.cmyk, 90))
-    assert unresolved_places(tint, at, bins) is None
+    assert unresolved_places(tint, thinned(tint, bins), at) is None
 
 
 def test_windows_that_reach_into_such_places_are_left_out() -> None:

@@ -155,7 +155,8 @@ def prepare_page(
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
     taken_as = _binned(sensors, geometry)
-    modes = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at)
+    thin = thinned(page, bins)
+    modes = prepare_modes(thin, sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside
     modes = replace(modes, images=first_lines(modes.images, len(inside)))
     images, ignored = None, None
@@ -180,7 +181,7 @@ def prepare_page(
         zones=images,
         binned_geometry=at,
         binned_sensors=taken_as,
-        unresolved=unresolved_places(page, at, bins),
+        unresolved=unresolved_places(page, thin, at),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
     )
 

@@ -50,15 +50,15 @@ def faulty_columns(
     -------
     (sensors, pixels); none where too little backing is in view.
     """
-    none = np.zeros((len(sensors), scan.shape[2]), bool)
+    faulty = np.zeros((len(sensors), scan.shape[2]), bool)
+    lines = geometry.lines(page_height_mm)
     above, below = (
         int((extent - MARGIN_MM) / geometry.line_pitch_mm)
         for extent in (geometry.lead_in_mm, geometry.lead_out_mm)
     )
-    if min(above, below) < FEWEST_LINES or scan.shape[1] < geometry.lines(page_height_mm):
-        return none
-    ends = scan[:, :above], scan[:, geometry.lines(page_height_mm) - below : geometry.lines(page_height_mm)]
-    faulty = none
+    if min(above, below) < FEWEST_LINES or scan.shape[1] < lines:
+        return faulty
+    ends = scan[:, :above], scan[:, lines - below : lines]
     for index, sensor in enumerate(sensors):
         signs = [_signs(end[index], sensor) for end in ends]
         faulty[index] = (signs[0] != 0) & (signs[0] == signs[1])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.binning import thinned
+from prooflight.pages.raster import MM_PER_INCH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,23 +30,21 @@ REACH: Final = 3
 """Distance about such places within which windows reach into them. [binned pixels]"""
 
 
-def unresolved_places(page: Page, geometry: ScanGeometry, bins: int) -> NDArray[np.float32] | None:
+def unresolved_places(page: Page, thin: Page, geometry: ScanGeometry) -> NDArray[np.float32] | None:
     """Return where the design is finer than binned pixels resolve.
 
     Parameters
     ----------
     page : the design.
+    thin : the same, ``thinned`` for binned pixels.
     geometry : of binned pixels.
-    bins : camera pixels to a binned one, either way.
 
     Returns
     -------
     (lines, pixels) 1 at such places of a page in its place, else 0; None if there are none.
     """
-    thin = thinned(page, bins)
-    first, *others = cv2.split(thin.cmyk)
-    ink = np.asarray(reduce(cv2.max, others, first), np.uint8)
-    step = geometry.pixel_pitch_mm * thin.dpi / 25.4
+    ink = np.asarray(reduce(cv2.max, cv2.split(thin.cmyk)), np.uint8)
+    step = geometry.pixel_pitch_mm * thin.dpi / MM_PER_INCH
     side = max(round(WINDOW * step), 2)
     seen = np.asarray(cv2.blur(ink, (max(round(step), 1),) * 2), np.uint8)
     contrast, resolved = _variance(ink, side), _variance(seen, side)
@@ -64,9 +62,9 @@ def unresolved_places(page: Page, geometry: ScanGeometry, bins: int) -> NDArray[
     out = np.zeros((geometry.lines(page.height_mm), geometry.pixels), np.float32)
     top = round(geometry.lead_in_mm / geometry.line_pitch_mm)
     left = round(geometry.left_mm(page.width_mm) / geometry.pixel_pitch_mm)
-    first = max(left, 0), max(-left, 0)
-    part = small[: len(out) - top, first[1] : first[1] + out.shape[1] - first[0]]
-    out[top : top + len(part), first[0] : first[0] + part.shape[1]] = part
+    column, hidden = max(left, 0), max(-left, 0)  # a page that is wider than the field is cut on both sides
+    part = small[: len(out) - top, hidden : hidden + out.shape[1] - column]
+    out[top : top + len(part), column : column + part.shape[1]] = part
     return out
 
 

@@ -48,7 +48,12 @@ TILE_SD_PIXELS: Final = 0.03
 MIX_SD_PIXELS: Final = 0.12
 """Standard deviation of a tile's displacement where planes out of register share edges. An ink hidden by
 another shows only where it emerges on one side, which shares cannot describe. It is multiplied by the root of
-sum s (1 - s) over a tile's shares; on designs used in development tiles lay 0.1 to 0.25 pixels off."""
+``_shares``' second result; on designs used in development tiles lay 0.1 to 0.25 pixels off. Where one ink ends
+as others begin and the light hardly changes, it is far above 1, and multiplies it again: a plane slightly out of
+register moves such a tile by pixels."""
+MIXED_SD_PIXELS: Final = 0.5
+"""Standard deviation of a tile's displacement in either direction, of planes out of register, from which it says
+nothing of the page's place, nor of whether another page is shown. assumed: an edge's blur is about as wide."""
 PHASES: Final = 256
 GRADIENT_NOISE: Final = 0.02
 """Variance per squared gradient, as if every edge were 0.14 pixels off (register of planes, jitter)."""
@@ -100,6 +105,11 @@ class Landmarks:
         """Pixel and line pitch, (2,). [mm]"""
         return np.array([self.geometry.pixel_pitch_mm, self.geometry.line_pitch_mm])
 
+    @property
+    def mixed(self) -> NDArray[np.bool_]:
+        """Whether planes mix so much in a tile's edges that it says nothing of the page's place, (tiles,)."""
+        return np.asarray((self.beyond >= MIXED_SD_PIXELS**2).any(axis=1))
+
     def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the displacement of ``tiles`` (n,) by a page of that pose, (n, 2). [pixels]"""
         points = self.basis.points_mm[tiles]
@@ -143,8 +153,9 @@ def prepare(
     for sensor, window in zip(sensors, windows, strict=True):
         quantised, backing = quantised_table(sensor.mean_dn), np.float32(sensor.backing_dn)
         tile_signals(packed, corners[:, 1], corners[:, 0], quantised, backing, window)
-    shares = _shares(page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio, size)
-    mix_variance = 1 - (shares**2).sum(axis=2) - (1 - shares.sum(axis=2)) ** 2
+    shares, mixed = _shares(
+        page, sensors, np.floor(begin + REACH_PIXELS * ratio).astype(np.int64), ratio, size
+    )
     centres = first + (size - 1) / 2 * pitch
     from_centre = centres - np.array([page.width_mm, page.height_mm]) / 2
     return Landmarks(
@@ -157,7 +168,7 @@ def prepare(
         lines=lines,
         columns=left,
         shares=shares,
-        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * np.clip(mix_variance, 0, 1),
+        beyond=TILE_SD_PIXELS**2 + MIX_SD_PIXELS**2 * mixed * np.maximum(mixed, 1) ** 2,
         windows=windows,
         origins=begin - corners,
         taps=taps,
@@ -231,24 +242,21 @@ def _shares(
     corners: NDArray[np.int64],
     ratio: NDArray[np.float64],
     size: int,
-) -> NDArray[np.float64]:
-    sums = np.zeros((len(corners), 2, 6))
-    packed = page.packed
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the tiles' shares, (tiles, 2, 4), and how much planes mix in their edges, (tiles, 2).
+
+    That is sum |s (1 - s)| over the planes and the page's own edge, s a share of the tile's edges, or, where
+    that is more, what inks that end as others begin would add to the edges if they did not cancel in the light.
+    """
+    sums = np.zeros((len(corners), 2, 7))
     stride_x, stride_y = (max(round(float(along)), 1) for along in ratio)
     for sensor in sensors:
         logs = np.log(light_left(sensor)).astype(np.float32)
-        edge_shares(
-            packed,
-            corners[:, 1],
-            corners[:, 0],
-            size,
-            stride_x,
-            stride_y,
-            logs,
-            sensor.backing_dn / sensor.white_dn,
-            sums,
-        )
-    return sums[..., :4] / np.maximum(sums[..., 5:], 1e-9)
+        backing = sensor.backing_dn / sensor.white_dn
+        edge_shares(page.packed, corners[:, 1], corners[:, 0], size, stride_x, stride_y, logs, backing, sums)
+    parts = sums / np.maximum(sums[..., 5:6], 1e-9)
+    of_tile = np.abs(parts[..., :5] * (1 - parts[..., :5])).sum(axis=2)
+    return parts[..., :4], np.maximum(of_tile, parts[..., 6])
 
 
 def light_left(sensor: SensorModel) -> NDArray[np.float64]:

@@ -337,18 +337,20 @@ def _registration(
     reason: str,
 ) -> Registration:
     pitch = landmarks.pitch_mm
-    used = tile_moves.good & (field.weight > 0.5)
+    good = tile_moves.good & ~landmarks.mixed
+    used = good & (field.weight > 0.5)
     part = shares[used].sum(axis=0)
     part /= np.maximum(part.sum(axis=1, keepdims=True), LEAST_PART)
     of_print = np.einsum("ap,pa->a", part, field.planes_mm)
-    some = spread(shares.shape[0], SD_TILES)
+    clear = np.flatnonzero(~landmarks.mixed) if not landmarks.mixed.all() else np.arange(len(shares))
+    some = clear[spread(clear.size, SD_TILES)]
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
     seen = max(int(tile_moves.seen.sum()), 1)
     of_inks = tile_moves.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
     weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
-    if not reason and (used.sum() < max(LEAST_TILES, tile_moves.good.sum() / 2) or rms > MOST_RMS_PIXELS):
+    if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > MOST_RMS_PIXELS):
         reason = "parts of the page lie in different places"
     if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
         reason = "too little is printed to tell where"

@@ -135,7 +135,7 @@ def measured(
         precision=precision,
         seen=seen,
         good=good,
-        foreign=foreign,
+        foreign=foreign & ~landmarks.mixed[tiles],
         gain=contrast[:, 0],
         gain_sd=contrast[:, 1],
     )

@@ -49,6 +49,7 @@ def measured(
     sd: float = 10.0,
     inside: NDArray[np.bool_] | None = None,
     floor_share: float = 0.1,
+    specks: NDArray[np.float32] | None = None,
     threads: int = 1,
 ) -> Marks:
     """What windows of residuals (sensors, lines, pixels) [DN] of so much noise say, of a blank page unless told."""
@@ -66,6 +67,7 @@ def measured(
         geometry=geometry(),
         page_width_mm=SHAPE[1] * PIXEL_MM,
         tolerance=0.003,
+        specks=np.zeros(SIZES, np.float32) if specks is None else specks,
         floor_share=floor_share,
         threads=threads,
     )
@@ -99,14 +101,14 @@ def test_windows_are_what_sums_over_squares_give(sensors: int) -> None:
     left = rng.normal(0, 10, (sensors, 160, 60)).astype(np.float32)
     weight = rng.uniform(0.005, 0.02, left.shape).astype(np.float32)
     light = rng.uniform(300, 1000, left.shape).astype(np.float32)
-    places = np.zeros((SIZES, 160, 60), np.uint8)
+    places, specks = np.zeros((SIZES, 160, 60), np.uint8), np.zeros(SIZES, np.float32)
     for parts in ([(0, 160)], [(0, 64), (64, 128), (128, 160)]):
         most = np.zeros((len(parts), CLASSES, SIZES, 2))
         at = np.zeros((len(parts), CLASSES, SIZES, 2, 2), np.int64)
         beyond = np.zeros((len(parts), CLASSES, SIZES), np.int64)
         for n, part in enumerate(parts):
             window_extremes(
-                left, weight, light, places, np.float32(0.003**2), *part, most[n], at[n], beyond[n]
+                left, weight, light, places, np.float32(0.003**2), specks, *part, most[n], at[n], beyond[n]
             )
         asked = brute_force(left, weight, light, 0.003)
         found = np.sqrt(most.max(axis=0)[0])
@@ -237,7 +239,81 @@ def test_lines_that_nobody_saw_have_no_windows_by_rounding() -> None:
     places = np.ones((SIZES, lines, pixels), np.uint8)
     most, at = np.zeros((CLASSES, SIZES, 2)), np.zeros((CLASSES, SIZES, 2, 2), np.int64)
     beyond = np.zeros((CLASSES, SIZES), np.int64)
-    window_extremes(residual, weight, light, places, np.float32(0), 0, lines, most, at, beyond)
+    window_extremes(
+        residual,
+        weight,
+        light,
+        places,
+        np.float32(0),
+        np.zeros(SIZES, np.float32),
+        0,
+        lines,
+        most,
+        at,
+        beyond,
+    )
     for size, side in enumerate(WINDOWS):
         assert beyond[1, size] == 3 * seen * (pixels - side + 1)  # of two sensors, and of both together
     assert (at[1, :, 0, 0] < seen).all()
+
+
+def test_a_darker_window_counts_by_what_exceeds_a_speck() -> None:
+    """A window that is darker by 5 % has the T of 3 % where specks may take 2 %; a lighter one keeps its own."""
+    specks = np.zeros(SIZES, np.float32)
+    size = WINDOWS.index(4)
+    specks[size] = 0.02
+    bare, deviations = PLACE_CLASSES.index("bare"), []
+    for share in (-0.05, -0.03, 0.05):
+        left = np.zeros((1, *SHAPE), np.float32)
+        left[0, 80:84, 100:104] = share * WHITE
+        sign = 0 if share > 0 else 1
+        asked = measured(left, floor_share=0.0, specks=specks if share in (-0.05, 0.05) else None)
+        deviations.append(asked.greatest[bare, size, sign])
+    assert deviations[0] == pytest.approx(deviations[1], rel=1e-4)
+    assert deviations[2] == pytest.approx(deviations[1] * 5 / 3, rel=1e-4)
+
+
+def test_the_spread_of_a_page_does_not_depend_on_specks() -> None:
+    """What good noise does is counted as it is (seed 4)."""
+    specks = np.full(SIZES, 0.05, np.float32)
+    left = noise(4)
+    np.testing.assert_array_equal(measured(left, specks=specks).spread, measured(left).spread)
+
+
+@pytest.mark.parametrize(("pixels", "share", "alarms"), [(3, 0.15, False), (3, 0.25, True), (9, 0.15, True)])
+def test_no_speck_reaches_the_floor(pixels: int, share: float, alarms: bool) -> None:
+    """Specks take up to 20 % of 0.2 mm2, four pixels of 0.25 mm: darker is a misprint, and so is larger."""
+    specks = np.array(
+        [0.2, *(0.2 * min(0.2 / (side * PIXEL_MM) ** 2, 1) for side in WINDOWS[1:])], np.float32
+    )
+    assert measured(spot(pixels, share), specks=specks).floor.alarms is alarms
+    assert measured(spot(3, -0.15), specks=specks).floor.alarms
+
+
+def test_columns_of_different_gain_make_no_edge() -> None:
+    """The light of bare paper and of a tint, seen by columns that differ by 2 %, is flat (seed 3)."""
+    gain = np.random.default_rng(3).normal(1, 0.02, SHAPE[1]).astype(np.float32)
+    white = WHITE * gain[None]
+    light = np.tile(0.6 * white[:, None], (1, SHAPE[0], 1)).astype(np.float32)
+    places = classify(light, white, np.ones(SHAPE, bool), pixel_mm=PIXEL_MM)
+    assert set(np.unique(places.of_windows)) == {PLACE_CLASSES.index("flat"), PLACE_CLASSES.index("border")}
+
+
+def test_a_light_tint_is_compared_with_bare_paper() -> None:
+    white = np.full((1, SHAPE[1]), WHITE, np.float32)
+    middle = SHAPE[0] // 2, SHAPE[1] // 2
+    for share, place in ((0.95, "bare"), (0.86, "bare"), (0.8, "flat")):
+        light = np.full((1, *SHAPE), share * WHITE, np.float32)
+        places = classify(light, white, np.ones(SHAPE, bool), pixel_mm=PIXEL_MM)
+        assert PLACE_CLASSES[places.of_windows[0][middle]] == place
+
+
+def test_edges_that_do_not_show_in_the_light_are_edges() -> None:
+    white, light = np.full((1, SHAPE[1]), WHITE, np.float32), np.full((1, *SHAPE), 0.5 * WHITE, np.float32)
+    hidden = np.zeros((1, *SHAPE), np.float32)
+    hidden[0, :, 100] = (0.2 * WHITE) ** 2
+    places = classify(light, white, np.ones(SHAPE, bool), pixel_mm=PIXEL_MM, hidden=hidden)
+    middle = SHAPE[0] // 2
+    assert PLACE_CLASSES[places.of_windows[0][middle, 100]] == "text"
+    assert PLACE_CLASSES[places.of_windows[0][middle, 103 + REACH]] == "flat"
+    assert places.flat[middle, 100] == 0

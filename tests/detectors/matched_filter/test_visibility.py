@@ -64,23 +64,28 @@ def expected(*, sd: float = 20.0, light: NDArray[np.float32] | None = None) -> E
 
 
 def sizes(
-    page: ExpectedPage, limit: float, *, mark: Mark | None = None, floor: float = 0.0
+    page: ExpectedPage, limit: float, *, mark: Mark | None = None, floor: float = 0.0, speck: float = 0.0
 ) -> NDArray[np.float32]:
     """Least sizes where every class and window has the same limit."""
+    specks = np.full(SIZES, speck, np.float32)
     limiting_t = np.full((CLASSES, SIZES, 2), limit)
-    return least_sizes(page, mark or square(), limiting_t, tolerance=TOLERANCE, floor_share=floor)
+    return least_sizes(
+        page, mark or square(), limiting_t, tolerance=TOLERANCE, specks=specks, floor_share=floor
+    )
 
 
+@pytest.mark.parametrize("speck", [0.0, 0.05])
 @pytest.mark.parametrize("sd", [20.0, 100.0, 400.0])
-def test_on_a_blank_page_the_size_is_that_of_the_closed_form(sd: float) -> None:
-    """A mark that takes the share a of the light of c pixels of a k x k window has T = a c / sqrt(k^2 s^2 + (t k^2)^2),
-    s being a pixel's relative noise.
+def test_on_a_blank_page_the_size_is_that_of_the_closed_form(sd: float, speck: float) -> None:
+    """A mark that takes the share a of the light of c pixels of a k x k window has
+    T = (a c - b k^2) / sqrt(k^2 s^2 + (t k^2)^2), s being a pixel's relative noise and b what specks may take.
     """
     limit, noise = 7.0, sd / WHITE
-    found = sizes(expected(sd=sd), limit)[45, 40]
+    found = sizes(expected(sd=sd), limit, speck=speck)[45, 40]
     asked = []
     for window, sums in zip(WINDOWS, square().sums.T, strict=True):
-        cover = limit * np.sqrt((window * noise) ** 2 + (TOLERANCE * window**2) ** 2) / 0.9
+        scatter = np.sqrt((window * noise) ** 2 + (TOLERANCE * window**2) ** 2)
+        cover = (limit * scatter + speck * window**2) / 0.9
         asked.append(np.interp(cover, sums, SIZES_MM, right=np.inf))
     assert found == pytest.approx(min(asked), rel=1e-6)
 

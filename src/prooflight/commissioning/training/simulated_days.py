@@ -96,7 +96,10 @@ def good_prior(press: Press) -> PrintPrior:
     if amounts_of(press).exact:
         return world
     own = {name: getattr(world, name) * _times(press, *of) for name, of in FOLLOWS.items()}
-    return replace(world, **own)
+    paper = amounts_of(press).paper
+    seen = 0.0 if paper.specks_per_page == 0 else max(paper.specks_ink_percent) / 100
+    area_mm2 = np.pi / 4 * max(paper.specks_diameter_mm) ** 2
+    return replace(world, **own, speck_share=seen, speck_mm2=float(area_mm2))
 
 
 def _times(press: Press, *names: str) -> float:

@@ -20,6 +20,7 @@ from prooflight.detectors.matched_filter.fit.binning import (
     thinned,
 )
 from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
+from prooflight.detectors.matched_filter.fit.hidden import hidden_edges, with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
     Modes,
@@ -47,7 +48,7 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
     score_glyphs,
 )
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
-from prooflight.detectors.matched_filter.statistics.marks import measure_marks
+from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.registration.overlaps import overlaps_of
@@ -109,6 +110,8 @@ class PreparedPage:
     binned_sensors: tuple[SensorModel, ...]
     unresolved: NDArray[np.float32] | None = None
     """See ``unresolved_places``."""
+    hidden: NDArray[np.float32] | None = None
+    """See ``hidden_edges``."""
     glyphs: PageGlyphs | None = None
     """None: glyphs are not tested."""
 
@@ -182,6 +185,7 @@ def prepare_page(
         binned_geometry=at,
         binned_sensors=taken_as,
         unresolved=unresolved_places(page, thin, at),
+        hidden=hidden_edges(modes, taken_as),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
     )
 
@@ -286,10 +290,15 @@ def analyse_found(
         where = replace(where, inside=where.inside & ~ignored)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
     seen = _predicted(prepared, printed, placement, exact=residual_variance.exact, threads=threads)
+    modes = Modes(images=moved(prepared.images, where, threads=threads), sensors=len(seen.expected_dn))
+    hidden = None
+    if prepared.hidden is not None:
+        hidden = moved(prepared.hidden, where, threads=threads)
+        modes.texture[...] = with_hidden_edges(modes.texture, hidden, residual_variance)
     placed = PlacedScan(
         measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
         seen=seen,
-        modes=Modes(images=moved(prepared.images, where, threads=threads), sensors=len(seen.expected_dn)),
+        modes=modes,
         where=where,
         sensors=prepared.binned_sensors,
         colours=prepared.colours,
@@ -325,7 +334,9 @@ def analyse_found(
         geometry=at,
         page_width_mm=page.width_mm,
         unresolved=unresolved,
+        hidden=hidden,
         tolerance=prior.place,
+        specks=speck_shares(prior, prepared.binned_sensors, at.pixel_pitch_mm),
         floor_share=floor_share,
         threads=threads,
     )

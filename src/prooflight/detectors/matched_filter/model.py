@@ -371,6 +371,8 @@ class PriorFacts(Block):
     most_plane_mm: Deviation = 1
     place: Deviation = 1
     place_near: Deviation = 1
+    speck_share: NotNegative = 0
+    speck_mm2: NotNegative = 0
     column: Deviation = 1
     flicker: Deviation = 1
     turn_deg: Deviation = 1

@@ -21,6 +21,7 @@ import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.fit.binning import binned_geometry, binned_sensor, bins_of
+from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.ranking import alarming_evidence, deviation_at, marks_of
 from prooflight.detectors.matched_filter.statistics.marks import (
@@ -31,6 +32,7 @@ from prooflight.detectors.matched_filter.statistics.marks import (
     REFERENCE_T,
     classify,
     least_pixels,
+    speck_shares,
     usual_t,
 )
 from prooflight.kernels.residuals.residuals import VarianceShares, variances
@@ -218,23 +220,27 @@ class ExpectedPage:
         sensors: Sequence[SensorModel],
         geometry: ScanGeometry,
         residual_variance: ResidualVariance,
+        unresolved: NDArray[np.float32] | None = None,
+        hidden: NDArray[np.float32] | None = None,
         threads: int = 1,
     ) -> Self:
         """Predict a page in its nominal place, in binned pixels.
 
-        modes: of the page; inside: its inspected part; sensors, geometry: of binned pixels.
+        modes: of the page; inside: its inspected part; sensors, geometry: of binned pixels; unresolved, hidden:
+        as in ``PreparedPage``.
         """
         seen = predict(page, sensors=sensors, geometry=geometry, threads=threads)
         offset = np.stack([one.column_offset_dn for one in sensors])
         light = np.asarray(seen.expected_dn - offset[:, None], np.float32)
         weight, of_edges = np.empty_like(light), np.empty(light.shape[1:], np.float32)
         variance = residual_variance.with_edges_off(page.edge_sd_mm / geometry.pixel_pitch_mm)
+        texture = with_hidden_edges(modes.texture, hidden, variance)
         for index, sensor in enumerate(sensors):
             amounts = 1.0, variance.edge, variance.contrast, variance.share, variance.dark, sensor.white_dn
             variances(
                 light[index],
                 seen.variance_dn2[index],
-                modes.texture[index],
+                texture[index],
                 inside,
                 VarianceShares._make(map(np.float32, amounts)),
                 0,
@@ -243,7 +249,15 @@ class ExpectedPage:
                 of_edges,
             )
         white = np.stack([one.white_dn * one.column_gain for one in sensors]).astype(np.float32)
-        places = classify(light, white, inside, pixel_mm=geometry.pixel_pitch_mm, threads=threads)
+        places = classify(
+            light,
+            white,
+            inside,
+            pixel_mm=geometry.pixel_pitch_mm,
+            unresolved=None if unresolved is None else unresolved > 0,
+            hidden=hidden,
+            threads=threads,
+        )
         return cls(light=light, weight=weight, white=white, places=places)
 
     @property
@@ -259,6 +273,7 @@ def least_sizes(
     limiting_t: NDArray[np.float64],
     *,
     tolerance: float,
+    specks: NDArray[np.float32],
     floor_share: float,
 ) -> NDArray[np.float32]:
     """Return the size of the smallest mark that alarms with its middle at each place, (lines, pixels) [mm].
@@ -270,7 +285,7 @@ def least_sizes(
     expected : the page.
     mark : the mark, which darkens.
     limiting_t : (classes, sizes, 2) as returned by ``limits``.
-    tolerance, floor_share : as in ``measure_marks``.
+    tolerance, specks, floor_share : as in ``measure_marks``.
     """
     light = expected.light.astype(np.float64)
     taken = np.maximum(light - mark.light[:, None, None] * expected.white[:, None], 0)
@@ -288,11 +303,14 @@ def least_sizes(
             if sensors > 1:
                 channels.append((pushes.sum(axis=0), sums.sum(axis=0)))
             for push, information in channels:
-                cover = required * np.sqrt(information + (tolerance * information) ** 2) / push
+                scatter = np.sqrt(information + (tolerance * information) ** 2)
+                cover = (required * scatter + specks[size] * information) / push
                 np.minimum(least, _size_of(cover, mark.sums[:, size], mark.sizes_mm), out=least)
         if floor_share:
             noise = FLOOR_SIGMAS / np.sqrt(expected.weight)
-            cover = (np.maximum(floor_share * expected.white[:, None], noise) / taken).min(axis=0)
+            cover = (np.maximum(max(floor_share, specks[0]) * expected.white[:, None], noise) / taken).min(
+                axis=0
+            )
             applies = cv2.erode(expected.places.flat, np.ones((3, 3), np.uint8), borderValue=0) > 0
             of_floor = _size_of(cover, mark.floor, mark.sizes_mm)
             np.minimum(least, np.where(applies, of_floor, np.inf), out=least)
@@ -356,6 +374,8 @@ class VisibleMarks:
             sensors=sensors,
             geometry=geometry,
             residual_variance=model.residual_variance,
+            unresolved=design.unresolved,
+            hidden=design.hidden,
             threads=station.threads or 1,
         )
         limiting_t = limits(
@@ -408,9 +428,10 @@ def _spot_and_hair(
     floor_share: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return ``least_sizes`` of both marks."""
+    specks = speck_shares(model.prior, sensors, geometry.pixel_pitch_mm)
     tolerance = model.prior.place
     spot, hair = (
-        least_sizes(expected, mark, limiting_t, tolerance=tolerance, floor_share=floor_share)
+        least_sizes(expected, mark, limiting_t, tolerance=tolerance, specks=specks, floor_share=floor_share)
         for mark in (Mark.spot(sensors, geometry), Mark.hair(sensors, geometry))
     )
     return spot, hair

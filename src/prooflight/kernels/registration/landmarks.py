@@ -124,8 +124,8 @@ def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # ty
 
 @inner_kernel(fastmath=True, error_model="numpy")
 def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
-    """Add the parts of squared differences of a line of ``read_grid``'s and neighbours at an offset, to shares (6,)."""
-    s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    """Add the parts of squared differences of a line of ``read_grid``'s and neighbours at an offset, to shares (7,)."""
+    s0, s1, s2, s3, opposed = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     even = np.float32(EVEN_EDGE)
     size, other_line = grid.shape[2] - 1, line + down
     a, b, c, d = grid[0, line, :size], grid[1, line, :size], grid[2, line, :size], grid[3, line, :size]
@@ -138,6 +138,7 @@ def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
         p0, p1, p2, p3 = e[i] - a[i], f[i] - b[i], g[i] - c[i], h[i] - d[i]
         edge = (p0 + p1 + p2 + p3) * light
         weight = edge * light / (even + edge * edge)
+        opposed += abs(weight) * (abs(p0) + abs(p1) + abs(p2) + abs(p3) - abs(p0 + p1 + p2 + p3))
         s0 += weight * p0
         s1 += weight * p1
         s2 += weight * p2
@@ -145,6 +146,7 @@ def add_edges(grid, line, down, right, shares):  # type: ignore[no-untyped-def]
     for ink, s in enumerate((s0, s1, s2, s3)):
         shares[ink] += s
         shares[5] += s
+    shares[6] += opposed
 
 
 @inner_kernel()
@@ -159,16 +161,18 @@ def add_page_edge(here, there, backing, shares):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "packed (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 6)"
+    "packed (_, _), rows (N), columns (N), size, stride_x, stride_y, logs (4, 256), backing, shares (N, 2, 7)"
 )
 def edge_shares(packed, rows, columns, size, stride_x, stride_y, logs, backing, shares):  # type: ignore[no-untyped-def]
-    """Add the share of each plane in each tile's edges, across and along, to shares (tiles, 2, 6).
+    """Add the share of each plane in each tile's edges, across and along, to shares (tiles, 2, 7).
 
     rows, columns: raster pixel of each tile's corner, size: its camera pixels, stride_x, stride_y raster
     pixels apart. logs (4, 256) float32: logarithm of the light that an ink of that byte leaves; inks multiply
-    (close enough for a share). Light is in shares of white. Of the six sums four are an ink's part of squared
-    differences, the fifth the part of the page's own edge, the last all of it; strong edges have less weight,
-    as they do where tiles are measured.
+    (close enough for a share). Light is in shares of white. Of the seven sums four are an ink's part of squared
+    differences, the fifth the part of the page's own edge, the sixth all of it; strong edges have less weight,
+    as they do where tiles are measured. The last is the sum over edges of sum |s| - |sum s|, s the inks' parts: 0 where
+    all begin or end together, and more than the edges themselves where one ends as others begin, and the light
+    hardly changes.
     """
     grid = np.empty((5, size + 1, size + 1), np.float32)
     roots = np.exp(logs * np.float32(0.5))

@@ -27,13 +27,15 @@ leave of lines that were lost, by rounding, is less."""
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def slope_row(above, here, below, white, out):  # type: ignore[no-untyped-def]
-    """Raise out (pixels,) to a row's slope of light, as a share of white's, where that is greater; not at its ends."""
+def slope_row(above, here, below, per_white, out):  # type: ignore[no-untyped-def]
+    """Raise out (pixels,) to a row's slope of light, as a share of white's, where that is greater; not at its ends.
+
+    per_white (pixels,): reciprocal of each column's white, so that columns of different gain make no slope.
+    """
     for x in range(1, out.size - 1):
-        across = (here[x + 1] - here[x - 1]) * np.float32(0.5)
-        along = (below[x] - above[x]) * np.float32(0.5)
-        slope = np.sqrt(across * across + along * along) / white[x]
-        out[x] = max(out[x], slope)
+        across = (here[x + 1] * per_white[x + 1] - here[x - 1] * per_white[x - 1]) * np.float32(0.5)
+        along = (below[x] - above[x]) * per_white[x] * np.float32(0.5)
+        out[x] = max(out[x], np.sqrt(across * across + along * along))
 
 
 @kernel(
@@ -48,11 +50,12 @@ def slopes(light, white, first, last, out):  # type: ignore[no-untyped-def]
     Lines first .. last - 1 are written; 0 at the edges of the field.
     """
     lines = light.shape[1]
+    per_white = np.float32(1) / white
     for line in range(first, last):
         out[line] = np.float32(0)
         if 0 < line < lines - 1:
             for s in range(light.shape[0]):
-                slope_row(light[s, line - 1], light[s, line], light[s, line + 1], white[s], out[line])
+                slope_row(light[s, line - 1], light[s, line], light[s, line + 1], per_white[s], out[line])
 
 
 @inner_kernel()
@@ -124,8 +127,11 @@ def excess(push, power, tolerance, first, last):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel(error_model="numpy")
-def note_row(push, power, tolerance, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
-    """Record the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle."""
+def note_row(push, power, tolerance, specks, count, places, line, size, most, at, beyond):  # type: ignore[no-untyped-def]
+    """Record the windows of a row that deviate by ``LEAST_T`` or more, by the class of the pixel in their middle.
+
+    specks: share of its light that a benign speck may take from a window of this size.
+    """
     half = WINDOWS[size] // 2
     for begin in range(0, count, _BLOCK):
         end = min(begin + _BLOCK, count)
@@ -138,9 +144,10 @@ def note_row(push, power, tolerance, count, places, line, size, most, at, beyond
             which = places[x + half]
             if which >= CLASSES:
                 continue
-            square = push[x] * push[x] / scatter
             beyond[which, size] += 1
             sign = 0 if push[x] > 0 else 1
+            deviation = push[x] if push[x] > 0 else min(push[x] + specks * power[x], np.float32(0))
+            square = deviation * deviation / scatter
             if square > most[which, size, sign]:
                 most[which, size, sign] = square
                 at[which, size, sign, 0] = line
@@ -148,22 +155,23 @@ def note_row(push, power, tolerance, count, places, line, size, most, at, beyond
 
 
 @kernel(
-    "residual (S, L, P), weight (S, L, P), light (S, L, P), places (SIZES, L, P), tolerance, first, last, "
-    "most (CLASSES, SIZES, 2), at (CLASSES, SIZES, 2, 2), beyond (CLASSES, SIZES)",
+    "residual (S, L, P), weight (S, L, P), light (S, L, P), places (SIZES, L, P), tolerance, specks (SIZES), "
+    "first, last, most (CLASSES, SIZES, 2), at (CLASSES, SIZES, 2, 2), beyond (CLASSES, SIZES)",
     where="0 <= first, last <= L, first % STRIP == 0",
     error_model="numpy",
 )
 def window_extremes(  # type: ignore[no-untyped-def]
-    residual, weight, light, places, tolerance, first, last, most, at, beyond
+    residual, weight, light, places, tolerance, specks, first, last, most, at, beyond
 ):
     """Find extremes of T over windows of every size, of each sensor and, where there are several, of all together.
 
     A window's T is N / sqrt(D + tolerance D^2), N = sum light r / V, D = sum light^2 / V: the deviation of
-    its light in standard deviations of noise and of a relative tolerance, whose square is ``tolerance``.
+    its light in standard deviations of noise and of a relative tolerance, whose square is ``tolerance``. Of a
+    darker window, as much as benign specks may take from its light, ``specks`` (sizes,), is taken off N first.
     places (sizes, lines, pixels): class of each place, for windows of each size about it. Written, for
     windows whose last line is first .. last - 1: most, the greatest T squared of both signs, lighter and
     darker; at, first line and first pixel of that window; beyond, how many windows deviate by ``LEAST_T`` or
-    more. ``first`` is a multiple of ``STRIP``.
+    more, specks included. ``first`` is a multiple of ``STRIP``.
     """
     sensors, _, pixels = residual.shape
     channels = sensors + 1 if sensors > 1 else 1
@@ -206,7 +214,9 @@ def window_extremes(  # type: ignore[no-untyped-def]
                         continue
                     push, power = sums[channel, size, 0], sums[channel, size, 1]
                     classes = places[size, top + tall // 2]
-                    note_row(push, power, tolerance, count, classes, top, size, most, at, beyond)
+                    note_row(
+                        push, power, tolerance, specks[size], count, classes, top, size, most, at, beyond
+                    )
 
 
 @inner_kernel(fastmath=True, error_model="numpy")

@@ -91,6 +91,10 @@ class PrintPrior:
     """Local change common to all light: 1.5 times the paper's 0.2 %, for the lamp. [-]"""
     place_near: float = 0.001
     """The same within a few millimetres, about the smooth level: half of the paper's. [-]"""
+    speck_share: float = 0.12
+    """Ink of the darkest benign speck of paper (worlds.toml). [-]"""
+    speck_mm2: float = float(np.pi / 4 * 0.5**2)
+    """Area of the greatest such speck, 0.5 mm wide (worlds.toml)."""
     column: float = 0.0015
     """Gain of a column that flat-fielding left. [-]"""
     flicker: float = 0.0015

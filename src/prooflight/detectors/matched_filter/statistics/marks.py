@@ -35,12 +35,16 @@ from prooflight.kernels.statistics.marks import (
     window_extremes,
 )
 from prooflight.pages.parallel import parts_of, shared_out
+from prooflight.registration.landmarks import light_left
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
+    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, PrintPrior
     from prooflight.detectors.matched_filter.statistics.statistic import Box
+    from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
 
 PLACE_CLASSES: Final = ("bare", "flat", "gradient", "edge", "text", "border")
@@ -57,8 +61,9 @@ SLOPES: Final = (0.006, 0.03, 0.15)
 """Upper limits of the steepest slope within reach of a place, for flat tint, gradient and edge; text is
 beyond. [shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt
 have 15 % and more at 0.25 mm."""
-BARE_LIGHT: Final = 0.97
-"""Share of white's light from which a place without an edge is bare paper. (assumed)"""
+BARE_LIGHT: Final = 0.85
+"""Share of white's light from which a place without an edge counts as bare paper: a light tint varies as paper
+does. (assumed)"""
 BORDER_MM: Final = 1.6
 """Width of the page's border: the extent of a sheet's own edge and of the margin of placement. (assumed)"""
 REACH: Final = 2
@@ -72,6 +77,8 @@ FLOOR_AREA_MM2: Final = 0.1
 """Minimum area of a difference beyond the floor: a spot of 0.36 mm. One more pixel is required, because a
 region's outline may be anywhere within its pixels: the darkest specks of good paper reach two pixels of 0.25
 mm."""
+LIGHTER, DARKER = 0, 1
+"""Signs of a deviation, as indices."""
 FLOOR_FLAT: Final = 0.02
 """Steepest slope within ``REACH`` pixels at which the floor applies. [shares of white a pixel] (assumed)"""
 FLOOR_SIGMAS: Final = 6.0
@@ -99,6 +106,7 @@ def classify(
     *,
     pixel_mm: float,
     unresolved: NDArray[np.bool_] | None = None,
+    hidden: NDArray[np.float32] | None = None,
     threads: int = 1,
 ) -> Places:
     """Return the class of every place of a scan, from its expected light alone.
@@ -110,6 +118,8 @@ def classify(
     inside : (lines, pixels) inspected part of the page.
     pixel_mm : pitch of the pixels [mm].
     unresolved : (lines, pixels) places of which windows say nothing (``unresolved_places``); None: there are none.
+    hidden : (sensors, lines, pixels) squared slope of edges that do not show in the light (``hidden_edges``)
+        [DN^2/pixel^2]; None: there are none.
     threads : number of threads that share the work.
     """
     slope = unset(inside.shape)
@@ -117,6 +127,8 @@ def classify(
         [partial(slopes, light, white, *part, slope) for part in parts_of(len(slope), threads)],
         threads=threads,
     )
+    if hidden is not None:
+        np.maximum(slope, np.sqrt(np.maximum(hidden.max(axis=0), 0)) / white.min(axis=0), out=slope)
     paper = (light > np.float32(BARE_LIGHT) * white[:, None]).all(axis=0).view(np.uint8)
     steps = np.zeros(inside.shape, np.uint8)
     for limit in SLOPES:
@@ -226,7 +238,9 @@ def measure_marks(
     geometry: ScanGeometry,
     page_width_mm: float,
     unresolved: NDArray[np.bool_] | None = None,
+    hidden: NDArray[np.float32] | None = None,
     tolerance: float,
+    specks: NDArray[np.float32],
     floor_share: float,
     threads: int = 1,
 ) -> Marks:
@@ -240,14 +254,17 @@ def measure_marks(
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
     geometry : of the pixels.
     page_width_mm : width of the page [mm].
-    unresolved : see ``classify``.
+    unresolved, hidden : see ``classify``.
     tolerance : standard deviation of a change common to all light of a window, as a share of the light.
+    specks : (sizes,) see ``speck_shares``.
     floor_share : share of paper white beyond which a flat place counts for the floor; 0: there is no floor.
     threads : number of threads that share the work.
     """
     white = np.stack([one.white_dn * one.column_gain for one in scan.sensors]).astype(np.float32)
     inside, pixel_mm = scan.where.inside, geometry.pixel_pitch_mm
-    places = classify(light, white, inside, pixel_mm=pixel_mm, unresolved=unresolved, threads=threads)
+    places = classify(
+        light, white, inside, pixel_mm=pixel_mm, unresolved=unresolved, hidden=hidden, threads=threads
+    )
     lines = left.shape[1]
     parts = [
         (STRIP * first, min(STRIP * last, lines)) for first, last in parts_of(-(-lines // STRIP), threads)
@@ -255,7 +272,7 @@ def measure_marks(
     most = np.zeros((len(parts), CLASSES, SIZES, 2))
     at = np.zeros((len(parts), CLASSES, SIZES, 2, 2), np.int64)
     beyond = np.zeros((len(parts), CLASSES, SIZES), np.int64)
-    fixed = left, weight, light, places.of_windows, np.float32(tolerance**2)
+    fixed = left, weight, light, places.of_windows, np.float32(tolerance**2), specks
     shared_out(
         [partial(window_extremes, *fixed, *part, most[n], at[n], beyond[n]) for n, part in enumerate(parts)],
         threads=threads,
@@ -270,13 +287,25 @@ def measure_marks(
         at=np.take_along_axis(at, best[None, ..., None], axis=0)[0],
         spread=_spread(beyond.sum(axis=0), windows),
         usual=usual_t(windows / np.square(WINDOWS)),
-        floor=_floor(left, weight, white, places.flat, floor_share, corner, threads)
+        floor=_floor(left, weight, white, places.flat, floor_share, specks, corner, threads)
         if floor_share
         else NO_FLOOR,
         pixel_mm=geometry.pixel_pitch_mm,
         left_mm=left_mm,
         top_mm=top_mm,
     )
+
+
+def speck_shares(prior: PrintPrior, sensors: Sequence[SensorModel], pixel_mm: float) -> NDArray[np.float32]:
+    """Return the share of its light that the darkest benign speck takes from a window of each size, (sizes,).
+
+    Paper has specks, so that no smaller darkening is evidence of a misprint. A speck of some ink takes more
+    light than its share of ink, by dot gain: 12 % of black some 19 %.
+    """
+    ink = round(255 * prior.speck_share)
+    taken = max(1 - light_left(sensor)[:, ink].min() for sensor in sensors)
+    areas_mm2 = np.square(np.array(WINDOWS) * pixel_mm)
+    return np.asarray(taken * np.minimum(prior.speck_mm2 / areas_mm2, 1), np.float32)
 
 
 def _spread(beyond: NDArray[np.int64], windows: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -301,28 +330,41 @@ def _floor(
     white: NDArray[np.float32],
     flat: NDArray[np.uint8],
     share: float,
+    specks: NDArray[np.float32],
     corner: tuple[float, float, float],
     threads: int,
 ) -> FloorFinding:
-    """Return the largest region of flat pixels of one sign that differ by more than ``share`` of white."""
-    flags = np.empty((2, *flat.shape), np.uint8)
-    fixed = left, weight, white, flat, np.float32(share), np.float32(FLOOR_SIGMAS)
-    counts = shared_out(
-        [partial(beyond_share, *fixed, *part, flags) for part in parts_of(len(flat), threads)],
-        threads=threads,
-    )
+    """Return the largest region of flat pixels of one sign that differ by more than ``share`` of white.
+
+    A region that is no darker than benign specks are counts only where it is larger than these.
+    """
     left_mm, top_mm, pixel_mm = corner
     least = least_pixels(pixel_mm)
-    largest = NO_FLOOR
-    if sum(counts) < least:
-        return largest
-    for darker, one in enumerate(flags):
-        _, _, regions, _ = cv2.connectedComponentsWithStats(one, connectivity=8)
+    of_speck = float(specks[-1]) * (WINDOWS[-1] * pixel_mm) ** 2 / max(float(specks[0]), 1e-9)
+    larger = max(least, int(np.ceil(of_speck / pixel_mm**2)) + 1)
+    flags = np.empty((2, *flat.shape), np.uint8)
+
+    def marked(beyond: float) -> int:
+        fixed = left, weight, white, flat, np.float32(beyond), np.float32(FLOOR_SIGMAS)
+        parts = parts_of(len(flat), threads)
+        return sum(
+            shared_out([partial(beyond_share, *fixed, *part, flags) for part in parts], threads=threads)
+        )
+
+    def largest(pixels: int, sign: int) -> FloorFinding:
+        _, _, regions, _ = cv2.connectedComponentsWithStats(flags[sign], connectivity=8)
         regions = regions[1:]
         if not len(regions):
-            continue
+            return NO_FLOOR
         x, y, width, height, area = (int(value) for value in regions[regions[:, cv2.CC_STAT_AREA].argmax()])
-        if area >= least and area * pixel_mm**2 > largest.area_mm2:
-            box = x * pixel_mm + left_mm, y * pixel_mm + top_mm, width * pixel_mm, height * pixel_mm
-            largest = FloorFinding(area_mm2=area * pixel_mm**2, box=box, darker=bool(darker))
-    return largest
+        if area < pixels:
+            return NO_FLOOR
+        box = x * pixel_mm + left_mm, y * pixel_mm + top_mm, width * pixel_mm, height * pixel_mm
+        return FloorFinding(area_mm2=area * pixel_mm**2, box=box, darker=sign == DARKER)
+
+    if marked(share) < least:
+        return NO_FLOOR
+    findings = [largest(least, LIGHTER), largest(larger, DARKER)]
+    if specks[0] <= share or marked(float(specks[0])) >= least:
+        findings.append(largest(least, DARKER))
+    return max(findings, key=lambda one: one.area_mm2)

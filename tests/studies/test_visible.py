@@ -348,7 +348,8 @@ def test_marks_are_printed_on_the_first_designs_that_have_a_place() -> None:
         "design": np.array([3, 3, 5, 8, 9]),
         "name": np.array([TABLE[0].name, TABLE[1].name, TABLE[0].name, TABLE[0].name, TABLE[1].name]),
     }
-    pages = study.scheduled(places, TABLE[:2], prints=3, copies=2)
+    counts = {TABLE[0].name: 3, TABLE[1].name: 3}
+    pages = study.scheduled(places, counts, copies=2)
     assert [(one.index, dict(one.marks)) for one in pages] == [
         (3, {TABLE[0].name: 2, TABLE[1].name: 2}),
         (5, {TABLE[0].name: 1}),

@@ -337,7 +337,7 @@ def _registration(
     reason: str,
 ) -> Registration:
     pitch = landmarks.pitch_mm
-    good = tile_moves.good & ~landmarks.mixed
+    seen, good = tile_moves.seen & ~landmarks.mixed, tile_moves.good & ~landmarks.mixed
     used = good & (field.weight > 0.5)
     part = shares[used].sum(axis=0)
     part /= np.maximum(part.sum(axis=1, keepdims=True), LEAST_PART)
@@ -345,8 +345,7 @@ def _registration(
     clear = np.flatnonzero(~landmarks.mixed) if not landmarks.mixed.all() else np.arange(len(shares))
     some = clear[spread(clear.size, SD_TILES)]
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
-    seen = max(int(tile_moves.seen.sum()), 1)
-    of_inks = tile_moves.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
+    of_inks = seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
     weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
@@ -364,9 +363,9 @@ def _registration(
         shift_sd_mm=(float(sd[0]), float(sd[1])),
         skew_sd_deg=float(np.rad2deg(field.turn_sd())),
         tiles_used=int(used.sum()),
-        tiles_matching=float(tile_moves.good.sum() / seen),
-        print_matching=float((tile_moves.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
-        tiles_foreign=float(tile_moves.foreign.sum() / seen),
+        tiles_matching=float(good.sum() / max(int(seen.sum()), 1)),
+        print_matching=float((good & of_inks).sum() / max(int(of_inks.sum()), 1)),
+        tiles_foreign=float(tile_moves.foreign.sum() / max(int(seen.sum()), 1)),
         residual_rms_pixels=rms,
     )
 

@@ -221,6 +221,8 @@ NAMED: Final = (
 )
 ON_TINTS: Final = 4
 """The first so many are printed on flat tints as well."""
+HEADLINE: Final = (*NAMED[:ON_TINTS], SMALLEST)
+"""Marks for which a share of 95 % or 99 % is promised, so that they are printed most often."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

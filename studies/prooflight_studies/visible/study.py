@@ -27,7 +27,7 @@ from prooflight_studies.visible.findings import (
     curves_of,
     good_prints,
 )
-from prooflight_studies.visible.marks import KINDS
+from prooflight_studies.visible.marks import HEADLINE, KINDS
 from prooflight_studies.visible.picture import draw_curves
 from prooflight_studies.visible.rig import Camera, built
 from prooflight_studies.visible.rows import (
@@ -42,7 +42,7 @@ from prooflight_studies.visible.rows import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 PARTS: Final = ("marks", "one-sensor", "curves")
 """The table of named marks and false alarms: two sensors, and one; curves by place."""
-PAGES_PER_PIECE: Final = 4
+PAGES_PER_PIECE: Final = 2
 """Pages of a piece."""
 DESIGNS_PER_PIECE: Final = 20
 PICTURE: Final = "visible.png"
@@ -74,20 +74,22 @@ class VisiblePlan:
     fine: Camera = field(default_factory=lambda: Camera(sensors=2, pitch_mm=0.127))
     """Before which the smallest mark is printed."""
     prints: int = 100
-    """Prints of every named mark on every place."""
-    copies: int = 2
-    """Prints of one mark on one design."""
+    """Prints of every mark of ``HEADLINE`` on every place ..."""
+    others: int = 40
+    """... and of the other marks."""
+    copies: int = 4
+    """Prints of one mark on one design: composing and preparing a design takes as long as printing it so often."""
     screened: int = 400
     """Designs that are searched for places."""
-    good: int = 400
+    good: int = 200
     """Further designs, printed once, well."""
-    blank: int = 60
+    blank: int = 40
     """Nearly blank pages, printed once, well."""
     curves: tuple[tuple[Camera, int], ...] = (
-        (Camera(sensors=2, pitch_mm=0.085), 3),
-        (Camera(sensors=2, pitch_mm=0.127), 4),
-        (Camera(sensors=2, pitch_mm=0.254), 6),
-        (Camera(sensors=1, pitch_mm=0.254), 6),
+        (Camera(sensors=2, pitch_mm=0.085), 1),
+        (Camera(sensors=2, pitch_mm=0.127), 2),
+        (Camera(sensors=2, pitch_mm=0.254), 3),
+        (Camera(sensors=1, pitch_mm=0.254), 3),
     )
     """Cameras and how many pages of all places are printed before each; those that take longest first."""
     levels: int = 8
@@ -105,6 +107,7 @@ class VisiblePlan:
             coarse=(camera, Camera(sensors=1, pitch_mm=0.508)),
             fine=camera,
             prints=2,
+            others=2,
             screened=20,
             good=6,
             blank=3,
@@ -210,7 +213,8 @@ class _Bench:
             for start in range(0, plan.screened, DESIGNS_PER_PIECE)
         ]
         places = self._rows_of(PlacesWork(seed=plan.seed), screened, "places", {"seed": plan.seed})
-        pages = scheduled(places, table, prints=plan.prints, copies=plan.copies)
+        counts = {placed.name: plan.prints if placed.mark in HEADLINE else plan.others for placed in table}
+        pages = scheduled(places, counts, copies=plan.copies)
         if good:
             pages += [Prints(source="design", index=GOOD_FROM + at) for at in range(plan.good)]
             pages += [Prints(source="blank", index=at) for at in range(plan.blank)]
@@ -275,11 +279,15 @@ class _Bench:
         return rows
 
 
-def scheduled(places: Rows, table: tuple[PlacedMark, ...], *, prints: int, copies: int) -> list[Prints]:
-    """The pages on which the marks of a table are printed: of each mark the first designs that have a place for it."""
+def scheduled(places: Rows, counts: Mapping[str, int], *, copies: int) -> list[Prints]:
+    """Return the pages on which marks are printed: of each mark the first designs that have a place for it.
+
+    counts: how many prints are wanted of each ``PlacedMark``, by its name. copies: most prints of one mark on one
+    design.
+    """
     wanted: dict[int, list[tuple[str, int]]] = defaultdict(list)
-    for placed in table:
-        designs: NDArray[np.int64] = np.unique(places["design"][places["name"] == placed.name])
+    for name, prints in counts.items():
+        designs: NDArray[np.int64] = np.unique(places["design"][places["name"] == name])
         for at, index in enumerate(designs[: -(-prints // copies)].tolist()):
-            wanted[index].append((placed.name, min(copies, prints - at * copies)))
+            wanted[index].append((name, min(copies, prints - at * copies)))
     return [Prints(source="design", index=index, marks=tuple(wanted[index])) for index in sorted(wanted)]

@@ -341,12 +341,15 @@ def analyse_found(
         threads=threads,
     )
 
+    # Glyphs are weighed there all the same: their own strokes are what is known.
+    resolved = weight if unresolved is None else np.where(unresolved, np.float32(0), weight)
+
     def sums_of(modes: tuple[str, ...]) -> Sums:
         return summed(
             with_added(placed, prepared.added, threads=threads) if ADDED.intersection(modes) else placed,
             light,
             left,
-            weight,
+            resolved,
             of_edges,
             geometry=at,
             page_width_mm=page.width_mm,

@@ -1,7 +1,8 @@
 """Places of a design whose structure is finer than binned pixels resolve: line pairs, guilloches, test charts.
 
 Lines with a period of less than two pixels alias: expected light looks flat where it is not, and a displacement of a
-tenth of a pixel changes it by a tenth of full contrast. What small windows deviate by there tells of that alone.
+tenth of a pixel changes it by a tenth of full contrast. What residuals are there tells of that alone, so that only
+glyphs, whose strokes are known, are inspected there.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ LEAST_CONTRAST: Final = 0.3
 """Standard deviation of the raster's ink within such a square from which its structure matters. (assumed)"""
 NYQUIST: Final = 0.65
 """Share of that contrast that pixels keep of lines with a period of two pixels: sin(x) / x at x = pi / 2 is 0.64."""
-REACH: Final = 3
+REACH: Final = 5
 """Distance about such places within which windows reach into them. [binned pixels]"""
 
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import platform
-import sys
 import tempfile
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from prooflight import __version__
 from prooflight.cli.show import errors
 from prooflight.errors import sentence
+from prooflight.files.user_folders import user_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,9 +45,10 @@ class FaultLog(logging.Handler):
         told(line)
 
     def _store(self, record: logging.LogRecord) -> str:
-        for folder in (_state_folder(), Path(tempfile.gettempdir())):
-            file = folder / "prooflight-faults.log"
-            with contextlib.suppress(OSError):
+        for of_user in (True, False):
+            with contextlib.suppress(OSError, RuntimeError):  # a user without a home has no folder
+                folder = user_folder("state") if of_user else Path(tempfile.gettempdir())
+                file = folder / "prooflight-faults.log"
                 folder.mkdir(parents=True, exist_ok=True)
                 self._write(file, record)
                 return f"details in {file}"
@@ -73,13 +73,3 @@ def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
         yield logger
     finally:
         logger.removeHandler(handler)
-
-
-def _state_folder() -> Path:
-    """Return the folder of a user's logs, by the XDG base directory specification."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or tempfile.gettempdir()) / "prooflight"
-    given = os.environ.get("XDG_STATE_HOME")
-    with contextlib.suppress(RuntimeError):  # nobody's home is known
-        return (Path(given) if given else Path.home() / ".local" / "state") / "prooflight"
-    return Path(tempfile.gettempdir())

@@ -12,7 +12,6 @@ import re
 import shutil
 import sqlite3
 import stat
-import sys
 import tempfile
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -23,6 +22,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool, QueuePool
 
+from prooflight.files.user_folders import user_folder
 from prooflight.journal.schema import PREVIOUS, SCHEMA, JournalError, all_tables, journal_table
 
 if TYPE_CHECKING:
@@ -44,11 +44,7 @@ UNREADABLE: Final = (SQLAlchemyError, sqlite3.Error, OverflowError, UnicodeError
 
 def default_journal() -> Path:
     """Return the default path of a journal, in the user's data folder."""
-    if sys.platform == "win32":
-        data = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    else:
-        data = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
-    return Path(data) / "prooflight" / "journal.sqlite"
+    return user_folder("data") / "journal.sqlite"
 
 
 def journal_path(url: str) -> Path:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import sys
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.training.train import DEFAULT_RATE, trained
 from prooflight.errors import ProoflightError
+from prooflight.files.user_folders import user_folder
 from prooflight.press.artefact import Press
 from prooflight.simulation.corpus.corpus import Corpus
 
@@ -70,7 +70,7 @@ def trained_once(
     path = cache_folder() / f"{key}.press"
     cached = _load(path)
     if cached is not None:
-        progress(f"taking from {path.parent} what this program taught this press before")
+        progress(f"the press was trained before: taking it from {path.parent}")
         return cached
     corpus = Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi)
     built = trained(
@@ -87,12 +87,8 @@ def trained_once(
 
 
 def cache_folder() -> Path:
-    """Return the folder of trained presses, by the XDG base directory specification or as Windows has it."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "prooflight" / "presses"
+    """Return the folder of trained presses."""
+    return user_folder("cache") / "presses"
 
 
 def _load(path: Path) -> Press | None:

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 WINDOW: Final = 9
 """Side of the squares over which contrast is measured. [binned pixels]"""
-LEAST_CONTRAST: Final = 0.3
-"""Standard deviation of the raster's ink within such a square from which its structure matters. (assumed)"""
+LEAST_CONTRAST: Final = 0.35
+"""Standard deviation of the raster's ink within such a square from which its structure matters. Assumed: lines as
+wide as their gaps have 0.5, and the corner of a solid, of which thinning makes a row of single pixels, up to 0.34."""
 NYQUIST: Final = 0.65
 """Share of that contrast that pixels keep of lines with a period of two pixels: sin(x) / x at x = pi / 2 is 0.64."""
 REACH: Final = 5

@@ -15,6 +15,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.kernels.residuals.hidden_edges import hidden_slopes
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
+from prooflight.registration.register import prepare
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.scans import ideal_scan
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.press.artefact import Press
+    from prooflight.registration.landmarks import Landmarks
 
 DPI = 481.8
 GROUND = (0, 0, 0, 102)
@@ -87,6 +89,19 @@ def test_their_variance_is_that_of_planes_out_of_register() -> None:
     assert with_hidden_edges(texture, hidden, ResidualVariance.none()) is texture
 
 
+def test_tiles_of_such_edges_do_not_place_the_page(two_sensor_press: Press) -> None:
+    """Those along the ground's own outline do, and every tile does where the same chart is of black alone."""
+    page, press = grey_balance(), two_sensor_press
+
+    def landmarks_of(one: Page) -> Landmarks:
+        seen = predict(one, sensors=press.sensors, geometry=press.geometry, threads=1)
+        return prepare(one, seen, sensors=press.sensors, geometry=press.geometry)
+
+    mixed = landmarks_of(page).mixed
+    assert 0.2 < mixed.mean() < 0.9
+    assert not landmarks_of(replace(page, cmyk=page.cmyk * np.array([0, 0, 0, 1], np.uint8))).mixed.any()
+
+
 @pytest.mark.parametrize("steps", [(0, 0), (2, 0), (0, 2), (-1, 2)])
 def test_a_chart_of_greys_is_placed_whatever_its_register(
     two_sensor_press: Press, steps: tuple[int, int]
@@ -99,9 +114,7 @@ def test_a_chart_of_greys_is_placed_whatever_its_register(
     seen = predict(printed, sensors=press.sensors, geometry=press.geometry, placement=IN_PLACE, threads=1)
     scan = ideal_scan(seen, press, np.random.default_rng(1))
     expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
-    prepared = prepare_page(
-        page, expected, sensors=press.sensors, geometry=press.geometry, fringes=press.geometry is not None
-    )
+    prepared = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=True)
     found = analyse(prepared, scan).found
     assert found.found, found.reason
     x_mm, y_mm = np.meshgrid(np.linspace(6, 30, 5), np.linspace(6, 38, 7))

@@ -475,5 +475,5 @@ def floor_in_words(floor_share: float) -> str:
         return ""
     return (
         f"A flat place over {FLOOR_AREA_MM2:g} mm² that differs by more than {100 * floor_share:g} % of paper white is "
-        "always a misprint, whatever was learned."
+        "always a misprint, whatever was learned, unless it is no more than a benign speck of the paper."
     )

@@ -8,7 +8,7 @@ spread in this class, less the greatest T of as many independent Gaussian window
 therefore widens its own limits at edges, and nowhere else.
 
 A difference by more than a stated share of paper white, away from edges and over ``FLOOR_AREA_MM2``, is a
-misprint whatever was learned (``Floor``).
+misprint whatever was learned, unless it is no more than a benign speck (``FloorFinding``).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.prediction.predict import predict
 from prooflight.scans.placement import Placement
 from prooflight.scans.scan import Scan
-from prooflight.simulation.scans import ideal_scan
+from prooflight.simulation.scans import ideal_scan, simulate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def test_a_scan_that_is_cut_short_tells_of_no_column(press: Press, page: Page) -
 
 def test_what_no_sensor_saw_is_not_called_good(trained_press: Press, page: Page) -> None:
     """The detector's only sensor has a faulty column: its page is not inspected, and the reason names the column."""
-    scan = scan_of(page, trained_press)
+    scan = simulate(page, trained_press, world="press", seed=4).dn
     inspector = Inspector.of(trained_press)
     prepared = inspector.prepare(page)
     assert inspector.inspect(prepared, Scan(dn=scan)).verdict.verdict == "good"

@@ -305,6 +305,8 @@ def least_sizes(
             for push, information in channels:
                 scatter = np.sqrt(information + (tolerance * information) ** 2)
                 cover = (required * scatter + specks[size] * information) / push
+                if side > 1:  # of the windows that hold the mark, the one that it darkens most decides
+                    cover = cv2.erode(np.nan_to_num(cover, nan=np.inf), np.ones((3, 3)))
                 np.minimum(least, _size_of(cover, mark.sums[:, size], mark.sizes_mm), out=least)
         if floor_share:
             noise = FLOOR_SIGMAS / np.sqrt(expected.weight)

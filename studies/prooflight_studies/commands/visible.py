@@ -18,10 +18,10 @@ def visible(
     cache: Cache = CACHE,
     part: Annotated[
         list[str] | None,
-        typer.Option(metavar="PART", help="marks, one-sensor or curves; all if not given."),
+        typer.Option(metavar="PART", help="marks, one-sensor, curves or fine-curves; all if not given."),
     ] = None,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    seed: Annotated[int, typer.Option(help="Of presses, designs, days, prints and marks.", min=0)] = 211,
+    seed: Annotated[int, typer.Option(help="Of presses, designs, days, prints and marks.", min=0)] = 235,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -50,8 +50,11 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.visible.rows import PlacedMark
 
-PARTS: Final = ("marks", "one-sensor", "curves")
-"""The table of named marks and false alarms: two sensors, and one; curves by place."""
+PARTS: Final = ("marks", "one-sensor", "curves", "fine-curves")
+"""The table of named marks and false alarms: two sensors, and one; curves by place: before the presets, and before
+cameras of finer pixels, whose presses take longest to build."""
+COARSE_MM: Final = 0.254
+"""Pixel pitch of the presets."""
 PAGES_PER_PIECE: Final = 2
 """Pages of a piece."""
 DESIGNS_PER_PIECE: Final = 20
@@ -171,8 +174,13 @@ def run_visible_study(
         marks += [bench.table(plan.coarse[0], TABLE, good=True), bench.table(plan.fine, FINE, good=False)]
     if "one-sensor" in parts:
         marks.append(bench.table(plan.coarse[1], TABLE, good=True))
-    if "curves" in parts:
-        curves = bench.curves()
+    cameras = [
+        (camera, pages)
+        for camera, pages in plan.curves
+        if ("fine-curves" if camera.pitch_mm < COARSE_MM else "curves") in parts
+    ]
+    if cameras:
+        curves = bench.curves(cameras)
         draw_curves(out / PICTURE, curves)
     results = VisibleResults(
         seed=plan.seed,
@@ -235,24 +243,22 @@ class _Bench:
             unmade=len(rows["unmade"]),
         )
 
-    def curves(self) -> list[Curves]:
-        """All kinds on all places before all cameras."""
+    def curves(self, cameras: Sequence[tuple[Camera, int]]) -> list[Curves]:
+        """All kinds on all places before cameras, each with so many pages."""
         plan = self.plan
-        presses = {camera.number: self._press(camera) for camera, _ in plan.curves}
+        presses = {camera.number: self._press(camera) for camera, _ in cameras}
         work = CurveWork(
             presses=presses, seed=plan.seed, levels=plan.levels, learned=plan.learned, good=plan.judged
         )
-        pieces = [
-            CurvePiece(camera=camera, page=page) for camera, pages in plan.curves for page in range(pages)
-        ]
+        pieces = [CurvePiece(camera=camera, page=page) for camera, pages in cameras for page in range(pages)]
         facts = {
             "seed": plan.seed,
             "presses": {str(number): path.stem for number, path in presses.items()},
             "prints": [plan.levels, plan.learned, plan.judged],
         }
         rows = self._rows_of(work, pieces, "curves", facts)
-        cameras = {camera.number: camera for camera, _ in plan.curves}
-        return list(curves_of(rows, cameras, learned=plan.learned))
+        by_number = {camera.number: camera for camera, _ in cameras}
+        return list(curves_of(rows, by_number, learned=plan.learned))
 
     def _press(self, camera: Camera) -> Path:
         return built(

@@ -96,7 +96,7 @@ def by_profile(
             srgb = ImageCms.applyTransform(seen, link)
             assert srgb is not None
             samples = np.moveaxis(np.asarray(srgb), -1, 0)[: len(numbers)]
-            light[:, top : top + BAND_ROWS] = _srgb_light(samples / np.float32(EIGHT_BITS))
+            light[:, top : top + BAND_ROWS] = _srgb_light(samples.astype(np.float32) / np.float32(EIGHT_BITS))
     except (ImageCms.PyCMSError, OSError) as error:
         raise ScanError(where, f"its ICC profile cannot be used ({error})", remedy=remedy) from None
     return light

@@ -46,6 +46,12 @@ LEAST_LIKENESS: Final = 0.2
 """Likeness of edges below which the scan shows nothing of a page; good prints have 0.4 to 0.9."""
 LEAST_SEEN: Final = 0.8
 """Least share of the page that must lie within its scan."""
+PARTS: Final = 3
+"""Parts of a page either way, each of which must agree."""
+LEAST_PART: Final = 0.4
+"""Correlation of scan and page in a part of it below which that part does not lie there."""
+LEAST_PRINT: Final = 1000
+"""Pixels near print from which on a part of the page tells where it lies: a few words."""
 EDGE_MM: Final = 3.0
 """Strip along the edges of sheet and scan that is not judged: a device shows the sheet's shadow there. assumed, the
 margin that office printers cannot print on."""
@@ -184,6 +190,8 @@ def placed(
         if better < agreement:
             break
         where, agreement = moved, better
+    if least_agreement_of_parts(drawn_scan(picture, expected.page, where, press), expected) < LEAST_PART:
+        return where, "parts of the page lie elsewhere than the rest tells"
     if agreement >= SURE_AGREEMENT:  # what repeats within the page lies nowhere else within a feeder's reach
         return where, ""
     if agreement < LEAST_AGREEMENT:
@@ -196,6 +204,24 @@ def agreement_of(drawn: DrawnScan, expected: ExpectedPage) -> float:
 
     A stamp elsewhere says nothing of the page's place.
     """
+    due, near = _near_print(drawn, expected)
+    return _correlation(drawn.light, due, near)
+
+
+def least_agreement_of_parts(drawn: DrawnScan, expected: ExpectedPage) -> float:
+    """Return the least agreement of the parts of the page that have print: one that lies elsewhere has none."""
+    due, near = _near_print(drawn, expected)
+    least = 1.0
+    for rows in np.array_split(np.arange(near.shape[0]), PARTS):
+        for columns in np.array_split(np.arange(near.shape[1]), PARTS):
+            part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+            if near[part].sum() >= LEAST_PRINT:
+                least = min(least, _correlation(drawn.light[:, *part], due[:, *part], near[part]))
+    return least
+
+
+def _near_print(drawn: DrawnScan, expected: ExpectedPage) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return the light that is expected (sensors, lines, pixels) [paper], and where print is near, and seen."""
     sensors = expected.landmarks.sensors
     due = np.stack(
         [
@@ -206,12 +232,16 @@ def agreement_of(drawn: DrawnScan, expected: ExpectedPage) -> float:
     printed = cv2.dilate(
         (due.min(axis=0) < PRINTED).astype(np.uint8), np.ones((NEAR_PIXELS, NEAR_PIXELS), np.uint8)
     )
-    near = drawn.seen & (printed > 0)
+    return due, drawn.seen & (printed > 0)
+
+
+def _correlation(light: NDArray[np.float32], due: NDArray[np.float32], near: NDArray[np.bool_]) -> float:
+    """Return the correlation of two arrays (sensors, lines, pixels) where ``near`` (lines, pixels) is set. [-]"""
     if not near.any():
         return 0.0
-    light, expectation = (part[:, near].ravel().astype(np.float64) for part in (drawn.light, due))
-    spread = float(light.std() * expectation.std())
-    covariance = np.mean((light - light.mean()) * (expectation - expectation.mean()))
+    seen, expectation = (part[:, near].ravel().astype(np.float64) for part in (light, due))
+    spread = float(seen.std() * expectation.std())
+    covariance = np.mean((seen - seen.mean()) * (expectation - expectation.mean()))
     return float(covariance) / spread if spread else 0.0
 
 
@@ -238,13 +268,22 @@ def _coarse_pose(coarse: NDArray[np.float32], expected: ExpectedPage, start: Whe
         return float(np.abs(seen - due).mean())
 
     fits: list[tuple[float, int, Pose]] = []
+    rows, columns = coarse.shape
     for turn_deg, along_percent in product((0, -feeder.skew_deg, feeder.skew_deg), (0, -1, 1)):
-        pose = Pose(
-            x_mm=start.shift_mm[0],
-            y_mm=start.shift_mm[1],
-            turn=float(np.deg2rad(turn_deg)),
-            along=along_percent * feeder.stretch_percent / 100,
+        pose = Pose(turn=float(np.deg2rad(turn_deg)), along=along_percent * feeder.stretch_percent / 100)
+        linear = _matrix(pose)[:2, :2]
+        centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
+        back = np.column_stack([linear, centre - linear @ centre])
+        # As it would lie without this turn and stretch: a sparse page then matches at both of its ends.
+        upright = cv2.warpAffine(
+            coarse,
+            back,
+            (columns, rows),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
         )
+        _, shift = peaks(page, np.asarray(upright, np.float32), reach_mm=REACH_MM, turn=0.0, most=1)[0]
+        pose = replace(pose, x_mm=shift.x_mm, y_mm=shift.y_mm)
         for _ in range(COARSE_FITS):
             pose = refined(page, coarse, pose)
         fits.append((error(pose), len(fits), pose))

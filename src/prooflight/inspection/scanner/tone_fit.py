@@ -34,7 +34,7 @@ LEAST_TINTS: Final = 3
 """Least number of tints by which black and gamma are fitted; white is known besides."""
 PRINTED: Final = 0.9
 """Expected light below which a pixel counts as printed. [paper]"""
-MOST_LOG_GAMMA: Final = 0.5
+MOST_LOG_GAMMA: Final = 0.8
 """Greatest logarithm of a gamma that type makes up for: sharpening and the weight of an office printer. [-]"""
 MOSTLY: Final = 0.5
 """Share of the paper that is clipped from which on its white is unknown above the file's greatest number."""
@@ -137,8 +137,10 @@ def _gamma_of_print(
     def off(log_gamma: float) -> float:
         return float((found ** np.exp(-log_gamma)).mean()) - due
 
-    if off(-MOST_LOG_GAMMA) * off(MOST_LOG_GAMMA) >= 0:
-        return 1.0  # no tone explains it: something else is wrong with the print
+    ends = off(-MOST_LOG_GAMMA), off(MOST_LOG_GAMMA)
+    if ends[0] * ends[1] >= 0:  # what no tone explains is left to the detector
+        nearest = -MOST_LOG_GAMMA if abs(ends[0]) < abs(ends[1]) else MOST_LOG_GAMMA
+        return float(np.exp(nearest))
     return float(np.exp(brentq(off, -MOST_LOG_GAMMA, MOST_LOG_GAMMA, xtol=1e-4)))
 
 

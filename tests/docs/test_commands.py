@@ -50,6 +50,7 @@ BEFORE_LINES: Final = 1024
 NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "first-inspection": (f"small {PRESETS}", "prooflight-demo/sample-job.pdf"),
     "press-file": (f"small {PRESETS}",),
+    "office-scanners": (),
     "describe-your-inks": ("measured.txt", "recipes.csv"),
     "calibrate-from-a-chart": ("fine my.press",),
     "teach-a-press": ("press.toml", "long job.pdf"),

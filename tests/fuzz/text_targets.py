@@ -13,7 +13,7 @@ from tests.fuzz.harness import Target
 from tests.fuzz.spoiling import spoil_bytes, spoil_text
 from tests.stand_ins import cmyk_profile
 
-PRESETS = ("prototype.toml", "two-sensors.toml", "rgb-line.toml")
+PRESETS = ("prototype.toml", "two-sensors.toml", "rgb-line.toml", "scanner.toml")
 MOVING = "[transport]\nspeed_mm_s = 292.0\nbinning_along = 1\nlead_in_mm = 2.0\nbacking_reflectance = 0.05\n"
 VARYING = """[inspection]
 fringes = true

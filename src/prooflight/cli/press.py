@@ -168,6 +168,36 @@ def _trained(press: Press, designs: int, *, rate: float, full: bool, seed: int, 
 
 
 @app.command()
+def preset(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="scanner: an office scanner.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="PRESS.toml", help="Where to write; default: print.")
+    ] = None,
+    dpi: Annotated[
+        float | None,
+        typer.Option(help="Resolution of the scans; default 150. [pixels/inch]", min=72, max=5080),
+    ] = None,
+    grey: Annotated[
+        bool, typer.Option("--grey", help="Scans are grey: one sensor instead of three.")
+    ] = False,
+    width: Annotated[float, typer.Option(metavar="MM", help="Width of the field.", min=20, max=1000)] = 216.0,
+) -> None:
+    """Write the press file of a preset, to be changed and built."""
+    from prooflight.files.atomic import whole_file
+    from prooflight.press.scanner import PRESET_DPI, press_dpi, scanner_press_text
+
+    if name != "scanner":
+        raise RequestError("preset", f"there is no {name!r}", remedy="choose scanner")
+    text = scanner_press_text(dpi=press_dpi(dpi or PRESET_DPI), grey=grey, width_mm=width)
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    with whole_file(out) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+    show.people.print(show.strong(out))
+
+
+@app.command()
 def learn(
     artefact: Artefact,
     job: Annotated[Path, typer.Argument(metavar="JOB", help="Job that was printed.")],

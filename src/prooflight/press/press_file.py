@@ -31,6 +31,7 @@ from prooflight.press.limits import refuse_unworkable
 from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.cameras.setting_up import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
+from prooflight.scans.scanner.feeder import FeederPrior
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -180,6 +181,12 @@ class PressFile:
             return None
         fields = block.model_dump(exclude={"plc"})
         return GateSettings(**fields, plc=PlcSettings(**block.plc.model_dump()))
+
+    @property
+    def feeder(self) -> FeederPrior | None:
+        """Return the feeder of ``[scanner]``; None: the press is not seen by an office scanner."""
+        block = self._document.scanner
+        return None if block is None else FeederPrior(**block.model_dump())
 
     @property
     def plant(self) -> PlantBlock:

@@ -28,6 +28,8 @@ BYTES_PER_SAMPLE: Final = 8.0
 """Memory while a picture is read: 4 of the light, and of Pillow's own picture 1, or 4 where it has 16
 bits."""
 _AGAIN: Final = "scan the page again"
+_ICC: Final = 34675
+"""TIFF tag of the ICC profile (ICC.1:2022, B.4)."""
 _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2  # TIFF 6.0, PhotometricInterpretation
 
 
@@ -39,6 +41,10 @@ class Picture:
     """Light in the file's own numbers, more is lighter, (channels, lines, pixels)."""
     dpi: tuple[float, float] | None
     """Resolution across and along, if the file states one. [pixels/inch]"""
+    full: float = 1.0
+    """Greatest number that a sample of the file can have; 1 for floating point."""
+    profile: bytes | None = None
+    """Its ICC profile; None: the file has none."""
 
     @property
     def grey(self) -> NDArray[np.float32]:
@@ -125,7 +131,9 @@ def _read_tiff(file: PictureFile) -> Picture:
                 np.subtract(part.max(initial=0), part, out=part)
             start += len(part)
         dpi = _sane(tag_dpi(resolution_tags(pages[0]), unit_unstated=NO_UNIT))
-    return Picture(light=_checked(path, light), dpi=dpi)
+        full = 1.0 if pages[0].dtype.kind == "f" else float(2 ** pages[0].bitspersample - 1)
+        profile = pages[0].tags.valueof(_ICC)
+    return Picture(light=_checked(path, light), dpi=dpi, full=full, profile=profile or None)
 
 
 def _channels(page: Any) -> int:
@@ -152,9 +160,13 @@ def _read_other(path: Path) -> Picture:
         light = np.empty((3 if (plain or image.mode) == "RGB" else 1, image.height, image.width), np.float32)
         for rows, samples in bands(image, mode=plain):
             light[:, rows] = np.moveaxis(samples, -1, 0)
-        dpi = image.info.get("dpi")
+        dpi, profile = image.info.get("dpi"), image.info.get("icc_profile")
+        full = 65535.0 if image.mode.startswith("I") else 255.0
     return Picture(
-        light=_checked(path, light), dpi=None if not dpi else _sane([float(value) for value in dpi])
+        light=_checked(path, light),
+        dpi=None if not dpi else _sane([float(value) for value in dpi]),
+        full=full,
+        profile=profile or None,
     )
 
 

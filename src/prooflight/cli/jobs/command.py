@@ -261,6 +261,24 @@ def inspect(
         Path | None,
         typer.Option(metavar="SCAN", help="A good scan to compare with, or one for each page; needs no job."),
     ] = None,
+    scanner: Annotated[
+        bool,
+        typer.Option(
+            "--scanner",
+            help="SCANS are an office scanner's: PDF, TIFF, JPEG or PNG, in any order; needs no press.",
+        ),
+    ] = False,
+    scan_dpi: Annotated[
+        float | None,
+        typer.Option(metavar="DPI", help="With --scanner: resolution of scans whose file states none."),
+    ] = None,
+    tone: Annotated[
+        str | None,
+        typer.Option(
+            metavar="srgb|linear|GAMMA[:BLACK:WHITE]",
+            help="With --scanner: curve of the scans, black and white in per cent; default their profile, or sRGB.",
+        ),
+    ] = None,
     layout: LayoutWords = None,
     detector: Detector = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
@@ -272,11 +290,21 @@ def inspect(
 
     Exits 1 if there is a misprint, 3 if a page was not inspected.
     """
+    from prooflight.cli.jobs import scanner as scanners
+
     done: Inspected[Any]
+    if not scanner:
+        scanners.refuse_without_scanner(tone, scan_dpi)
     if golden is not None:
         from prooflight.cli.jobs.golden import inspect_golden
 
-        raster_only = {"--detector": detector, "--report": report, "--layout": layout, "--zones": zones}
+        raster_only: dict[str, object] = {
+            "--detector": detector,
+            "--report": report,
+            "--layout": layout,
+            "--zones": zones,
+        }
+        raster_only["--scanner"] = scanner or None
         for option, given in raster_only.items():
             if given is not None:
                 remedy = "leave it out: it needs the job's raster"
@@ -285,10 +313,12 @@ def inspect(
         done = inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json)
         _leave(done)
         return
-    if scans is None or press is None:
+    if scans is None or (press is None and not scanner):
         missing = "SCANS" if scans is None else "--press"
         raise RequestError(
-            "inspect", f"{missing} is missing", remedy="give JOB SCANS --press X.press, or --golden SCAN"
+            "inspect",
+            f"{missing} is missing",
+            remedy="give JOB SCANS --press X.press, or --scanner where an office scanner made them, or --golden SCAN",
         )
     from prooflight.cli.jobs.check import checked_early, tell_warnings
     from prooflight.cli.jobs.inspected import inspected
@@ -296,20 +326,46 @@ def inspect(
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
     from prooflight.inspection.promise import Judged, PromiseWatch
+    from prooflight.inspection.scanner.inspected import InspectScannedPage
     from prooflight.pages.parallel import in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
+    from prooflight.scans.scanner.reading import scanned_pages
 
-    loaded = Press.load(press)
+    say = show.steps(quiet=json)
+    if scanner:
+        settings = scanners.scanner_settings(tone, scan_dpi)
+        sheets = scanned_pages(scans)
+        picture = scanners.first_readable(sheets, settings)
+    if press is not None:
+        loaded = Press.load(press)
+    else:
+        loaded = scanners.scanner_press(
+            job,
+            picture,
+            profile=profile,
+            train=detector in (None, "ours"),
+            progress=say,
+            shown=lambda days, total, what: _shown(days, total, what, quiet=json),
+        )
     inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
     source = job_source(job, loaded, profile=profile)
     source, plan = laid_out.laid_out(source, layout, loaded.geometry)
     with source.open() as opened:
         zones_of_job = zones_in_force(zones, opened, loaded)
         inspector = replace(inspector, zones=zones_of_job)
-        pairs, name = paired(opened, scans, sensors=len(loaded.sensors)), opened.name
+        if scanner:
+            pairs = scanners.scanner_pairs(source, len(opened), sheets, loaded, settings, progress=say)
+        else:
+            pairs = paired(opened, scans, sensors=len(loaded.sensors))
+        name = opened.name
         early = checked_early(opened, json=json)
-    work = InspectPage(job=source, inspector=inspector, scans=scans)
+    if scanner:
+        work: InspectPage = InspectScannedPage(
+            job=source, inspector=inspector, scans=scans, settings=settings
+        )
+    else:
+        work = InspectPage(job=source, inspector=inspector, scans=scans)
     promise = PromiseWatch.of(inspector.detector)
     if report is None:
         tried = Tried(work, work.name, Judged)

@@ -65,23 +65,36 @@ def trained_once(
     RequestError
         If there are too few designs.
     """
+
+    def build() -> Press:
+        return trained(
+            press,
+            Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi),
+            designs=designs,
+            seed=seed,
+            false_alarm_rate=false_alarm_rate,
+            paper=paper,
+            shown=shown,
+        )
+
     plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
-    key = hashlib.sha256(f"{press.digest} {plan} {_program_digest()}".encode()).hexdigest()
-    path = cache_folder() / f"{key}.press"
+    return cached_press(f"{press.digest} {plan}", build, progress=progress)
+
+
+def cached_press(
+    key: str, build: Callable[[], Press], *, progress: Callable[[str], None] = lambda _step: None
+) -> Press:
+    """Return the press that ``build`` makes, from the cache where this program has made it before.
+
+    key: text of everything that the press depends on, apart from the program.
+    """
+    digest = hashlib.sha256(f"{key} {_program_digest()}".encode()).hexdigest()
+    path = cache_folder() / f"{digest}.press"
     cached = _load(path)
     if cached is not None:
         progress(f"the press was trained before: taking it from {path.parent}")
         return cached
-    corpus = Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi)
-    built = trained(
-        press,
-        corpus,
-        designs=designs,
-        seed=seed,
-        false_alarm_rate=false_alarm_rate,
-        paper=paper,
-        shown=shown,
-    )
+    built = build()
     _save(built, path)
     return built
 

@@ -15,7 +15,7 @@ import numpy as np
 import pymupdf
 from pymupdf import mupdf
 
-from prooflight.errors import InputError, JobError, ProfileError, RequestError
+from prooflight.errors import InputError, JobError, ProfileError, RequestError, ScanError
 from prooflight.pages.memory import available_bytes, refuse_oversize
 from prooflight.pages.pdf import external
 from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
@@ -118,6 +118,49 @@ class PdfFile:
             page = self._load(number)
             box = self._box(page, number)
             return page_marks(page, (box.x0, box.y0))
+
+    def picture(
+        self, number: int, raster: Callable[[tuple[int, int, int], int], NDArray[np.uint8]]
+    ) -> tuple[float, float]:
+        """Draw the scan that page ``number`` consists of into ``raster((rows, columns, 1 or 3), pixels)``.
+
+        Each of its pixels becomes one pixel, grey or sRGB; its profile has been applied. The result is the
+        resolution across and along [pixels/inch]. Errors as ``draw``; ScanError: the page holds no picture.
+        """
+        with self._listening(f"page {number} is damaged", number):
+            self._refuse_number(number)
+            page = self._document[number - 1]
+            images = [one for one in page.get_image_info() if not pymupdf.Rect(one["bbox"]).is_empty]
+            if not images:
+                what = f"page {number} holds no picture, so it is no scan"
+                raise ScanError(self._shown, what, remedy="give scans as PDF, JPEG, PNG or TIFF")
+            # Devices cut a scan into strips, or add small pictures: the largest one states the resolution.
+            largest = max(images, key=lambda one: one["width"] * one["height"])
+            drawn = pymupdf.Matrix(largest["transform"])
+            across = largest["width"] / math.hypot(drawn.a, drawn.b)
+            along = largest["height"] / math.hypot(drawn.c, drawn.d)
+            if abs(drawn.b) > abs(drawn.a):  # the page is turned by a quarter
+                across, along = along, across
+            rows, columns = round(page.rect.height * along), round(page.rect.width * across)
+            if min(rows, columns) < 1:
+                what = f"page {number} is {columns} x {rows} pixels"
+                raise ScanError(self._shown, what, remedy="scan the page again")
+            self._refuse_oversize(
+                number, POINTS_PER_INCH * max(across, along), rows, columns, drawn=rows * columns
+            )
+            grey = all(one["colorspace"] <= 1 for one in images)
+            out = raster((rows, columns, 1 if grey else 3), rows * columns)
+            seen = page.get_pixmap(
+                matrix=pymupdf.Matrix(columns / page.rect.width, rows / page.rect.height),
+                colorspace=pymupdf.csGRAY if grey else pymupdf.csRGB,
+                alpha=False,
+                annots=False,
+            )
+            samples = np.frombuffer(seen.samples_mv, np.uint8).reshape(seen.h, seen.stride)
+            high, wide = min(rows, seen.h), min(columns, seen.w)
+            out[:] = 255
+            out[:high, :wide] = samples[:high, : wide * seen.n].reshape(high, wide, seen.n)
+        return POINTS_PER_INCH * across, POINTS_PER_INCH * along
 
     def facts(self, number: int, swatches: Path) -> dict[str, Any]:
         """Return facts of page ``number`` (``page_facts``), as long as nothing has been drawn; errors as ``draw``.

@@ -34,6 +34,9 @@ from prooflight.pages.warnings import PageWarning
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.taking_together import InkLight
 
@@ -131,6 +134,16 @@ class PdfJob:
         cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
         warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)
+
+    def picture(self, number: int) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+        """Return the scan that page ``number`` (from 1) consists of, and its resolution across and along.
+
+        The scan is (rows, columns, 1 or 3), grey or sRGB, pixel by pixel as it is stored. [pixels/inch]
+        JobError: the page cannot be drawn; ScanError: it holds no picture.
+        """
+        answer = self._asked(f"page {number}", do="picture", number=number)
+        across, along = answer["dpi"]
+        return answer["cmyk"], (across, along)
 
     @property
     def warnings(self) -> tuple[PageWarning, ...]:

@@ -123,6 +123,17 @@ class Worker:
             ).shape
         return {"shape": shape, "warnings": _plain(file.warnings())}
 
+    def _picture(self, request: dict[str, Any]) -> dict[str, Any]:
+        file, shapes = self._file(request), list[tuple[int, int, int]]()
+
+        def raster(shape: tuple[int, int, int], drawn_pixels: int) -> NDArray[np.uint8]:
+            _limit_memory(request["room_bytes"] + BYTES_PER_PIXEL * drawn_pixels)
+            shapes.append(shape)
+            return self._raster(shape)
+
+        dpi = file.picture(request["number"], raster)
+        return {"shape": shapes[0], "dpi": dpi, "warnings": _plain(file.warnings())}
+
     def _marks(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._file(request)
         return {"marks": file.marks(request["number"]), "warnings": _plain(file.warnings())}

@@ -1,0 +1,110 @@
+"""``prooflight inspect --scanner``: press and pairs of pages and scans where an office scanner is the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from prooflight.errors import RequestError, ScanError
+from prooflight.inspection.scanner.finding import ExpectedPages, placed_scans
+from prooflight.pages.job import JobSource
+from prooflight.press.artefact import Press
+from prooflight.press.press_file import PressFile
+from prooflight.press.scanner import field_mm, press_dpi, scanner_press_file
+from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.scans.scanner.reading import ScannerSettings
+from prooflight.scans.scanner.tone import Tone
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from prooflight.commissioning.training.train import Shown
+    from prooflight.inspection.job import Pair
+    from prooflight.scans.scanner.reading import ScannedPage, ScannedPicture
+
+DESIGNS: Final = 24
+"""Designs printed to train the matched filter for a scanner, as for the demonstration's press."""
+SEED: Final = 1
+
+
+def scanner_settings(tone: str | None, dpi: float | None) -> ScannerSettings:
+    """Return the settings of ``--tone`` and ``--scan-dpi``; RequestError: one of them is nothing of the kind."""
+    return ScannerSettings(tone=None if tone is None else Tone.parse(tone), dpi=dpi)
+
+
+def refuse_without_scanner(tone: str | None, dpi: float | None) -> None:
+    """Raise RequestError if an option is given that says something of an office scanner's scans only."""
+    for option, given in {"--tone": tone, "--scan-dpi": dpi}.items():
+        if given is not None:
+            raise RequestError(
+                option, "is for scans of an office scanner", remedy="add --scanner, or leave it out"
+            )
+
+
+def scanner_press(
+    job: Path,
+    picture: ScannedPicture,
+    *,
+    profile: Path | None,
+    train: bool,
+    progress: Callable[[str], None],
+    shown: Shown,
+) -> Press:
+    """Return a press of the scanner's preset for scans like ``picture``, from the cache where it holds it.
+
+    train: whether the matched-filter detector is trained, which takes minutes when it is done first. Errors as of
+    reading job and scans.
+    """
+    from prooflight.commissioning.build import build_press
+    from prooflight.commissioning.training.cache import COMPOSED_SEED, cached_press
+    from prooflight.commissioning.training.train import trained
+    from prooflight.simulation.corpus.corpus import Corpus
+
+    with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
+        sizes_mm = opened.page_sizes_mm
+    press_file = scanner_press_file(
+        dpi=press_dpi(max(picture.dpi)), grey=len(picture.light) == 1, width_mm=field_mm(sizes_mm)
+    )
+
+    def build() -> Press:
+        progress("building a press of the scanner, once for all scans of this resolution")
+        press = build_press(press_file, seed=SEED, progress=progress)
+        if not train:
+            return press
+        corpus = Corpus(seed=COMPOSED_SEED + SEED, dpi=press.dpi)
+        return trained(press, corpus, designs=DESIGNS, seed=SEED, shown=shown)
+
+    return cached_press(f"{press_file.text} {train} {DESIGNS} {SEED}", build, progress=progress)
+
+
+def first_readable(scans: Sequence[ScannedPage], settings: ScannerSettings) -> ScannedPicture:
+    """Return the first scan that can be read; ScanError: none can, and why the first cannot."""
+    first: ScanError | None = None
+    for scan in scans:
+        try:
+            return scan.read(settings)
+        except ScanError as error:
+            first = first or error
+    assert first is not None
+    raise first
+
+
+def scanner_pairs(
+    source: JobSource,
+    count: int,
+    scans: Sequence[ScannedPage],
+    press: Press,
+    settings: ScannerSettings,
+    *,
+    progress: Callable[[str], None],
+) -> list[Pair]:
+    """Return every page of a job of ``count`` pages with the scan that shows it; see ``placed_scans``."""
+    pages = ExpectedPages(job=source, press=press, feeder=_feeder_of(press))
+    return list(placed_scans(scans, pages, count, settings=settings, progress=progress))
+
+
+def _feeder_of(press: Press) -> FeederPrior:
+    """Return the feeder that the press's file states, or a usual one."""
+    text = press.origin.get("press_file", "")
+    feeder = PressFile(Path(press.name), text).feeder if text else None
+    return feeder or FeederPrior()

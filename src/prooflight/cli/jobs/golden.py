@@ -6,12 +6,13 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from prooflight.cli import show
-from prooflight.errors import JobError
+from prooflight.errors import JobError, RequestError
 from prooflight.pages.files import page_name
 from prooflight.pages.job import JobSource
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from prooflight.cli.jobs.inspected import Inspected
@@ -20,7 +21,14 @@ if TYPE_CHECKING:
 
 
 def inspect_golden(
-    golden: Path, scans: Path, *, job: Path | None, press: Path | None, profile: Path | None, json: bool
+    golden: Sequence[Path],
+    scans: Path,
+    *,
+    job: Path | None,
+    press: Path | None,
+    profile: Path | None,
+    zones: Path | None,
+    json: bool,
 ) -> Inspected[Verdict]:
     """Inspect, and show one verdict a scan, or a page of the job."""
     from prooflight.cli.jobs.inspected import inspected
@@ -28,12 +36,17 @@ def inspect_golden(
     from prooflight.inspection.job import Tried, alone
     from prooflight.pages.parallel import in_order
 
+    if zones is not None and press is not None:
+        what = "goes with --golden only where scans are pictures"
+        raise RequestError("--zones", what, remedy="leave --press out, or inspect by the job's raster")
     loaded = None if press is None else Press.load(press)
     troubles: dict[str, str] = {}
     lefts_mm = None if job is None else _lefts_mm(job, loaded, profile, troubles)
     sensors = None if loaded is None else len(loaded.sensors)
     pages = golden_pages(golden, scans, sensors=sensors, lefts_mm=lefts_mm, troubles=troubles)
-    work = GoldenInspector.of(loaded, *dict.fromkeys(page.golden for page in pages))
+    work = GoldenInspector.of(loaded, *dict.fromkeys(page.goldens[0] for page in pages))
+    if zones is not None:
+        pages = work.with_zones(pages, zones)
     tried = Tried(work, attrgetter("name"), alone)
     done = inspected(
         in_order(tried, pages, killed=tried.killed),
@@ -43,7 +56,7 @@ def inspect_golden(
         json=json,
     )
     if not json:
-        show.judged(done.verdicts, title=f"{scans.name} against {golden.name}")
+        show.judged(done.verdicts, title=f"{scans.name} against {', '.join(one.name for one in golden)}")
     return done
 
 

@@ -248,7 +248,7 @@ def test_a_scan_of_another_camera(tmp_path: Path, press: Press) -> None:
     golden = saved(tmp_path / "golden.tif", np.zeros((40, 40), np.uint16))
     file = picture_files(golden)[0]
     with pytest.raises(ScanError, match="1 sensors x 400 pixels"):
-        GoldenInspector.of(press, file)(GoldenPage(name="p", scan=file, goldens=(file,)))
+        GoldenInspector.of(press, file)(GoldenPage(number=1, name="p", scan=file, goldens=(file,)))
 
 
 @pytest.mark.parametrize("value", [np.nan, 0.0])
@@ -322,3 +322,28 @@ def test_several_copies_may_be_golden(tmp_path: Path, capsys: pytest.CaptureFixt
     assert inspected(tmp_path, capsys, *copy)[0] == 1
     as_it_is = ("--golden", str(tmp_path / "spot.tif"))
     assert inspected(tmp_path, capsys, *as_it_is)[0] == 0
+
+
+def test_a_report_shows_the_golden_the_scan_and_their_difference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, (verdict,) = inspected(tmp_path, capsys, "--report", str(tmp_path / "out"))
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert (code, verdict["verdict"]) == (1, "misprint")
+    assert "spot.tif against golden.tif" in text
+    assert text.count("data:image/webp") >= 6  # the page, three pictures, and a piece of two of them
+    assert "1 stopped as a misprint" in text
+
+
+def test_a_report_of_a_missing_scan_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    golden, scans = saved(tmp_path / "golden.tif", sheet()), tmp_path / "scans"
+    scans.mkdir()
+    saved(scans / "a.tif", sheet())
+    (scans / "b.tif").write_bytes(b"no picture")
+    words = ["inspect", str(scans), "--golden", str(golden), "--report", str(tmp_path / "out"), "--json"]
+    assert run(words) == 3
+    assert [json.loads(line)["verdict"] for line in capsys.readouterr().out.splitlines()] == [
+        "good",
+        "not-inspected",
+    ]
+    assert "could not be inspected" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

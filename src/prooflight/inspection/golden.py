@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from prooflight.detectors.base import Inspection
 from prooflight.detectors.golden.detector import GoldenSheet, evened
 from prooflight.detectors.golden.several import mean_and_spread
 from prooflight.detectors.verdict import Verdict
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 class GoldenPage:
     """Scan of a page, if there is one, and its golden scan."""
 
+    number: int
+    """Place in the job, from 1."""
     name: str
     scan: PictureFile | None
     goldens: tuple[PictureFile, ...]
@@ -79,6 +82,7 @@ def golden_pages(
     lefts = lefts_mm or [0.0] * len(rows)
     return [
         GoldenPage(
+            number=number,
             name=name,
             scan=scan,
             goldens=its,
@@ -86,7 +90,9 @@ def golden_pages(
             scans=scans,
             trouble=(troubles or {}).get(name, ""),
         )
-        for (name, scan), its, left in zip(rows, zip(*theirs, strict=True), lefts, strict=True)
+        for number, ((name, scan), its, left) in enumerate(
+            zip(rows, zip(*theirs, strict=True), lefts, strict=True), start=1
+        )
     ]
 
 
@@ -141,6 +147,11 @@ class GoldenInspector:
 
     def __call__(self, page: GoldenPage) -> Verdict:
         """Return the verdict on one page; ScanError if its scan is no scan of the golden's kind."""
+        result = self.result(page)
+        return result.verdict if isinstance(result, Inspection) else result
+
+    def result(self, page: GoldenPage) -> Inspection | Verdict:
+        """Return the inspection of one page, or the bare verdict on one that has no scan or cannot be used."""
         if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:
@@ -168,7 +179,12 @@ class GoldenInspector:
             done = sheet.inspect(Scan(dn=scan.light, name=page.scan.path.name))
         except ScanError as error:
             raise ScanError(page.scan.path, error.what, remedy=error.remedy) from error
-        return replace(done.verdict, milliseconds=round((time.perf_counter() - started) * 1e3, 1))
+        milliseconds = round((time.perf_counter() - started) * 1e3, 1)
+        return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
+
+    def pitch_mm(self, page: GoldenPage) -> tuple[float, float]:
+        """Return the pitch of a page's pixels, across and along."""
+        return self._pitch_mm(page.goldens[0], _read(page.goldens[0]))
 
     def with_zones(self, pages: Sequence[GoldenPage], path: Path) -> list[GoldenPage]:
         """Return the pages with the zones of a file, whose places count from the golden's first pixel.
@@ -178,7 +194,7 @@ class GoldenInspector:
         sizes_mm = []
         for page in pages:
             golden = _read(page.goldens[0])
-            across_mm, along_mm = self._pitch_mm(page.goldens[0], golden)
+            across_mm, along_mm = self.pitch_mm(page)
             _, lines, pixels = golden.light.shape
             sizes_mm.append((pixels * across_mm, lines * along_mm))
         zones = JobZones.read(path, sizes_mm)

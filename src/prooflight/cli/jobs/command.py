@@ -279,14 +279,21 @@ def inspect(
     if golden:
         from prooflight.cli.jobs.golden import inspect_golden
 
-        raster_only = {"--detector": detector, "--report": report, "--layout": layout}
+        raster_only = {"--detector": detector, "--layout": layout}
         for option, given in raster_only.items():
             if given is not None:
                 remedy = "leave it out: it needs the job's raster"
                 raise RequestError(option, "does not go with --golden", remedy=remedy)
         of_job = (None, job) if scans is None else (job, scans)
         done = inspect_golden(
-            golden, of_job[1], job=of_job[0], press=press, profile=profile, zones=zones, json=json
+            golden,
+            of_job[1],
+            job=of_job[0],
+            press=press,
+            profile=profile,
+            zones=zones,
+            report=report,
+            json=json,
         )
         _leave(done)
         return

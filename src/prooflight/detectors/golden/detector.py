@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
+PROMISE: Final = (
+    "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
+)
 MOST_REGIONS: Final = 12
 MARGIN_PIXELS: Final = 2
 """Margin around a region: edges may be displaced so far, so that this much of it may be hidden."""
@@ -60,9 +63,7 @@ class GoldenDetector(StationDetector):
     goldens: Mapping[str, Scan]
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = (
-        "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
-    )
+    promise: str = PROMISE
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""

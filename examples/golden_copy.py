@@ -51,7 +51,7 @@ def main(out: Path) -> None:
         scan_to_file(scans / f"{name}.tif", page, press, misprint, day=day)
 
     pairs = golden_pages(golden, scans)
-    judge = GoldenInspector.of(None, pairs[0].golden)
+    judge = GoldenInspector.of(None, pairs[0].goldens[0])
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     first, *others = figure.subplots(1, 1 + len(pairs))
     first.imshow(tifffile.imread(golden), cmap="gray")

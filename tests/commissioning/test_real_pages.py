@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from prooflight.commissioning.training.adapting import adapted, own_scores
+from prooflight.commissioning.training.good_rows import waiting_path
 from prooflight.commissioning.training.learn import Pages
-from prooflight.commissioning.training.real_pages import FEWEST_REAL, new_scans, recalibrated
+from prooflight.commissioning.training.real_pages import (
+    FEWEST_REAL,
+    LearnedPages,
+    learn_pages,
+    new_scans,
+    recalibrated,
+)
+from prooflight.detectors.matched_filter.calibrated import ScannedPage
 from prooflight.detectors.matched_filter.variation import AMOUNTS
-from prooflight.errors import RequestError
-from prooflight.inspection.job import ScannedPage
+from prooflight.errors import PressError, RequestError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from prooflight.press.artefact import Press
 
 
@@ -132,3 +142,118 @@ def test_scans_of_other_pages_are_named_and_teach_nothing(
         recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
     rest = {page.name: page.digest for page in pages if not page.another}
     assert recalibrated(trained_press, pages, rest, false_alarm_rate=0.1).ours is not None
+
+
+# --- calls add up ---
+
+
+def copies(press: Press, copy: int, *, pages: int = 6) -> list[ScannedPage]:
+    """One printed copy of a paper; each copy has scans of its own, and the same designs."""
+    return [replace(page, design=f"d{at}") for at, page in enumerate(seen(press, pages, seed=100 + copy))]
+
+
+def learned(artefact: Path, press: Press, pages: list[ScannedPage], out: Path | None = None) -> LearnedPages:
+    return learn_pages(artefact, press, pages, false_alarm_rate=0.1, out=out or artefact)
+
+
+def test_copies_of_a_paper_add_up_until_they_suffice(trained_press: Press, tmp_path: Path) -> None:
+    artefact = tmp_path / "x.press"
+    trained_press.save(artefact)
+    before = artefact.read_bytes()
+    said = [learned(artefact, trained_press, copies(trained_press, copy)) for copy in range(3)]
+    assert [one.waiting for one in said] == [True] * 3
+    assert said[0].sentence == "6 of 20 pages so far (6 designs); learn 14 more"
+    assert said[2].sentence == "18 of 20 pages so far (6 designs, 3 copies of each); learn 2 more"
+    assert artefact.read_bytes() == before
+    again = learned(artefact, trained_press, copies(trained_press, 1))
+    assert (again.new, len(again.designs)) == (0, 18)
+    last = learned(artefact, trained_press, copies(trained_press, 3, pages=2))
+    assert not last.waiting
+    assert last.sentence == (
+        "20 pages learned (6 designs, 3 to 4 copies of each): they alone support no rarer alarm than one in 21 "
+        "copies of these designs, and one in 7 pages of new designs"
+    )
+    assert not waiting_path(artefact).exists()
+    stored = type(trained_press).load(artefact)
+    assert stored.ours is not None
+    assert stored.ours.real == 20
+    everything = [page for copy in range(3) for page in copies(trained_press, copy)]
+    everything += copies(trained_press, 3, pages=2)
+    once = learned(tmp_path / "once.press", trained_press, everything)
+    assert once.press.digest == stored.digest
+    more = learned(artefact, stored, copies(trained_press, 4))
+    assert (more.waiting, more.new, len(more.designs)) == (False, 6, 26)
+
+
+def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press: Press) -> None:
+    ours = trained_press.ours
+    assert ours is not None
+    pages = [page for copy in range(4) for page in copies(trained_press, copy)]
+    rows, none = rows_of(pages), np.zeros(24, bool)
+    of_designs = replace(rows, design=np.tile(np.arange(6), 4))
+    fitted = recalibrated(
+        trained_press,
+        [replace(page, name=page.digest) for page in pages],
+        {page.digest: page.digest for page in pages},
+        false_alarm_rate=0.1,
+    )
+    assert fitted.ours is not None
+    expected = np.sort(own_scores(ours.model, of_designs, none, real=True))
+    assert fitted.ours.scores.own.worst == pytest.approx(expected)
+    assert fitted.ours.promise.real == 24
+
+
+def test_a_refused_call_keeps_what_waits(trained_press: Press, tmp_path: Path) -> None:
+    artefact = tmp_path / "x.press"
+    learned(artefact, trained_press, copies(trained_press, 0))
+    waiting = waiting_path(artefact).read_bytes()
+    with pytest.raises(RequestError, match="shows another page"):
+        learned(artefact, trained_press, seen(trained_press, 16, another=1))
+    assert waiting_path(artefact).read_bytes() == waiting
+    assert not artefact.exists()
+
+
+def test_pages_that_were_learned_when_the_process_ended_do_not_count_twice(
+    trained_press: Press, tmp_path: Path
+) -> None:
+    artefact = tmp_path / "x.press"
+    pages = seen(trained_press, 24)
+    learned(artefact, trained_press, pages[:18])
+    waiting = waiting_path(artefact).read_bytes()
+    done = learned(artefact, trained_press, pages)
+    waiting_path(artefact).write_bytes(waiting)  # as if it had ended between the two files
+    after = learned(artefact, done.press, seen(trained_press, 1, seed=9))
+    assert (after.new, len(after.designs)) == (1, 25)
+
+
+def test_pages_wait_for_their_press_while_another_file_learns_them(
+    trained_press: Press, tmp_path: Path
+) -> None:
+    artefact, out = tmp_path / "x.press", tmp_path / "y.press"
+    done = learned(artefact, trained_press, seen(trained_press, 20), out)
+    assert not done.waiting
+    assert (out.exists(), artefact.exists(), waiting_path(artefact).exists()) == (True, False, True)
+    more = learned(artefact, trained_press, seen(trained_press, 6, seed=2), out)
+    assert len(more.designs) == 26
+
+
+def test_a_waiting_file_of_another_build_or_damaged_is_refused_and_stays(
+    trained_press: Press, tmp_path: Path
+) -> None:
+    artefact, few = tmp_path / "x.press", copies(trained_press, 0)
+    learned(artefact, trained_press, few)
+    ours = trained_press.ours
+    assert ours is not None
+    adapted_since = replace(ours, model=replace(ours.model, shift=ours.model.shift + 1.0))
+    learned(artefact, replace(trained_press, ours=adapted_since), few)  # measures as before
+    other = replace(trained_press, supersampling=trained_press.supersampling + 1)
+    with pytest.raises(
+        PressError, match=r"x\.press\.waiting: another build .* measured the pages .*; remove it"
+    ):
+        learned(artefact, other, few)
+    whole = waiting_path(artefact).read_bytes()
+    for spoilt in (whole[:-40], b"", b"x" * 200, whole.replace(b'"schema":"1"', b'"schema":"2"')):
+        waiting_path(artefact).write_bytes(spoilt)
+        with pytest.raises(PressError, match="remove it, and learn its pages again"):
+            learned(artefact, trained_press, few)
+        assert waiting_path(artefact).read_bytes() == spoilt

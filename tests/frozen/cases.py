@@ -370,7 +370,7 @@ def golden(folder: Path) -> Figures:
     for name, image in (("golden", drawn), ("good", np.roll(drawn, 1, axis=1)), ("spoilt", spoilt)):
         tifffile.imwrite(folder / f"{name}.tif", image, **resolution)  # type: ignore[arg-type]
         (page,) = golden_pages(folder / "golden.tif", folder / f"{name}.tif")
-        found[name] = of_verdict(GoldenInspector.of(None, page.golden)(page))
+        found[name] = of_verdict(GoldenInspector.of(None, page.goldens[0])(page))
     return found
 
 

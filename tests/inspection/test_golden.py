@@ -61,7 +61,7 @@ def saved(path: Path, pixels: np.ndarray, *, dpi: float | None = DPI, **how: Any
 
 def verdict_of(golden: Path, scan: Path) -> Any:
     (page,) = golden_pages(golden, scan)
-    return GoldenInspector.of(None, page.golden)(page)
+    return GoldenInspector.of(None, page.goldens[0])(page)
 
 
 FORMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -104,7 +104,7 @@ def test_a_grey_golden_does_for_an_rgb_scan(tmp_path: Path) -> None:
 
 def test_another_sheet_is_the_wrong_page(tmp_path: Path) -> None:
     golden = saved(tmp_path / "golden.tif", sheet())
-    said = verdict_of(golden, saved(tmp_path / "scan.tif", np.ascontiguousarray(sheet()[::-1, ::-1])))
+    said = verdict_of(golden, saved(tmp_path / "scan.tif", np.ascontiguousarray(sheet()[:, ::-1])))
     assert (said.verdict, said.kind, said.shift_mm) == ("misprint", "wrong-page", None)
     assert "does not show" in said.reason
 
@@ -127,7 +127,7 @@ def test_goldens_belong_to_scans_of_their_names(tmp_path: Path) -> None:
         for name in names:
             saved(folder / f"{name}.tif", sheet())
     pages = golden_pages(goldens, scans)
-    assert [(page.name, page.golden.name) for page in pages] == [("b", "b"), ("c", "c")]
+    assert [(page.name, page.goldens[0].name) for page in pages] == [("b", "b"), ("c", "c")]
 
 
 def test_pages_of_a_job_without_a_scan_are_not_inspected(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_pages_of_a_job_without_a_scan_are_not_inspected(tmp_path: Path) -> None
     golden = saved(tmp_path / "golden.tif", sheet())
     saved(scans / "p0002.tif", sheet())
     pages = golden_pages(golden, scans, lefts_mm=[0.0, 0.0])
-    said = [GoldenInspector.of(None, golden_page.golden)(golden_page) for golden_page in pages]
+    said = [GoldenInspector.of(None, golden_page.goldens[0])(golden_page) for golden_page in pages]
     assert [(one.page, one.verdict) for one in said] == [("p0001", "not-inspected"), ("p0002", "good")]
 
 
@@ -248,7 +248,7 @@ def test_a_scan_of_another_camera(tmp_path: Path, press: Press) -> None:
     golden = saved(tmp_path / "golden.tif", np.zeros((40, 40), np.uint16))
     file = picture_files(golden)[0]
     with pytest.raises(ScanError, match="1 sensors x 400 pixels"):
-        GoldenInspector.of(press, file)(GoldenPage(name="p", scan=file, golden=file))
+        GoldenInspector.of(press, file)(GoldenPage(number=1, name="p", scan=file, goldens=(file,)))
 
 
 @pytest.mark.parametrize("value", [np.nan, 0.0])
@@ -280,3 +280,70 @@ def test_a_scan_out_of_shape_is_not_inspected_and_says_how(tmp_path: Path) -> No
     assert said.reason.startswith("the scan does not fit its golden: shifted by ")
     assert "stretched by 4." in said.reason  # of 4.5 %
     assert said.shift_mm is not None
+
+
+# --- zones and copies, by the command ---
+
+
+def zones_file(path: Path, kind: str = "ignore") -> Path:
+    zone = {"name": "label", "kind": kind, "rectangle_mm": [19, 24, 3.5, 3.5]}
+    path.write_text(json.dumps({"zones": [zone]}))
+    return path
+
+
+def inspected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], *more: str
+) -> tuple[int, list[dict[str, Any]]]:
+    for name, pixels in (("golden.tif", sheet()), ("copy.tif", sheet()), ("spot.tif", spotted())):
+        saved(tmp_path / name, pixels)
+    code = run(
+        ["inspect", str(tmp_path / "spot.tif"), "--golden", str(tmp_path / "golden.tif"), *more, "--json"]
+    )
+    return code, [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_an_ignored_zone_alarms_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert inspected(tmp_path, capsys)[0] == 1
+    code, (verdict,) = inspected(tmp_path, capsys, "--zones", str(zones_file(tmp_path / "z.json")))
+    assert (code, verdict["verdict"], verdict["regions"]) == (0, "good", [])
+
+
+def test_zones_that_a_golden_does_not_know(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    careful = zones_file(tmp_path / "z.json", "careful")
+    golden = saved(tmp_path / "golden.tif", sheet())
+    for more, why in (([], "holds careful zones"), (["--press", "x.press"], "only where scans are pictures")):
+        words = ["inspect", str(golden), "--golden", str(golden), "--zones", str(careful), *more]
+        assert run(words) == 2
+        assert why in capsys.readouterr().err
+
+
+def test_several_copies_may_be_golden(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = ("--golden", str(tmp_path / "copy.tif"))
+    assert inspected(tmp_path, capsys, *copy)[0] == 1
+    as_it_is = ("--golden", str(tmp_path / "spot.tif"))
+    assert inspected(tmp_path, capsys, *as_it_is)[0] == 0
+
+
+def test_a_report_shows_the_golden_the_scan_and_their_difference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, (verdict,) = inspected(tmp_path, capsys, "--report", str(tmp_path / "out"))
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert (code, verdict["verdict"]) == (1, "misprint")
+    assert "spot.tif against golden.tif" in text
+    assert text.count("data:image/webp") >= 6  # the page, three pictures, and a piece of two of them
+    assert "1 stopped as a misprint" in text
+
+
+def test_a_report_of_a_missing_scan_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    golden, scans = saved(tmp_path / "golden.tif", sheet()), tmp_path / "scans"
+    scans.mkdir()
+    saved(scans / "a.tif", sheet())
+    (scans / "b.tif").write_bytes(b"no picture")
+    words = ["inspect", str(scans), "--golden", str(golden), "--report", str(tmp_path / "out"), "--json"]
+    assert run(words) == 3
+    assert [json.loads(line)["verdict"] for line in capsys.readouterr().out.splitlines()] == [
+        "good",
+        "not-inspected",
+    ]
+    assert "could not be inspected" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

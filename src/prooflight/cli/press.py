@@ -216,7 +216,7 @@ def learn(
     json: Json = False,
 ) -> None:
     """Calibrate the matched-filter detector for this press by its real good pages, so that they do not alarm."""
-    from prooflight.commissioning.training.real_pages import new_scans, recalibrated
+    from prooflight.commissioning.training.real_pages import FEWEST_REAL, learn_pages
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, ScanPage, paired
     from prooflight.pages.parallel import in_order
@@ -237,29 +237,39 @@ def learn(
     work = ScanPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
-    fresh = new_scans(press, {page.name: page.digest for page in seen})
     rate = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
-    learned = recalibrated(press, seen, fresh, false_alarm_rate=1 / promise if promise else rate)
-    alarms = sum(page.score > press.ours.threshold for page in seen) if press.ours else 0
-    digest = learned.save(out or artefact)
-    assert learned.ours is not None
+    done = learn_pages(
+        artefact, press, seen, false_alarm_rate=1 / promise if promise else rate, out=out or artefact
+    )
+    detector = done.press.ours
+    assert press.ours is not None
+    assert detector is not None
+    alarms = sum(page.score > press.ours.threshold for page in seen)
     facts = {
-        "press": str(out or artefact),
-        "digest": digest,
+        "press": str(artefact if done.waiting else out or artefact),
+        "digest": done.press.digest,
         "pages": len(seen),
-        "new": len(fresh),
+        "new": done.new,
         "alarms_before": alarms,
-        "threshold": learned.ours.threshold,
-        "promise": str(learned.ours.promise),
+        "threshold": detector.threshold,
+        "promise": str(detector.promise),
+        "learned": 0 if done.waiting else len(done.designs),
+        "waiting": len(done.designs) if done.waiting else 0,
+        "needed": FEWEST_REAL,
+        "designs": len(set(done.designs)),
+        "support": done.sentence,
     }
     if json:
         show.print_json(facts)
         return
     show.people.print(
-        f"{len(seen)} good pages, {len(fresh)} of them new; {alarms} would have alarmed before. "
-        f"Now: {facts['promise']}"
+        f"{len(seen)} good pages, {done.new} of them new; {alarms} would have alarmed before. {done.sentence}."
     )
-    show.people.print(show.strong(out or artefact), f"written, digest {digest[:16]}")
+    if done.waiting:
+        show.people.print(show.strong(artefact), "is as it was; the pages wait next to it.")
+        return
+    show.people.print(f"Now: {facts['promise']}")
+    show.people.print(show.strong(out or artefact), f"written, digest {done.press.digest[:16]}")
 
 
 @app.command("show")

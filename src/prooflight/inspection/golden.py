@@ -6,22 +6,32 @@ import contextlib
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
+from prooflight.detectors.base import Inspection
 from prooflight.detectors.golden.detector import GoldenSheet, evened
+from prooflight.detectors.golden.several import mean_and_spread
 from prooflight.detectors.verdict import Verdict
-from prooflight.errors import ScanError
+from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import refuse_other_camera
 from prooflight.inspection.job import scan_missing
 from prooflight.pages.files import page_name
 from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.zones.zone import PageZones
+from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
 from prooflight.scans.pictures import PictureFile, picture_files
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from prooflight.pages.zones.zone import Zone
+    from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
     from prooflight.scans.pictures import Picture
 
@@ -30,19 +40,24 @@ if TYPE_CHECKING:
 class GoldenPage:
     """Scan of a page, if there is one, and its golden scan."""
 
+    number: int
+    """Place in the job, from 1."""
     name: str
     scan: PictureFile | None
-    golden: PictureFile
+    goldens: tuple[PictureFile, ...]
+    """Its golden scans, of which the first gives the place of every pixel."""
     left_mm: float = 0.0
     """Distance from the scan's left end to the page's left edge, where a job states the page's width."""
     scans: Path | None = None
     """File or folder in which its scan was looked for."""
     trouble: str = ""
     """Reason why the job's page cannot be used; empty: it can."""
+    zones: tuple[Zone, ...] = ()
+    """Zones of the page; those of the kind careful are judged as all places are."""
 
 
 def golden_pages(
-    golden: Path,
+    golden: Path | Sequence[Path],
     scans: Path,
     *,
     sensors: int | None = None,
@@ -52,37 +67,48 @@ def golden_pages(
     """Return every page with its scan and golden, in order.
 
     One golden is that of all scans; several belong to scans of their names, or else to pages in order.
-    sensors: number of images of a TIFF that make up a scan, where a press states it; else a golden's file is
-    one scan. lefts_mm: of each page of a job; pages without a scan are there too. troubles: of the job's
-    pages that cannot be used, by name. ScanError: there is nothing to read, or numbers do not fit.
+    golden: a file or folder, or several, each of which gives every page one golden more. sensors: number of images
+    of a TIFF that make up a scan, where a press states it; else a golden's file is one scan. lefts_mm: of each page
+    of a job; pages without a scan are there too. troubles: of the job's pages that cannot be used, by name.
+    ScanError: there is nothing to read, or numbers do not fit.
     """
-    goldens = picture_files(golden, images=sensors)
-    scan_files = picture_files(scans, images=sensors or goldens[0].images)
+    copies = [golden] if isinstance(golden, Path) else list(golden)
+    each = [picture_files(copy, images=sensors) for copy in copies]
+    scan_files = picture_files(scans, images=sensors or each[0][0].images)
     rows: list[tuple[str, PictureFile | None]] = [(file.name, file) for file in scan_files]
     if lefts_mm is not None:
         rows = _of_job(scans, scan_files, len(lefts_mm))
-    named = {file.name: file for file in goldens}
-    if len(goldens) == 1:
-        theirs = goldens * len(rows)
-    elif all(name in named for name, _ in rows):
-        theirs = [named[name] for name, _ in rows]
-    elif len(goldens) == len(rows):
-        theirs = goldens
-    else:
-        what = f"holds {len(goldens)} golden scans for {len(rows)} pages"
-        raise ScanError(golden, what, remedy="give one for all pages, or one for each")
+    theirs = [_of_pages(copy, files, rows) for copy, files in zip(copies, each, strict=True)]
     lefts = lefts_mm or [0.0] * len(rows)
     return [
         GoldenPage(
+            number=number,
             name=name,
             scan=scan,
-            golden=its,
+            goldens=its,
             left_mm=left,
             scans=scans,
             trouble=(troubles or {}).get(name, ""),
         )
-        for (name, scan), its, left in zip(rows, theirs, lefts, strict=True)
+        for number, ((name, scan), its, left) in enumerate(
+            zip(rows, zip(*theirs, strict=True), lefts, strict=True), start=1
+        )
     ]
+
+
+def _of_pages(
+    golden: Path, files: Sequence[PictureFile], rows: Sequence[tuple[str, PictureFile | None]]
+) -> Sequence[PictureFile]:
+    """Return the golden of each page among those of one file or folder."""
+    named = {file.name: file for file in files}
+    if len(files) == 1:
+        return list(files) * len(rows)
+    if all(name in named for name, _ in rows):
+        return [named[name] for name, _ in rows]
+    if len(files) == len(rows):
+        return files
+    what = f"holds {len(files)} golden scans for {len(rows)} pages"
+    raise ScanError(golden, what, remedy="give one for all pages, or one for each")
 
 
 def _of_job(
@@ -121,21 +147,30 @@ class GoldenInspector:
 
     def __call__(self, page: GoldenPage) -> Verdict:
         """Return the verdict on one page; ScanError if its scan is no scan of the golden's kind."""
+        result = self.result(page)
+        return result.verdict if isinstance(result, Inspection) else result
+
+    def result(self, page: GoldenPage) -> Inspection | Verdict:
+        """Return the inspection of one page, or the bare verdict on one that has no scan or cannot be used."""
         if page.scan is None:
             return scan_missing(page.name, page.scans)
         if page.trouble:
             return Verdict.skipped(page.name, page.trouble)
         started = time.perf_counter()
-        golden, scan = _read(page.golden), page.scan.read()
+        scan = page.scan.read()
         sensors = () if self.press is None else self.press.sensors
+        first = _read(page.goldens[0])
         if self.press is not None:
-            for picture, file in ((golden, page.golden), (scan, page.scan)):
+            for picture, file in (*((_read(one), one) for one in page.goldens), (scan, page.scan)):
                 refuse_other_camera(file.path, picture.light, self.press)
+        light, spread = _combined(page.goldens, sensors)
         sheet = GoldenSheet(
             page=page.name,
-            golden=page.golden.path.name,
-            light=evened(golden.light, sensors),
-            pitch_mm=self._pitch_mm(page.golden, golden),
+            golden=page.goldens[0].path.name,
+            light=light,
+            spread=spread,
+            ignored=_ignored(page.zones, light.shape, self._pitch_mm(page.goldens[0], first)),
+            pitch_mm=self._pitch_mm(page.goldens[0], first),
             left_mm=page.left_mm,
             lead_in_mm=0.0 if self.press is None else self.press.geometry.lead_in_mm,
             sensors=sensors,
@@ -144,7 +179,31 @@ class GoldenInspector:
             done = sheet.inspect(Scan(dn=scan.light, name=page.scan.path.name))
         except ScanError as error:
             raise ScanError(page.scan.path, error.what, remedy=error.remedy) from error
-        return replace(done.verdict, milliseconds=round((time.perf_counter() - started) * 1e3, 1))
+        milliseconds = round((time.perf_counter() - started) * 1e3, 1)
+        return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
+
+    def pitch_mm(self, page: GoldenPage) -> tuple[float, float]:
+        """Return the pitch of a page's pixels, across and along."""
+        return self._pitch_mm(page.goldens[0], _read(page.goldens[0]))
+
+    def with_zones(self, pages: Sequence[GoldenPage], path: Path) -> list[GoldenPage]:
+        """Return the pages with the zones of a file, whose places count from the golden's first pixel.
+
+        JobError: the file holds no zones, or they do not fit the pages. RequestError: it holds careful zones.
+        """
+        sizes_mm = []
+        for page in pages:
+            golden = _read(page.goldens[0])
+            across_mm, along_mm = self.pitch_mm(page)
+            _, lines, pixels = golden.light.shape
+            sizes_mm.append((pixels * across_mm, lines * along_mm))
+        zones = JobZones.read(path, sizes_mm)
+        if any(entry.kind == "careful" for entry in zones.document.zones):
+            what = "holds careful zones, which a golden scan does not know"
+            raise RequestError(path, what, remedy="leave them out, or inspect by the job's raster")
+        return [
+            replace(page, zones=zones.of_pages.get(number, ())) for number, page in enumerate(pages, start=1)
+        ]
 
     def _pitch_mm(self, golden: PictureFile, picture: Picture) -> tuple[float, float]:
         if self.press is not None:
@@ -155,6 +214,36 @@ class GoldenInspector:
                 golden.path, "states no resolution, so that nothing has a place in mm", remedy=remedy
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
+
+
+def _ignored(
+    zones: tuple[Zone, ...], shape: tuple[int, ...], pitch_mm: tuple[float, float]
+) -> NDArray[np.bool_] | None:
+    """Return the pixels of a golden (channels, lines, pixels) that its zones ignore; None: it has no zones."""
+    if not zones:
+        return None
+    across, along = (
+        (np.arange(count) + 0.5) * pitch for count, pitch in zip(shape[:0:-1], pitch_mm, strict=True)
+    )
+    return PageZones(zones=zones, careful_share=CAREFUL_SHARE).holds("ignore", across, along)
+
+
+def _combined(
+    goldens: tuple[PictureFile, ...], sensors: Sequence[SensorModel]
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Return mean and spread of the goldens of one page."""
+    if not sensors:
+        return _combined_pictures(goldens)
+    lights = [evened(_read(golden).light, sensors) for golden in goldens]
+    return mean_and_spread(lights, [str(golden.path) for golden in goldens])
+
+
+@lru_cache(maxsize=1)
+def _combined_pictures(
+    goldens: tuple[PictureFile, ...],
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Return mean and spread of goldens that need no press; the last are kept, since they may be of all pages."""
+    return mean_and_spread([_read(one).light for one in goldens], [str(one.path) for one in goldens])
 
 
 @lru_cache(maxsize=2)

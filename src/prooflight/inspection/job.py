@@ -24,6 +24,8 @@ from prooflight.scans.scan import Scan
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.job import Job, JobSource
@@ -38,7 +40,7 @@ Result = TypeVar("Result")
 LONGEST = 4
 """Greatest length of a recorded scan over its page's: lines beyond the page are not inspected, but are read."""
 DIGEST_DIGITS = 16
-"""Number of digits of a scan's SHA-256: enough to distinguish a press's scans."""
+"""Number of digits of a SHA-256: enough to distinguish a press's scans, and its pages' rasters."""
 MISSING: Final = "its scan is missing"
 UNUSABLE: Final = (ProoflightError, OSError, MemoryError)
 """Exceptions that are raised where a page or its scan cannot be used."""
@@ -218,8 +220,13 @@ class ScanPage:
             glyphs=float(inspection.kept["glyphs"]),
             floor_mm2=float(inspection.kept["floor_mm2"]),
             variation=inspection.variation(),
-            digest=hashlib.sha256(np.ascontiguousarray(read.dn).tobytes()).hexdigest()[:DIGEST_DIGITS],
+            digest=_digest(read.dn),
+            design=_digest(page.cmyk),
         )
+
+
+def _digest(array: NDArray[np.generic]) -> str:
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()[:DIGEST_DIGITS]
 
 
 def in_full(inspector: Inspector) -> Inspector:

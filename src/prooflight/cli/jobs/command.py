@@ -258,8 +258,11 @@ def inspect(
         typer.Option("--press", metavar="X.press", help="Press artefact; optional only with --golden."),
     ] = None,
     golden: Annotated[
-        Path | None,
-        typer.Option(metavar="SCAN", help="A good scan to compare with, or one for each page; needs no job."),
+        list[Path] | None,
+        typer.Option(
+            metavar="SCAN",
+            help="A good scan, or a folder of one for each page; repeat it for more copies. It needs no job.",
+        ),
     ] = None,
     scanner: Annotated[
         bool,
@@ -295,22 +298,29 @@ def inspect(
     done: Inspected[Any]
     if not scanner:
         scanners.refuse_without_scanner(tone, scan_dpi)
-    if golden is not None:
+    if golden:
         from prooflight.cli.jobs.golden import inspect_golden
 
         raster_only: dict[str, object] = {
             "--detector": detector,
-            "--report": report,
             "--layout": layout,
-            "--zones": zones,
+            "--scanner": scanner or None,
         }
-        raster_only["--scanner"] = scanner or None
         for option, given in raster_only.items():
             if given is not None:
                 remedy = "leave it out: it needs the job's raster"
                 raise RequestError(option, "does not go with --golden", remedy=remedy)
         of_job = (None, job) if scans is None else (job, scans)
-        done = inspect_golden(golden, of_job[1], job=of_job[0], press=press, profile=profile, json=json)
+        done = inspect_golden(
+            golden,
+            of_job[1],
+            job=of_job[0],
+            press=press,
+            profile=profile,
+            zones=zones,
+            report=report,
+            json=json,
+        )
         _leave(done)
         return
     if scans is None or (press is None and not scanner):

@@ -61,11 +61,15 @@ def fit_for(
 ) -> CalibratedDetector:
     """Adapt a ranking to the press of these good pages, with the false-alarm rate that they and the others allow.
 
+    Of simulated pages each design counts once, of real ones each page: copies of a design count, but none is
+    scored by a model that was adapted by another copy.
+
     model: not adapted to any press, or to this one by other pages; references: its scores of the pages that
     trained it. another: whether a scan showed another page. glyphs: score of each page's glyphs
     (``WeighedPage.score``); None: they were not scored.
     """
-    own = GoodScores.of(own_scores(model, good, another, real=real), good.design)
+    scores = own_scores(model, good, another, real=real)
+    own = GoodScores.of(scores, np.arange(scores.size) if real else good.design)
     return CalibratedDetector.calibrated(
         adapted(model, good, real=real),
         own,

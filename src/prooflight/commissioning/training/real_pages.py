@@ -2,25 +2,72 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.commissioning.training.adapting import fit_for
+from prooflight.commissioning.training.good_rows import (
+    GoodRows,
+    read_waiting,
+    waiting_path,
+    write_waiting,
+)
 from prooflight.commissioning.training.learn import Pages
+from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
-    from prooflight.detectors.matched_filter.calibrated import ScannedPage
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, ScannedPage
     from prooflight.press.artefact import Press
 
 FEWEST_REAL: Final = 20
 """Least number of pages: fewer could not even guarantee one false alarm in 20."""
 SEEN: Final = "real_pages"
 """Key in ``Press.origin`` of the digests of the scans used in training, so that none counts twice."""
+DESIGNS: Final = "real_designs"
+"""Key in ``Press.origin`` of the digests of their pages' rasters, in the same order.
+
+A press that was trained before copies were counted lacks it.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnedPages:
+    """Press after a call of ``learn_pages``, and the pages that it has learned, or that wait until they suffice."""
+
+    press: Press
+    """The press; unchanged while ``waiting``."""
+    new: int
+    """Number of pages that had not been learned before."""
+    designs: tuple[str, ...]
+    """Digest of each page's design."""
+    waiting: bool
+    """Whether the pages do not yet suffice, and wait in the file next to the press."""
+
+    @property
+    def sentence(self) -> str:
+        """Return how many pages there are of how many designs, and what they support or lack."""
+        count, copies = len(self.designs), Counter(self.designs)
+        different = f"{len(copies)} {'design' if len(copies) == 1 else 'designs'}"
+        if len(copies) < count:
+            least, most = min(copies.values()), max(copies.values())
+            each = f"{most}" if least == most else f"{least} to {most}"
+            different = f"{different}, {each} {'copies' if most > 1 else 'copy'} of each"
+        if self.waiting:
+            lacking = FEWEST_REAL - count
+            return f"{count} of {FEWEST_REAL} pages so far ({different}); learn {lacking} more"
+        odds = round(1 / least_false_alarm_rate(count))
+        text = f"{count} pages learned ({different}): they alone support no rarer alarm than one in {odds:,}"
+        if len(copies) == count:
+            return text
+        odds = round(1 / least_false_alarm_rate(len(copies)))
+        return f"{text} copies of these designs, and one in {odds:,} pages of new designs"
 
 
 def new_scans(press: Press, digests: Mapping[str, str]) -> dict[str, str]:
@@ -34,50 +81,101 @@ def new_scans(press: Press, digests: Mapping[str, str]) -> dict[str, str]:
     return fresh
 
 
+def learn_pages(
+    artefact: Path, press: Press, pages: Sequence[ScannedPage], *, false_alarm_rate: float, out: Path
+) -> LearnedPages:
+    """Learn good pages with those that wait next to ``artefact``, and write the press to ``out`` if they suffice.
+
+    All pages are written to the waiting file first, which is removed once ``artefact`` itself has learned
+    them: whenever the process ends, no page is lost, and none counts twice. RequestError: see ``recalibrated``.
+    PressError: the waiting file cannot be used.
+    """
+    detector = _detector_of(press)
+    waiting = read_waiting(artefact, press)
+    before = GoodRows.of(detector, []) if waiting is None else waiting
+    before = before.without(press.origin.get(SEEN, "").split())
+    rows = before.followed_by(_good_rows(detector, pages).without(press.origin.get(SEEN, "").split()))
+    new, suffices = len(rows) - len(before), detector.real + len(rows) >= FEWEST_REAL
+    if new and (waiting is not None or not suffices or out != artefact):
+        write_waiting(artefact, press, rows)
+    if not suffices:
+        designs = (*_designs_of(press, detector.real), *rows.designs)
+        return LearnedPages(press=press, new=new, designs=designs, waiting=True)
+    learned = _learned(press, rows, false_alarm_rate=false_alarm_rate)
+    learned.save(out)
+    if out == artefact:
+        waiting_path(artefact).unlink(missing_ok=True)
+    designs = tuple(learned.origin[DESIGNS].split())
+    return LearnedPages(press=learned, new=new, designs=designs, waiting=False)
+
+
 def recalibrated(
     press: Press, pages: Sequence[ScannedPage], digests: Mapping[str, str], *, false_alarm_rate: float
 ) -> Press:
     """Adapt the press to these good pages; digests: of the scans, by page, of those to train on.
 
-    Real pages take the place of simulated ones, and add up over calls. A page of the job is a design and
-    counts once. RequestError: the press was not trained with the matched-filter detector, or altogether there
-    are too few real pages.
+    Real pages take the place of simulated ones, and add up over calls. RequestError: the press was not trained
+    with the matched-filter detector, a scan shows another page, or altogether there are too few real pages.
     """
-    detector = press.ours
-    if detector is None:
+    detector = _detector_of(press)
+    rows = _good_rows(detector, [page for page in pages if page.name in digests])
+    if (count := detector.real + len(rows)) < FEWEST_REAL:
+        what = f"{count} good pages that were not learned from before"
+        raise RequestError("good pages", what, remedy=f"give {FEWEST_REAL} or more")
+    return _learned(press, rows, false_alarm_rate=false_alarm_rate)
+
+
+def _detector_of(press: Press) -> CalibratedDetector:
+    if press.ours is None:
         remedy = "build it with `prooflight press build --detector quick`"
         raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
-    fresh = [page for page in pages if page.name in digests]
-    if astray := [page.name for page in fresh if page.another]:
+    return press.ours
+
+
+def _good_rows(detector: CalibratedDetector, pages: Sequence[ScannedPage]) -> GoodRows:
+    """Return the rows of these pages; RequestError: a scan shows another page, so that it is not good."""
+    if astray := [page.name for page in pages if page.another]:
         what = f"{', '.join(astray[:5])} {'shows' if len(astray) == 1 else 'show'} another page"
         raise RequestError("good pages", what, remedy="leave out what is not good")
-    values = [detector.pages.values[: detector.real], *(page.values[None] for page in fresh)]
-    features = [detector.pages.page_features[: detector.real], *(page.page_features[None] for page in fresh)]
-    before = detector.pages.glyphs[: detector.real]
-    count = detector.real + len(fresh)
-    if count < FEWEST_REAL:
-        what = f"{count} good pages that were not learned from before"
-        raise RequestError(
-            "good pages", what, remedy=f"give {FEWEST_REAL} or more, each another page of a job"
-        )
+    return GoodRows.of(detector, pages)
+
+
+def _designs_of(press: Press, count: int) -> tuple[str, ...]:
+    """Return the design of each real page; those of which it was not stored count as designs of their own."""
+    stored = press.origin.get(DESIGNS, "").split()[:count]
+    return (*(f"unknown-{at}" for at in range(count - len(stored))), *stored)
+
+
+def _learned(press: Press, rows: GoodRows, *, false_alarm_rate: float) -> Press:
+    """Return the press adapted to the real pages that it has learned and to these."""
+    detector = _detector_of(press)
+    real = detector.pages.glyphs[: detector.real]
+    designs = (*_designs_of(press, detector.real), *rows.designs)
     good = Pages(
-        values=np.concatenate(values),
-        page_features=np.concatenate(features),
-        design=np.arange(count),
-        kind=np.full(count, ""),
-        press=np.zeros(count, np.int64),
+        values=np.concatenate([detector.pages.values[: detector.real], rows.values]),
+        page_features=np.concatenate([detector.pages.page_features[: detector.real], rows.page_features]),
+        design=np.array(_in_order(designs)),
+        kind=np.full(len(designs), ""),
+        press=np.zeros(len(designs), np.int64),
     )
     learned = fit_for(
         detector.model,
         detector.references,
         good,
-        np.zeros(count, bool),
+        np.zeros(len(designs), bool),
         false_alarm_rate=false_alarm_rate,
         misprint_rate=detector.misprint_rate,
         real=True,
-        glyphs=np.append(before, [page.glyphs for page in fresh]) if before.size == detector.real else None,
+        glyphs=np.append(real, rows.glyphs) if real.size == detector.real else None,
     )
-    variations = [detector.pages.variation, *(page.variation[None] for page in fresh)]
-    learned = replace(learned, pages=replace(learned.pages, variation=np.concatenate(variations)))
-    seen = " ".join([*press.origin.get(SEEN, "").split(), *digests.values()])
-    return replace(press, ours=learned, origin=dict(press.origin) | {SEEN: seen})
+    variation = np.concatenate([detector.pages.variation, rows.variation])
+    learned = replace(learned, pages=replace(learned.pages, variation=variation))
+    seen = " ".join([*press.origin.get(SEEN, "").split(), *rows.scans])
+    origin = dict(press.origin) | {SEEN: seen, DESIGNS: " ".join(designs)}
+    return replace(press, ours=learned, origin=origin)
+
+
+def _in_order(designs: Iterable[str]) -> list[int]:
+    """Return the number of each design, in the order in which they first come."""
+    numbers: dict[str, int] = {}
+    return [numbers.setdefault(design, len(numbers)) for design in designs]

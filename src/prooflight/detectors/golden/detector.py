@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
-from prooflight.detectors.golden.differences import compare
+from prooflight.detectors.golden.differences import Tolerance, compare, place_of
 from prooflight.detectors.golden.place import TILE_PIXELS
 from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
 from prooflight.detectors.placing import WRONG_PAGE_KIND
@@ -30,11 +30,24 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
+PROMISE: Final = (
+    "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
+)
 MOST_REGIONS: Final = 12
 MARGIN_PIXELS: Final = 2
 """Margin around a region: edges may be displaced so far, so that this much of it may be hidden."""
+EDGE_STRIP_MM: Final = 4.0
+"""Width of the strip along the sheet's edge that is not judged: a feeder's shadow lies up to 3 mm inside it."""
+MOST_STRIP: Final = 0.04
+"""Share of the shorter side that such a strip may take; a smaller picture is a part of a sheet, without its edge."""
+EDGE_OFF_MM: Final = 0.1
+"""Displacement that the edge of a letter may have on a picture, where a whole pixel is not more: toner and the
+scanner's own steps. With a press, its planes' register may be off by two pixels."""
+STREAK_PIXELS, STREAK_LENGTH_MM, STREAK_LEAST = 3, 4.0, 0.1
+"""Width and length of the least streak that is searched for, and its least mean difference. [contrast]"""
 CROPPED: Final = 0.05
 """Share by which a scan may be longer or shorter than its golden; their common part is compared."""
+TURNED: Final = "the scan is turned by 180 degrees, and its places are given as the page is read"
 STREAK_WIDTH_MM: Final = 5.0
 STREAK_RATIO: Final = 4.0
 SPOT_MM: Final = 6.0
@@ -50,9 +63,7 @@ class GoldenDetector(StationDetector):
     goldens: Mapping[str, Scan]
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = (
-        "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
-    )
+    promise: str = PROMISE
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""
@@ -96,6 +107,12 @@ class GoldenSheet(PreparedOnly):
     sensors: Sequence[SensorModel] = field(default=())
     """Sensors of the press whose raw numbers scans are; empty: scans are pictures, which need no
     correction."""
+    spread: NDArray[np.float32] | None = None
+    """Standard deviation of each pixel of ``light`` over several goldens, of which it is the mean, in its unit."""
+    ignored: NDArray[np.bool_] | None = None
+    """(lines, pixels) places of the golden that are not judged."""
+    edge_strip_mm: float = EDGE_STRIP_MM
+    """Width of the strip along the sheet's edge that is not judged."""
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``; ScanError: the scan is not of the golden's kind.
@@ -110,21 +127,69 @@ class GoldenSheet(PreparedOnly):
                 why = f"{name} holds values that are not finite numbers"
                 verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
                 return self._inspection(verdict, scan, expected, excess)
-        difference = compare(expected, seen)
-        return self._inspection(self._verdict(difference), scan, expected, difference.excess)
+        where, turned = place_of(expected, seen), False
+        if not where.found:
+            over = _alike(scan.name, self.light, measured[:, ::-1, ::-1])[1]
+            other = place_of(expected, over)
+            if turned := other.found:
+                where, seen, scan = other, over, replace(scan, dn=scan.dn[:, ::-1, ::-1])
+        lines, pixels = expected.shape[1:]
+        difference = compare(
+            expected,
+            seen,
+            tolerance=self._tolerance,
+            where=where,
+            spread=self._spread(len(expected), lines, pixels),
+            ignored=self._unjudged(lines, pixels),
+        )
+        verdict = self._verdict(difference, turned=turned)
+        return self._inspection(verdict, scan, expected, difference.excess)
 
-    def _verdict(self, difference: GoldenDifference) -> Verdict:
+    def _spread(self, channels: int, lines: int, pixels: int) -> NDArray[np.float32] | None:
+        if self.spread is None:
+            return None
+        whole = self.spread if len(self.spread) == channels else self.spread.mean(axis=0, keepdims=True)
+        return whole[:, :lines, :pixels]
+
+    @property
+    def _tolerance(self) -> Tolerance:
+        fine_mm = min(self.pitch_mm)
+        usual = Tolerance().edge_pixels
+        length = max(round(STREAK_LENGTH_MM / fine_mm), STREAK_PIXELS)
+        return Tolerance(
+            edge_pixels=usual if self.sensors else min(max(EDGE_OFF_MM / fine_mm, 1.0), usual),
+            streak=(STREAK_PIXELS, length, STREAK_LEAST),
+        )
+
+    def _unjudged(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:
+        """Return the places of the golden that are not judged: ignored ones, and a strip along the sheet's edge."""
+        sides_mm = pixels * self.pitch_mm[0] - 2 * self.left_mm, lines * self.pitch_mm[1] - self.lead_in_mm
+        ignored = None if self.ignored is None else self.ignored[:lines, :pixels].copy()
+        if self.edge_strip_mm <= 0 or self.edge_strip_mm > MOST_STRIP * min(sides_mm):
+            return ignored
+        if ignored is None:
+            ignored = np.zeros((lines, pixels), np.bool_)
+        across = round((self.left_mm + self.edge_strip_mm) / self.pitch_mm[0])
+        above = round((self.lead_in_mm + self.edge_strip_mm) / self.pitch_mm[1])
+        below = round(self.edge_strip_mm / self.pitch_mm[1])
+        ignored[:above] = ignored[lines - below :] = True
+        ignored[:, :across] = ignored[:, pixels - across :] = True
+        return ignored
+
+    def _verdict(self, difference: GoldenDifference, *, turned: bool) -> Verdict:
         places, where = marks(difference), difference.place
         across, along = (
             round(shift * pitch, 4) for shift, pitch in zip(where.shift_pixels, self.pitch_mm, strict=True)
         )
-        off_place = max(abs(across), abs(along)) >= WRONG_SHIFT_MM
+        # A sheet that was fed by its other edge lies elsewhere in its scan, which says nothing of its print.
+        off_place = not turned and max(abs(across), abs(along)) >= WRONG_SHIFT_MM
         if where.found and not off_place and not difference.fits:
             skipped = Verdict.skipped(self.page, self._misfit(difference), detector=NAME)
             return replace(skipped, shift_mm=(across, along))
         another = not where.found or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
+        why = _reason(where.likeness, off_place=off_place, registered=where.found, places=len(places))
         return Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
@@ -132,7 +197,7 @@ class GoldenSheet(PreparedOnly):
             regions=regions,
             shift_mm=(across, along) if where.found else None,
             detector=NAME,
-            reason=_reason(where.likeness, off_place=off_place, registered=where.found, places=len(places)),
+            reason="; ".join(filter(None, (why, TURNED if turned else ""))),
         )
 
     def _misfit(self, difference: GoldenDifference) -> str:

@@ -14,7 +14,7 @@ from prooflight.detectors.golden.place import TILE_PIXELS, GoldenPlace, place
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["GoldenDifference", "GoldenPlace", "Tolerance", "compare", "in_contrasts"]
+__all__ = ["GoldenDifference", "GoldenPlace", "Tolerance", "compare", "contrast_range", "in_contrasts"]
 
 LEAST_CONTRAST: Final = 0.1
 """Minimum contrast of a channel, as a share of its lightest value: a golden page of bare paper has none of
@@ -45,6 +45,12 @@ board with few edges must not reach it. Pairs of the tuning half have at most 0.
 if they are displaced by 3 pixels. [-]"""
 LEAST_EDGES: Final = 32
 """Minimum number of edge pixels of a tile that counts. [pixels]"""
+MOVED_IN: Final = 0.1
+"""Share of a pixel's light that comes from an ignored place, above which it is not judged. [-]"""
+STREAK_SHARE: Final = 0.7
+"""Minimum share of a streak's window that differs by half as much as a streak must: a spot fills less. [-]"""
+SPREAD_SIGMAS: Final = 2.0
+"""Difference that is excused where several goldens differ. [standard deviations of a pixel over them]"""
 MOSTLY: Final = 0.8
 """Minimum share of displaced edges in all differences for two scans not to fit; of another page's
 differences, half at most are near an edge by chance. [-]"""
@@ -63,6 +69,9 @@ class Tolerance:
     """Side of a window [pixels, odd] and the minimum mean difference in it that counts [contrast]. The last
     two: a good print differs from another by 2.7 % of an ink (worlds.toml: sqrt(2) times the root of 1.2 and
     1.5 % squared and added), and three times that make 0.08."""
+    streak: tuple[int, int, float] | None = None
+    """Width and length of the window of a streak [pixels, the width odd], and the minimum mean difference in it
+    [contrast]; None: streaks are found only where they fill the windows above."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,11 +100,22 @@ def in_contrasts(
     """Scale images (channels, lines, pixels) to 0..1 from the golden's darkest to its lightest value."""
     scaled = [np.empty(image.shape, np.float32) for image in (golden, *scans)]
     for channel, sheet in enumerate(golden):
-        dark, light = (float(np.percentile(sheet[::2, ::2], percent)) for percent in EXTREMES_PERCENT)
-        contrast = max(light - dark, LEAST_CONTRAST * light, 1e-9)
+        dark, contrast = contrast_range(sheet)
         for image, target in zip((golden, *scans), scaled, strict=True):
             target[channel] = (image[channel] - np.float32(dark)) / np.float32(contrast)
     return tuple(scaled)
+
+
+def contrast_range(sheet: NDArray[np.floating]) -> tuple[float, float]:
+    """Return the darkest value of one channel (lines, pixels), and the contrast up to the lightest one."""
+    dark, light = (float(np.percentile(sheet[::2, ::2], percent)) for percent in EXTREMES_PERCENT)
+    return dark, max(light - dark, LEAST_CONTRAST * light, 1e-9)
+
+
+def place_of(golden: NDArray[np.floating], scan: NDArray[np.floating]) -> GoldenPlace:
+    """Return where ``scan`` shows ``golden``, both (channels, lines, pixels) of one shape in any unit."""
+    golden, scan = in_contrasts(golden, scan)
+    return place(golden.mean(axis=0), scan.mean(axis=0))
 
 
 def compare(
@@ -104,21 +124,33 @@ def compare(
     *,
     tolerance: Tolerance | None = None,
     where: GoldenPlace | None = None,
+    spread: NDArray[np.floating] | None = None,
+    ignored: NDArray[np.bool_] | None = None,
 ) -> GoldenDifference:
     """Compare two scans of one page, both (channels, lines, pixels) in any one unit of light.
 
     The golden is moved to where the scan shows it (``where``, if that is known), adapted to the scan's
-    levels, and not smoothed; its noise counts as the scan's does.
+    levels, and not smoothed; its noise counts as the scan's does. spread: standard deviation of each of its
+    pixels, where it is the mean of several goldens, in their unit. ignored: (lines, pixels) places of the
+    golden that are not judged.
     """
     allowed = tolerance or Tolerance()
+    spreads: list[NDArray[np.float32] | None] = [None] * len(golden)
+    if spread is not None:
+        contrasts = [contrast_range(sheet)[1] for sheet in golden]
+        spreads = [np.asarray(one / far, np.float32) for one, far in zip(spread, contrasts, strict=True)]
     golden, scan = in_contrasts(golden, scan)
     if where is None:
         where = place(golden.mean(axis=0), scan.mean(axis=0))
     excess = np.zeros(golden.shape[1:], np.float32)
     weight = np.zeros_like(excess)
     loose, misfit = where.loose_pixels(excess.shape), 0.0
-    for one, other in zip(golden, scan, strict=True):
-        channel_excess, counted, off = _of_channel(where.moved(one), other, allowed, loose)
+    judged = np.ones(excess.shape, np.bool_)
+    if ignored is not None:
+        judged = ~(np.nan_to_num(where.moved(ignored.astype(np.float32)), nan=1.0) > MOVED_IN)
+    for one, other, each in zip(golden, scan, spreads, strict=True):
+        excused = None if each is None else np.nan_to_num(where.moved(each))
+        channel_excess, counted, off = _of_channel(where.moved(one), other, allowed, loose, judged, excused)
         misfit = max(misfit, off)
         stronger = np.abs(channel_excess) > np.abs(excess)
         excess[stronger] = channel_excess[stronger]
@@ -127,10 +159,15 @@ def compare(
 
 
 def _of_channel(
-    moved: NDArray[np.float32], scan: NDArray[np.float32], allowed: Tolerance, loose: NDArray[np.uint8]
+    moved: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    allowed: Tolerance,
+    loose: NDArray[np.uint8],
+    judged: NDArray[np.bool_],
+    spread: NDArray[np.float32] | None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
     """Return excess, weight and misfit of one channel."""
-    valid = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels)
+    valid = np.isfinite(moved) & _inner(moved.shape, allowed.edge_pixels) & judged
     moved = np.where(valid, moved, scan)
     disc = _disc(allowed.edge_pixels)
     varying = _range(moved, disc)
@@ -143,6 +180,9 @@ def _of_channel(
         if (loose == more).any():
             looser = _excess(moved, scan, _disc(allowed.edge_pixels + more), noise)
             excess = np.where(valid & (loose == more), looser, excess)
+    if spread is not None:
+        excused = SPREAD_SIGMAS * cv2.dilate(spread, np.ones((3, 3), np.uint8))
+        excess = np.sign(excess) * np.maximum(np.abs(excess) - excused, 0)
     misfit = _misfit(moved, scan, excess, valid & (varying > EDGE), noise, allowed.least[0][1])
     weight = np.zeros_like(excess)
     for side, least in allowed.least:
@@ -157,7 +197,31 @@ def _of_channel(
         if side > 1:
             enough &= np.abs(excess) > least / 2
         np.maximum(weight, np.where(enough, np.abs(mean), 0), out=weight)
+    if allowed.streak is not None:
+        np.maximum(weight, _streaks(excess, flat, allowed.streak), out=weight)
     return excess, weight, misfit
+
+
+def _streaks(
+    excess: NDArray[np.float32], flat: NDArray[np.bool_], streak: tuple[int, int, float]
+) -> NDArray[np.float32]:
+    """Return the weight of streaks across and along (lines, pixels), 0 elsewhere. [contrast]
+
+    A streak is a narrow window of flat pixels that differ in one direction almost all along it.
+    """
+    width, length, least = streak
+    weight, even = np.zeros_like(excess), flat.astype(np.float32)
+    for size in ((width, length), (length, width)):
+        count = np.maximum(cv2.boxFilter(even, -1, size, normalize=False), 1)
+        mean = cv2.boxFilter(excess * even, -1, size, normalize=False) / count
+        enough = np.maximum(np.float32(least), NOISE_SIGMAS * np.float32(min(_sd(mean[flat]), least / 2)))
+        for sign in (1, -1):
+            far = flat & (sign * excess > least / 2)
+            share = cv2.boxFilter(far.astype(np.float32), -1, size, normalize=False) / count
+            whole = (sign * mean > enough) & (share >= STREAK_SHARE) & (count >= width * length / 2)
+            covered = cv2.dilate(np.where(whole, np.abs(mean), 0), np.ones(size[::-1], np.uint8))
+            np.maximum(weight, np.where(far, covered, 0), out=weight)
+    return weight
 
 
 def _misfit(

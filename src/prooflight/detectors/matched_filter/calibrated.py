@@ -83,6 +83,8 @@ class ScannedPage:
     """``WeighedPage.score``."""
     floor_mm2: float = 0.0
     """``FloorFinding.area_mm2``."""
+    design: str = ""
+    """Digest of the page's raster, which copies of a page share; empty: not computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -79,9 +79,9 @@ def test_unpriced_changed_and_broken_zones_are_told(tmp_path: Path) -> None:
     job = job_of(tmp_path)
     with closing(served(tmp_path, jobs=(job,))) as console:
         viewer = console.client(Role.VIEWER)
-        assert "No zones lie beside this job" in viewer.get("/setup/zones").text
+        assert "No zones are defined for this job" in viewer.get("/setup/zones").text
         zones().save(tmp_path / "letter.zones.json")
-        assert "not in force" in viewer.get("/setup/zones").text
+        assert "not active" in viewer.get("/setup/zones").text
         (tmp_path / "letter.zones.json").write_text('{"zones": [')
         assert "is not JSON" in viewer.get("/setup/zones").text
         assert viewer.get("/setup/zones/1/picture").status_code == 404

@@ -62,9 +62,9 @@ def test_zones_beside_a_job_are_listed_with_their_price_and_drawn(tmp_path: Path
         text = viewer.get("/setup/zones").text
         assert "&lt;b&gt;face&lt;/b&gt;" in text
         assert "<b>face" not in text
-        assert "priced by 90 good prints" in text
+        assert "price calculated from 90 good prints" in text
         assert "0.8 mm" in text
-        assert "nothing" in text
+        assert "not detected" in text
         assert "careful counts" in text  # where the two overlap
         drawn = viewer.get("/setup/zones/1/picture")
         assert drawn.content.startswith(b"\x89PNG")

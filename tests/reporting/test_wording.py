@@ -32,24 +32,24 @@ def test_every_kind_of_misprint_has_plain_words() -> None:
 @pytest.mark.parametrize(
     ("regions", "kind", "words"),
     [
-        ([], None, "Small differences spread over the page"),
-        ([region(82, 0, 2, 297, "streak")], "streak", "A streak along the travel at x = 83 mm"),
+        ([], None, "Small deviations on the whole page"),
+        ([region(82, 0, 2, 297, "streak")], "streak", "Streak in print direction at x = 83 mm"),
         (
             [region(1, 1, 208, 290, "missing-plane")],
             "missing-plane",
-            "An ink is missing or faded all over the page",
+            "Missing or faded ink all over the page",
         ),
         (
             [region(-0.1, -0.1, 208, 90, "missing-plane")],
             "missing-plane",
-            "An ink is missing or faded from y = 0 to 90 mm",
+            "Missing or faded ink from y = 0 to 90 mm",
         ),
         (
             [region(20, 30, 40, 60, "missing-content"), region(90, 90, 1, 1, "missing-content")],
             "missing-content",
-            "Part of the page is missing around x = 40 mm, y = 60 mm (40 × 60 mm), and 1 more place",
+            "Part of the page missing around x = 40 mm, y = 60 mm (40 × 60 mm), and 1 more place",
         ),
-        ([region(20, 30, 4.22, 60, "scum")], "scum", "Ink where there should be paper around x = 22 mm, "
+        ([region(20, 30, 4.22, 60, "scum")], "scum", "Ink on blank paper (scum) around x = 22 mm, "
          "y = 60 mm (4.2 × 60.0 mm)"),
     ],
 )  # fmt: skip

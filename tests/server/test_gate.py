@@ -147,7 +147,7 @@ def test_the_page_now_shows_what_the_gate_says_as_its_log_grows(
     assert (told["state"], told["last_reconciled"], told["wrong"]) == ("ready", UNSEEN, 1)
     page = viewer.get("/").text
     assert "ready<br>30 sheets decided, 3 to be rejected<br>trays reconciled up to sheet 29" in page
-    assert "1 sheet in the good tray against the decision; the first is sheet 11" in page
+    assert "1 sheet in the good tray although rejected; first: sheet 11" in page
 
 
 def test_a_gate_that_is_as_it_should_be_has_a_good_lamp_and_one_without_controller_a_bad(
@@ -155,7 +155,7 @@ def test_a_gate_that_is_as_it_should_be_has_a_good_lamp_and_one_without_controll
 ) -> None:
     viewer = console.client(Role.VIEWER)
     assert gate_now(console, viewer) is None
-    assert "this run has none" in viewer.get("/").text
+    assert "not used in this run" in viewer.get("/").text
     states = {"ready": "good", "aligning": "look", "joining": "look", "away": "bad"}
     with GateLog(log_path(console.journal, 1)) as log:
         log.add("run", run=1, job_pages=30, settings={"policy": "reject"})
@@ -182,7 +182,7 @@ def test_a_damaged_log_is_said_on_the_page_and_a_torn_line_is_waited_for(
         file.write("nothing\n")
     gated.clock.now_s += 2.0
     assert (gate_now(gated, viewer)["state"], gate_now(gated, viewer)["lamp"]) == ("damaged", "bad")
-    assert "its log is damaged" in viewer.get("/").text
+    assert "the gate log is damaged" in viewer.get("/").text
 
 
 def test_whoever_signed_in_may_look_and_a_token_by_its_scope(gated: Served) -> None:

@@ -115,7 +115,7 @@ def test_a_person_vouches_for_one_sheet_by_name_with_a_reason_and_it_stands_in_t
     before = again(operator)
     for wrong in ({}, {"reason": ""}, {"reason": " "}):
         assert operator.post(path, json=wrong).status_code in (409, 422)
-    assert "Give a reason" in operator.post("/runs/1/sheets/7/vouch", data={"reason": " "}).text
+    assert "Enter a reason" in operator.post("/runs/1/sheets/7/vouch", data={"reason": " "}).text
     assert console.client(Role.VIEWER).post(path, json={"reason": "fine"}).status_code == 403
     assert again(operator) == before
     said = operator.post(path, json={"reason": "held against the light"}).json()
@@ -127,7 +127,7 @@ def test_a_person_vouches_for_one_sheet_by_name_with_a_reason_and_it_stands_in_t
     assert entry.target.endswith("sheet 7")
     assert json.loads(entry.after or "")["reason"] == "held against the light"
     page = operator.get("/runs/1/sheets/7").text
-    assert "Vouched for" in page
+    assert "Released manually" in page
     assert operator.post(f"{API}/words/{said['id']}/undo").status_code == 201
     assert again(operator) == before
 

@@ -263,8 +263,8 @@ def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp
     assert "Inspection cannot keep up: 87 of the last 100 sheets not inspected." in page
     band = page[page.index('class="band overload"') :]
     assert band.index("Inspection cannot keep up") < band.index('class="run"')
-    assert "Run the press slower." in page
-    assert "fewer designs" in page
+    assert "Reduce the press speed." in page
+    assert "fewer different pages" in page
     assert "prooflight rip" in page
     assert ">Held<" in page
     assert "Let pass" not in page
@@ -282,13 +282,13 @@ def test_a_misprint_that_the_costs_accept_is_shown_as_the_policy_of_the_press_fi
         client = console.client(Role.OPERATOR)
         page, sheet = client.get("/").text, client.get("/api/v1/runs/1/sheets/3").json()
     assert (sheet["disposition"], sheet["decided_by"]) == ("accept", "costs")
-    assert "Accepted by costs" in page
-    assert "The costs of the press file accept this misprint." in page
-    assert "Accepted by the press file." in page
+    assert "Accepted (costs)" in page
+    assert "Accepted according to the costs in the press file." in page
+    assert "Accepted for cost reasons." in page
     console.close()
 
 
-@pytest.mark.parametrize(("came", "says"), [(3, "3 of 3 sheets"), (4, "4 sheets, 3 were planned")])
+@pytest.mark.parametrize(("came", "says"), [(3, "3 of 3 sheets"), (4, "4 sheets, 3 planned")])
 def test_more_sheets_than_were_planned_are_said_and_a_page_that_did_not_come_is_no_sheet(
     tmp_path: Path, came: int, says: str
 ) -> None:

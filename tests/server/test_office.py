@@ -177,7 +177,7 @@ def test_pages_without_a_journal_say_so(tmp_path: Path) -> None:
     client = console.client(Role.VIEWER)
     for address in ("/report", "/search", "/press", "/setup"):
         assert client.get(address).status_code == 200, address
-    assert "No run was recorded yet." in client.get("/press").text
+    assert "No run has been recorded yet." in client.get("/press").text
     console.close()
 
 
@@ -204,4 +204,4 @@ def test_names_in_the_audit_and_words_are_told_by_the_reader_s_language(console:
     client.post("/runs/1/incidents/1/word", data={"word": "false-alarm"})
     assert "False alarm" in client.get("/setup/audit").text
     german = client.get("/setup/audit", headers={"Accept-Language": "de"}).text
-    assert "hat gesagt, was es war" in german
+    assert "hat eine Bewertung abgegeben" in german

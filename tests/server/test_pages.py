@@ -219,7 +219,7 @@ def test_warnings_of_the_job_stand_on_the_page_now_and_in_the_report(tmp_path: P
     client = console.client(Role.VIEWER)
     now, report = client.get("/").text, client.get("/report/1").text
     for text in (now, report):
-        assert "5 warnings of the job" in text
+        assert "5 job warnings" in text
         assert "p0001: font 1 &lt;script&gt;" in text
         assert "<script>alert" not in text
     assert "p0004" not in now
@@ -230,4 +230,4 @@ def test_warnings_of_the_job_stand_on_the_page_now_and_in_the_report(tmp_path: P
 
 def test_a_run_without_warnings_says_nothing_of_them(console: Served) -> None:
     client = console.client(Role.VIEWER)
-    assert "warnings of the job" not in client.get("/").text + client.get("/report/1").text
+    assert "job warnings" not in client.get("/").text + client.get("/report/1").text

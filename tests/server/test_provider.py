@@ -229,7 +229,7 @@ def test_what_comes_back_without_a_code_of_ours_is_said(plant: Plant, told: str,
 
 def test_whoever_has_no_mapped_group_is_refused_in_words(plant: Plant) -> None:
     plant.provider.person["groups"] = ["canteen"]
-    plant.refused(403, "Ann, Plant login knows you, but none of your groups may use this console")
+    plant.refused(403, "Ann, Plant login has signed you in, but none of your groups has access")
     assert [one.name for one in plant.console.accounts.people()] == []
 
 
@@ -282,7 +282,7 @@ def test_what_the_provider_says_is_not_changed_here(plant: Plant) -> None:
         assert (answer.status_code, "say their role" in answer.json()["detail"]) == (409, True)
     assert admin.post("/api/v1/people/Ann/link").status_code == 409
     assert admin.patch("/api/v1/people/Ann", json={"locked": True}).status_code == 200
-    plant.refused(403, "Ann, you are locked out")
+    plant.refused(403, "Ann, your account for this console is locked")
 
 
 def test_an_admin_of_the_provider_is_not_the_last_admin(plant: Plant) -> None:
@@ -339,7 +339,7 @@ def test_while_the_provider_is_down_accounts_here_go_on(plant: Plant) -> None:
     assert client.get("/api/v1/session").status_code == 200
     answer = plant.console.client().get("/sign-in/provider", follow_redirects=False)
     assert answer.status_code == 503
-    assert "Plant login cannot be used now" in answer.text
+    assert "Plant login is not available" in answer.text
     assert 'name="password"' in answer.text
 
 

@@ -37,7 +37,7 @@ def test_the_first_start_gives_a_link_and_no_password(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"again": "another password"}, "not the same"),
+        ({"again": "another password"}, "do not match"),
         ({"password": "short", "again": "short"}, "10 to 200"),
         ({"secret": "nonsense"}, "used"),
     ],

@@ -125,7 +125,7 @@ def test_a_tolerance_is_granted_with_its_price_alone_and_taken_back(desk: Served
     assert desk.accounts.verified().whole
     audit = desk.client(Role.ADMIN).get("/setup/audit", headers={"Accept-Language": "en"}).text
     assert "granted a tolerance" in audit
-    assert "took a tolerance back" in audit
+    assert "revoked a tolerance" in audit
 
 
 def test_other_zones_stay_and_are_priced_again(desk: Served, tmp_path: Path) -> None:

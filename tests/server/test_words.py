@@ -60,8 +60,8 @@ def test_a_word_of_the_command_line_stands_in_the_console_and_the_other_way(
 def test_a_sheet_that_passed_is_told_by_a_tap(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
     page = operator.get(f"/runs/1/sheets/{PASSED}").text
-    assert "drawn at random" in page
-    assert "moves no threshold" in operator.get("/runs/1/sheets/9").text
+    assert "part of the random sample" in page
+    assert "does not change the threshold" in operator.get("/runs/1/sheets/9").text
     report = operator.get("/report/1").text
     assert f'href="/runs/1/sheets/{PASSED}"' in report
     assert f'src="/runs/1/sheets/{PASSED}/thumbnail"' in report

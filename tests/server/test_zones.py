@@ -62,9 +62,9 @@ def test_zones_beside_a_job_are_listed_with_their_price_and_drawn(tmp_path: Path
         text = viewer.get("/setup/zones").text
         assert "&lt;b&gt;face&lt;/b&gt;" in text
         assert "<b>face" not in text
-        assert "priced by 90 good prints" in text
+        assert "price calculated from 90 good prints" in text
         assert "0.8 mm" in text
-        assert "nothing" in text
+        assert "not detected" in text
         assert "careful counts" in text  # where the two overlap
         drawn = viewer.get("/setup/zones/1/picture")
         assert drawn.content.startswith(b"\x89PNG")
@@ -79,9 +79,9 @@ def test_unpriced_changed_and_broken_zones_are_told(tmp_path: Path) -> None:
     job = job_of(tmp_path)
     with closing(served(tmp_path, jobs=(job,))) as console:
         viewer = console.client(Role.VIEWER)
-        assert "No zones lie beside this job" in viewer.get("/setup/zones").text
+        assert "No zones are defined for this job" in viewer.get("/setup/zones").text
         zones().save(tmp_path / "letter.zones.json")
-        assert "not in force" in viewer.get("/setup/zones").text
+        assert "not active" in viewer.get("/setup/zones").text
         (tmp_path / "letter.zones.json").write_text('{"zones": [')
         assert "is not JSON" in viewer.get("/setup/zones").text
         assert viewer.get("/setup/zones/1/picture").status_code == 404

@@ -12,21 +12,21 @@ if TYPE_CHECKING:
     from prooflight.detectors.verdict import Region, Verdict
 
 KINDS = {
-    "missing-plane": "An ink is missing or faded",
-    "swapped-planes": "Inks have changed places",
+    "missing-plane": "Missing or faded ink",
+    "swapped-planes": "Inks exchanged",
     "density": "Too much or too little ink",
-    "plane-register": "An ink lies off its place",
-    "streak": "A streak along the travel",
+    "plane-register": "Ink out of register",
+    "streak": "Streak in print direction",
     "banding": "Bands across the page",
     "spots-voids": "Spots or voids",
-    "ghost-smear": "A ghost or a smear",
-    "local-blur": "A blurred place",
-    "missing-content": "Part of the page is missing",
+    "ghost-smear": "Ghost image or smear",
+    "local-blur": "Blurred area",
+    "missing-content": "Part of the page missing",
     "wrong-page": "Wrong or displaced content",
-    "scum": "Ink where there should be paper",
-    "code": "A code does not read",
-    "exchanged-glyph": "A letter or digit is another",
-    "missing-glyph": "A letter or digit is missing",
+    "scum": "Ink on blank paper (scum)",
+    "code": "Unreadable code",
+    "exchanged-glyph": "Wrong letter or digit",
+    "missing-glyph": "Missing letter or digit",
 }
 DISPOSITIONS: dict[Disposition, str] = {
     "accept": "accepted",
@@ -58,12 +58,12 @@ def kind(name: str | None) -> str:
     """Describe a misprint kind.
 
     >>> kind("scum")
-    'Ink where there should be paper'
+    'Ink on blank paper (scum)'
     >>> kind(None)
-    'Small differences spread over the page'
+    'Small deviations on the whole page'
     """
     if name is None:
-        return "Small differences spread over the page"
+        return "Small deviations on the whole page"
     return KINDS.get(name, name)
 
 

@@ -52,14 +52,16 @@ def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
         if who is None:
             raise Problem(401, "sign-in", "sign in, or send a token", headers={"WWW-Authenticate": "Bearer"})
         if not who.role.may(role):
-            raise Problem(403, "role", f"this needs the role {role}, yours is {who.role}")
+            raise Problem(403, "role", f"this requires the role {role}; your role is {who.role}")
         if who.scopes is not None and scope not in who.scopes:
-            requirement = "a person who signed in" if scope is None else f"the scope {scope}"
-            raise Problem(403, "scope", f"this needs {requirement}")
+            requirement = "a user who is signed in" if scope is None else f"the scope {scope}"
+            raise Problem(403, "scope", f"this requires {requirement}")
         if who.scopes is None and request.method not in SAFE:
             meant(request, settings)
             if not secrets.compare_digest(request.headers.get(CSRF_HEADER, "").encode(), who.csrf.encode()):
-                raise Problem(403, "csrf", f"the header {CSRF_HEADER} is not this session's")
+                raise Problem(
+                    403, "csrf", f"the header {CSRF_HEADER} does not match this session; reload the page"
+                )
         return who
 
     who_may.needs = Needs(role=role, scope=scope)  # type: ignore[attr-defined]
@@ -111,12 +113,12 @@ def meant(request: Request, settings: ConsoleSettings) -> None:
     """Refuse a change that a page of another site sent, by the headers in which browsers name the origin."""
     site = request.headers.get("Sec-Fetch-Site")
     if site is not None and site not in ("same-origin", "none"):
-        raise Problem(403, "origin", "another site sent this")
+        raise Problem(403, "origin", "the request came from another site")
     origin = request.headers.get("Origin")
     if origin is None or origin in settings.origins:
         return
     if urlsplit(origin).netloc != request.headers.get("Host", ""):
-        raise Problem(403, "origin", "another site sent this")
+        raise Problem(403, "origin", "the request came from another site")
 
 
 def refuse_unguarded(app: FastAPI) -> None:

@@ -23,33 +23,31 @@ if TYPE_CHECKING:
 
 MEDIA_TYPE: Final = "application/problem+json"
 TITLES: Final = {
-    400: "The request cannot be understood",
-    401: "Sign in first",
-    403: "Your role is not enough",
-    404: "There is no such thing",
-    405: "That cannot be done with it",
-    409: "It does not go with what there is",
-    412: "It has changed meanwhile",
-    413: "It is too large",
-    415: "It is of another type",
-    422: "A value is wrong",
-    428: "Say which state is meant",
-    429: "Too many tries",
-    500: "This is a fault of Prooflight itself",
-    503: "It cannot be had now",
+    400: "Invalid request",
+    401: "Sign-in required",
+    403: "Not allowed",
+    404: "Not found",
+    405: "Method not allowed",
+    409: "Not possible in the current state",
+    412: "Changed in the meantime",
+    413: "Request too large",
+    415: "Unsupported media type",
+    422: "Invalid value",
+    428: "Header If-Match required",
+    429: "Too many attempts",
+    500: "Internal error in Prooflight",
+    503: "Temporarily unavailable",
 }
 
 
 class ProblemBody(BaseModel):
-    """An answer that says what is wrong."""
+    """Response that describes an error."""
 
-    type: str = Field(
-        description="Which kind of problem: a name that stays.", examples=["urn:prooflight:not-found"]
-    )
+    type: str = Field(description="Kind of problem, as a stable name.", examples=["urn:prooflight:not-found"])
     title: str
     status: int
     detail: str = ""
-    errors: list[dict[str, Any]] = Field(default=[], description="Of 422: the values that are wrong.")
+    errors: list[dict[str, Any]] = Field(default=[], description="Invalid values, with status 422.")
 
 
 class Problem(ProoflightError):
@@ -74,7 +72,7 @@ def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
         return page(request, status, TITLES.get(status, ""), detail, headers)
     body = ProblemBody(
         type=f"urn:prooflight:{kind}",
-        title=TITLES.get(status, "It cannot be done"),
+        title=TITLES.get(status, "The request failed"),
         status=status,
         detail=detail,
         errors=errors,
@@ -125,4 +123,4 @@ def _described(error: Exception) -> tuple[int, str, str, dict[str, str], list[di
             dict(error.headers or {}),
             [],
         )
-    return 500, "fault", "what happened stands in the console's log", {}, []
+    return 500, "fault", "the console's log contains the details", {}, []

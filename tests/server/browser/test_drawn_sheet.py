@@ -73,7 +73,7 @@ def sampled(
 def opened(page: Page) -> None:
     """The pictures come by themselves."""
     page.wait_for_selector("#viewers[data-ready]")
-    assert page.locator("figcaption").all_text_contents() == ["Seen", "Expected", "Difference"]
+    assert page.locator("figcaption").all_text_contents() == ["Camera image", "Expected", "Difference"]
 
 
 def test_a_drawn_sheet_opens_whole_and_is_told_by_one_tap(

@@ -150,5 +150,5 @@ def test_a_page_before_any_run_says_so(
     page.wait_for_selector(EMPTY[path])
     fit_for_everybody(page)
     told = page.inner_text("main")
-    assert ("No run was recorded yet." in told) == (path != "/setup")
+    assert ("No run has been recorded yet." in told) == (path != "/setup")
     assert "No open incident" not in told, "nobody has looked"

@@ -33,7 +33,7 @@ def test_nobody_is_asked_to_sign_in_and_a_viewer_is_refused(
     page.fill("[name=name]", "viewer")
     page.fill("[name=password]", "correct horse battery")
     page.click("button.main")
-    page.wait_for_selector("text=Your role is not enough")
+    page.wait_for_selector("text=Not allowed")
     assert page.request.get(console.address + "/setup/audit").status == 403
     assert page.request.get(console.address + "/api/v1/people").status == 403
     visitor.goto("/setup")

@@ -58,7 +58,7 @@ def test_search_finds_by_kind_and_shows_more_without_twice_the_same(admin: Visit
     assert len(addresses) == len(set(addresses))
     page.fill("[name=job]", "no such job")
     page.click("form button[type=submit]")
-    page.wait_for_selector("text=No sheet is like that.")
+    page.wait_for_selector("text=No sheet matches these criteria.")
 
 
 def test_two_runs_are_drawn_side_by_side(admin: Visitor) -> None:
@@ -93,8 +93,8 @@ def test_users_are_added_and_locked_out(admin: Visitor, visit: Callable[..., Vis
     row.locator("select").select_option("operator")
     page.wait_for_selector(".secret", state="detached")
     assert console.accounts.person("Ada").role is Role.OPERATOR
-    row.get_by_text("Lock out").click()
-    row.get_by_text("Let in").wait_for()
+    row.get_by_text("Lock", exact=True).click()
+    row.get_by_text("Unlock", exact=True).wait_for()
     assert console.accounts.person("Ada").locked
     other.goto("/search")
     assert "/sign-in" in other.page.url, "her session ended with it"
@@ -163,10 +163,10 @@ def test_a_verdict_made_again_is_the_same(
         journal.record(run, other)
     console = serve(emptied, presses=(artefact,))
     window = visit(console).signed_in(console.person(Role.ENGINEER)).goto("/runs/1/sheets/0")
-    window.click("text=Make the verdict again")
-    window.wait_for_selector(".outcome.good:has-text('The verdict is the same.')")
+    window.click("text=Recalculate verdict")
+    window.wait_for_selector(".outcome.good:has-text('The verdict is unchanged.')")
     window.goto(console.address + "/runs/1/sheets/1")
-    window.click("text=Make the verdict again")
+    window.click("text=Recalculate verdict")
     window.wait_for_selector(".outcome.stop")
     assert window.locator(".again .other").count() == 1, "only the score is another"
     window.goto(console.address + "/setup")

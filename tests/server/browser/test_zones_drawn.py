@@ -85,7 +85,7 @@ def test_zones_are_drawn_moved_resized_priced_and_saved(drawing: Callable[..., P
 
     page.click("#ask-price")
     page.wait_for_selector("body[data-price=done]")
-    assert "The rest of the page" in page.inner_text("#price")
+    assert "Rest of the page" in page.inner_text("#price")
     assert "one good page in 100" in page.inner_text("#price")
     page.fill("#chosen [name=width]", "20")  # another state: the price is of the one before
     page.keyboard.press("Tab")
@@ -100,7 +100,7 @@ def test_zones_are_drawn_moved_resized_priced_and_saved(drawing: Callable[..., P
 
     page.click(".zone-list button")
     page.click("#delete")
-    assert page.inner_text("#save") == "Take all zones away"
+    assert page.inner_text("#save") == "Delete all zones"
     page.click("#save")
     page.wait_for_selector("body[data-saved]")
     assert not (tmp_path / "letter.zones.json").exists()

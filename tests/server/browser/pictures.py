@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import sync_playwright
 from tests.server.browser.conftest import CHROMIUM, FLAGS
@@ -72,6 +73,7 @@ WHOLE: Final = ("now", "report", "press", "compare", "incident", "zones")
 SMALL_PX: Final = 1080
 """Width of the copies for the docs."""
 COLOURS: Final = 256
+EXACT: Final = 6
 RARE_TOO: Final = Image.Quantize.MAXCOVERAGE
 """Colours of small areas stay what they are: they are what the picture is about."""
 
@@ -187,7 +189,7 @@ def _taken(
             page.pdf(path=folder / "console-report.pdf", format="A4", print_background=True)
         page.close()
         picture = Image.open(taken).convert("RGB")
-        picture.quantize(COLOURS, RARE_TOO, dither=Image.Dither.NONE).save(taken, optimize=True)
+        _quantised(picture).save(taken, optimize=True)
         if size == "desktop":
             _small(picture).save(folder / f"console-{name}.png", optimize=True)
         sys.stdout.write(f"{taken.name}\n")
@@ -198,7 +200,20 @@ def _small(picture: Image.Image) -> Image.Image:
     """For the docs: of a long page what is on top."""
     cut = picture.crop((0, 0, picture.width, min(picture.height, picture.width)))
     height = SMALL_PX * cut.height // cut.width
-    return cut.resize((SMALL_PX, height), Image.Resampling.LANCZOS).quantize(COLOURS, RARE_TOO)
+    return _quantised(cut.resize((SMALL_PX, height), Image.Resampling.LANCZOS))
+
+
+def _quantised(picture: Image.Image) -> Image.Image:
+    """Return the picture in few colours, of which the most common are exact: grounds must not change their hue."""
+    result = picture.quantize(COLOURS, RARE_TOO, dither=Image.Dither.NONE)
+    palette = np.array(result.getpalette()).reshape(-1, 3)
+    seen, which = np.asarray(picture).reshape(-1, 3), np.asarray(result).ravel()
+    colours, counts = np.unique(seen, axis=0, return_counts=True)
+    for colour in colours[np.argsort(-counts)[:EXACT]]:
+        index = np.bincount(which[(seen == colour).all(axis=1)]).argmax()
+        palette[index] = colour
+    result.putpalette(palette.ravel().tolist())
+    return result
 
 
 if __name__ == "__main__":

@@ -116,7 +116,7 @@ def test_a_job_is_inspected_as_documented(folder: Path, capsys: pytest.CaptureFi
     assert [places > 0 for _, places in told] == [False, True, False]
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(" ")[0] for line in lines] == ["p0001", "p0002", "p0003"]
-    assert "misprint: A streak" in lines[1]
+    assert "misprint: Streak in print direction" in lines[1]
 
 
 def test_the_five_lines_of_the_package_s_own_words_work_on_a_pdf(

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
 
+SAME = {"lamp_length": 1.0, "speck_share": 1.0, "speck_mm2": 1.0}
+"""Amounts of the prior that describe something, not how much it varies."""
+
 
 @pytest.mark.parametrize(("designs", "pilot"), [(FEWEST, 6), (64, 8), (136, 17), (1000, 40)])
 def test_an_eighth_of_the_designs_teaches_scatter_and_no_other_does(designs: int, pilot: int) -> None:
@@ -165,14 +168,15 @@ def _made_up_days(
     ("variation", "times"),
     [
         ({}, {}),
-        ({"all_times": 1.5}, dict.fromkeys(asdict(PrintPrior()), 1.5) | {"lamp_length": 1.0}),
+        ({"all_times": 1.5}, dict.fromkeys(asdict(PrintPrior()), 1.5) | SAME),
         # 3 and 1.5 % of a session and a print instead of 1.2 and 1.5 %.
         ({"ink": {"gain_session_percent": 3.0}}, {"gain": np.hypot(3.0, 1.5) / np.hypot(1.2, 1.5)}),
         ({"all_times": 2.0, "register": {"plane_um": 48.0, "plane_clip_um": 57.0}}, None),
         ({"paper": {"white_percent": 0.0}}, {"common": LEAST_TIMES}),
+        ({"paper": {"specks_per_page": 0.0}}, {"speck_share": 0.0}),
         ({"all_times": 0.0}, {}),
     ],
-    ids=["as others", "looser", "one amount", "own register", "never", "exact"],
+    ids=["as others", "looser", "one amount", "own register", "never", "no specks", "exact"],
 )
 def test_what_good_prints_are_taken_to_do_follows_the_press(
     press: Press, variation: dict[str, Any], times: dict[str, float] | None
@@ -197,7 +201,7 @@ def test_an_office_class_press_does_what_the_press_world_does() -> None:
     for name, of in FOLLOWS.items():
         amount = np.hypot.reduce([attrgetter(one)(world) for one in of] + [0.0]) / unit[name]
         assert getattr(PrintPrior(), name) == pytest.approx(margins.get(name, 1.0) * amount, rel=0.01), name
-    assert {*FOLLOWS, "lamp_length"} == set(asdict(PrintPrior()))
+    assert {*FOLLOWS, *SAME} == set(asdict(PrintPrior()))
 
 
 def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press) -> None:

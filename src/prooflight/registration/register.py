@@ -345,7 +345,8 @@ def _registration(
     clear = np.flatnonzero(~landmarks.mixed) if not landmarks.mixed.all() else np.arange(len(shares))
     some = clear[spread(clear.size, SD_TILES)]
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
-    of_inks = seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
+    # Whether this is the page at all is asked of every tile; how well it is placed, of those that can say.
+    of_inks = tile_moves.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
     weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
@@ -364,7 +365,7 @@ def _registration(
         skew_sd_deg=float(np.rad2deg(field.turn_sd())),
         tiles_used=int(used.sum()),
         tiles_matching=float(good.sum() / max(int(seen.sum()), 1)),
-        print_matching=float((good & of_inks).sum() / max(int(of_inks.sum()), 1)),
+        print_matching=float((tile_moves.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
         tiles_foreign=float(tile_moves.foreign.sum() / max(int(seen.sum()), 1)),
         residual_rms_pixels=rms,
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class FeederPrior:
     """Standard deviations of where a feeder lays its sheets; a press file's ``[scanner]`` may state others.
 
-    measured: twelve sheets on the feeder of a Xerox PrimeLink C9065, the greatest of each.
+    Assumed: the greatest that twelve sheets on one office feeder had.
     """
 
     shift_mm: float = 2.7

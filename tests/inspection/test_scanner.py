@@ -43,7 +43,8 @@ def expected(scanner: Press, make_page: Callable[..., Page]) -> ExpectedPage:
 def light_of(expected: ExpectedPage, press: Press) -> NDArray[np.float32]:
     """The page's expected light as shares of paper, at the press's pixels."""
     sensor = press.sensors[0]
-    bare = (expected.expected.expected_dn[0] - sensor.column_offset_dn) / sensor.column_gain
+    lines = press.station().predict(expected.page).expected_dn[0]
+    bare = (lines - sensor.column_offset_dn) / sensor.column_gain
     return (bare / np.float32(sensor.white_dn)).astype(np.float32)
 
 
@@ -134,10 +135,10 @@ def test_what_is_clipped_is_unknown_above_its_number_and_known_below(
         light=np.minimum(drawn.light / np.float32(0.8), 1),
         clipped=(drawn.light >= 0.8).astype(np.float32),
     )
-    lines, (tone,) = toned_lines(short, expected.expected, scanner.sensors)
+    lines, (tone,) = toned_lines(short, scanner.station().predict(expected.page), scanner.sensors)
     assert tone.clipped
     unknown = (short.clipped[0] == 1) & drawn.seen
-    due = expected.expected.expected_dn[0]
+    due = scanner.station().predict(expected.page).expected_dn[0]
     assert (lines[0][unknown] >= due[unknown] - 1).all()
     # A spot where paper should be is no less visible for it.
     rows, columns = np.nonzero(unknown)
@@ -145,5 +146,7 @@ def test_what_is_clipped_is_unknown_above_its_number_and_known_below(
     spot[0, rows[0], columns[0]] = 0.2
     clipped = short.clipped.copy()
     clipped[0, rows[0], columns[0]] = 0
-    spotted, _ = toned_lines(replace(short, light=spot, clipped=clipped), expected.expected, scanner.sensors)
+    spotted, _ = toned_lines(
+        replace(short, light=spot, clipped=clipped), scanner.station().predict(expected.page), scanner.sensors
+    )
     assert spotted[0, rows[0], columns[0]] < 0.5 * due[rows[0], columns[0]]

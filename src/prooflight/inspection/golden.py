@@ -159,7 +159,7 @@ class GoldenInspector:
         started = time.perf_counter()
         scan = page.scan.read()
         sensors = () if self.press is None else self.press.sensors
-        first = _read(page.goldens[0])
+        pitch_mm = self.pitch_mm(page)
         if self.press is not None:
             for picture, file in (*((_read(one), one) for one in page.goldens), (scan, page.scan)):
                 refuse_other_camera(file.path, picture.light, self.press)
@@ -169,8 +169,8 @@ class GoldenInspector:
             golden=page.goldens[0].path.name,
             light=light,
             spread=spread,
-            ignored=_ignored(page.zones, light.shape, self._pitch_mm(page.goldens[0], first)),
-            pitch_mm=self._pitch_mm(page.goldens[0], first),
+            ignored=_ignored(page.zones, light.shape, pitch_mm),
+            pitch_mm=pitch_mm,
             left_mm=page.left_mm,
             lead_in_mm=0.0 if self.press is None else self.press.geometry.lead_in_mm,
             sensors=sensors,

@@ -91,7 +91,8 @@ class GoodRows:
 
     def without(self, scans: Sequence[str]) -> GoodRows:
         """Return the rows of other scans than these."""
-        left = [row for row, scan in enumerate(self.scans) if scan not in set(scans)]
+        those = set(scans)
+        left = [row for row, scan in enumerate(self.scans) if scan not in those]
         return GoodRows(
             values=self.values[left],
             page_features=self.page_features[left],

@@ -93,8 +93,9 @@ def learn_pages(
     detector = _detector_of(press)
     waiting = read_waiting(artefact, press)
     before = GoodRows.of(detector, []) if waiting is None else waiting
-    before = before.without(press.origin.get(SEEN, "").split())
-    rows = before.followed_by(_good_rows(detector, pages).without(press.origin.get(SEEN, "").split()))
+    seen = press.origin.get(SEEN, "").split()
+    before = before.without(seen)
+    rows = before.followed_by(_good_rows(detector, pages).without(seen))
     new, suffices = len(rows) - len(before), detector.real + len(rows) >= FEWEST_REAL
     if new and (waiting is not None or not suffices or out != artefact):
         write_waiting(artefact, press, rows)

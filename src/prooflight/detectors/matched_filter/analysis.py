@@ -112,6 +112,8 @@ class PreparedPage:
     """See ``unresolved_places``."""
     hidden: NDArray[np.float32] | None = None
     """See ``hidden_edges``."""
+    specks: NDArray[np.float32]
+    """See ``speck_shares``."""
     glyphs: PageGlyphs | None = None
     """None: glyphs are not tested."""
 
@@ -186,6 +188,7 @@ def prepare_page(
         binned_sensors=taken_as,
         unresolved=unresolved_places(page, thin, at),
         hidden=hidden_edges(modes, taken_as),
+        specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
     )
 
@@ -336,7 +339,7 @@ def analyse_found(
         unresolved=unresolved,
         hidden=hidden,
         tolerance=prior.place,
-        specks=speck_shares(prior, prepared.binned_sensors, at.pixel_pitch_mm),
+        specks=prepared.specks,
         floor_share=floor_share,
         threads=threads,
     )

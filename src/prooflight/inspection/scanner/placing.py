@@ -22,10 +22,13 @@ from prooflight.registration.pose import Pose
 from prooflight.registration.register import Prior, register
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
+    from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
     from prooflight.registration.landmarks import Landmarks
     from prooflight.scans.geometry import ScanGeometry
@@ -68,8 +71,10 @@ class ExpectedPage:
     """Page of the job with what its place in a scan is found by."""
 
     page: Page
-    expected: Prediction
-    """Lines that the press's camera sees of the page in its place."""
+    due: NDArray[np.float32]
+    """Light that is expected of the page in its place, (sensors, lines, pixels). [paper]"""
+    near_print: NDArray[np.bool_]
+    """Whether print is expected near by, (lines, pixels)."""
     landmarks: Landmarks
     feeder: FeederPrior
 
@@ -78,7 +83,10 @@ class ExpectedPage:
         """Return a page as it enters the press with its landmarks."""
         prior = replace(Prior(), turn_deg=feeder.skew_deg, stretch_percent=feeder.stretch_percent)
         landmarks = prepare(page, expected, sensors=press.sensors, geometry=press.geometry, prior=prior)
-        return cls(page=page, expected=expected, landmarks=landmarks, feeder=feeder)
+        due = expected_light(expected, press.sensors)
+        printed = (due.min(axis=0) < PRINTED).astype(np.uint8)
+        near = cv2.dilate(printed, np.ones((NEAR_PIXELS, NEAR_PIXELS), np.uint8)) > 0
+        return cls(page=page, due=due, near_print=near, landmarks=landmarks, feeder=feeder)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,6 +131,16 @@ class DrawnScan:
     """Share of each pixel's samples that are clipped in the file. [-]"""
     seen: NDArray[np.bool_]
     """Whether a pixel lies on the page and within the scan, (lines, pixels)."""
+
+
+def expected_light(expected: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:
+    """Return the light that is expected of a page, of bare columns, (sensors, lines, pixels) [paper]."""
+    return np.stack(
+        [
+            (lines - sensor.column_offset_dn) / (sensor.column_gain * np.float32(sensor.white_dn))
+            for lines, sensor in zip(expected.expected_dn, sensors, strict=True)
+        ]
+    ).astype(np.float32, copy=False)
 
 
 def channels_of(picture: ScannedPicture, sensors: int) -> ScannedPicture:
@@ -185,12 +203,12 @@ def placed(
         turn = float(np.deg2rad(found.placement.skew_deg))
         further = _matrix(Pose(x_mm=x_mm, y_mm=y_mm, turn=turn, across=across, along=along))
         moved = replace(where, matrix=where.matrix @ further)
-        drawn = drawn_scan(picture, expected.page, moved, press)
-        better = agreement_of(drawn, expected)
+        again = drawn_scan(picture, expected.page, moved, press)
+        better = agreement_of(again, expected)
         if better < agreement:
             break
-        where, agreement = moved, better
-    if least_agreement_of_parts(drawn_scan(picture, expected.page, where, press), expected) < LEAST_PART:
+        where, drawn, agreement = moved, again, better
+    if least_agreement_of_parts(drawn, expected) < LEAST_PART:
         return where, "parts of the page lie elsewhere than the rest tells"
     if agreement >= SURE_AGREEMENT:  # what repeats within the page lies nowhere else within a feeder's reach
         return where, ""
@@ -204,13 +222,12 @@ def agreement_of(drawn: DrawnScan, expected: ExpectedPage) -> float:
 
     A stamp elsewhere says nothing of the page's place.
     """
-    due, near = _near_print(drawn, expected)
-    return _correlation(drawn.light, due, near)
+    return _correlation(drawn.light, expected.due, drawn.seen & expected.near_print)
 
 
 def least_agreement_of_parts(drawn: DrawnScan, expected: ExpectedPage) -> float:
     """Return the least agreement of the parts of the page that have print: one that lies elsewhere has none."""
-    due, near = _near_print(drawn, expected)
+    due, near = expected.due, drawn.seen & expected.near_print
     least = 1.0
     for rows in np.array_split(np.arange(near.shape[0]), PARTS):
         for columns in np.array_split(np.arange(near.shape[1]), PARTS):
@@ -218,21 +235,6 @@ def least_agreement_of_parts(drawn: DrawnScan, expected: ExpectedPage) -> float:
             if near[part].sum() >= LEAST_PRINT:
                 least = min(least, _correlation(drawn.light[:, *part], due[:, *part], near[part]))
     return least
-
-
-def _near_print(drawn: DrawnScan, expected: ExpectedPage) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the light that is expected (sensors, lines, pixels) [paper], and where print is near, and seen."""
-    sensors = expected.landmarks.sensors
-    due = np.stack(
-        [
-            (lines - sensor.column_offset_dn) / (sensor.column_gain * np.float32(sensor.white_dn))
-            for lines, sensor in zip(expected.expected.expected_dn, sensors, strict=True)
-        ]
-    )
-    printed = cv2.dilate(
-        (due.min(axis=0) < PRINTED).astype(np.uint8), np.ones((NEAR_PIXELS, NEAR_PIXELS), np.uint8)
-    )
-    return due, drawn.seen & (printed > 0)
 
 
 def _correlation(light: NDArray[np.float32], due: NDArray[np.float32], near: NDArray[np.bool_]) -> float:

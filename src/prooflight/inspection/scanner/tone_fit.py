@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from prooflight.inspection.scanner.placing import PRINTED, expected_light
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -32,8 +34,6 @@ TINTS: Final = 25
 """Number of classes of expected light between black and white."""
 LEAST_TINTS: Final = 3
 """Least number of tints by which black and gamma are fitted; white is known besides."""
-PRINTED: Final = 0.9
-"""Expected light below which a pixel counts as printed. [paper]"""
 MOST_LOG_GAMMA: Final = 0.8
 """Greatest logarithm of a gamma that type makes up for: sharpening and the weight of an office printer. [-]"""
 MOSTLY: Final = 0.5
@@ -154,10 +154,7 @@ def toned_lines(
     """
     lines = np.empty(drawn.light.shape, np.uint16)
     tones = []
-    for index, sensor in enumerate(sensors):
-        due_dn = expected.expected_dn[index]
-        due = (due_dn - sensor.column_offset_dn) / (sensor.column_gain * np.float32(sensor.white_dn))
-        due = due.astype(np.float32)
+    for index, (sensor, due) in enumerate(zip(sensors, expected_light(expected, sensors), strict=True)):
         tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen)
         found = tone.light(drawn.light[index])
         found += drawn.clipped[index] * np.maximum(due - found, 0)

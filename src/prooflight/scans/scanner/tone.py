@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from prooflight.errors import RequestError, ScanError
+from prooflight.spectra import srgb_light
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Tone:
         shares = (numbers / np.float32(full) - np.float32(self.black)) / np.float32(self.white - self.black)
         shares = np.clip(shares, 0, 1, dtype=np.float32)
         if self.gamma is None:
-            return _srgb_light(shares)
+            return srgb_light(shares)
         return shares if self.gamma == 1 else np.power(shares, np.float32(self.gamma))
 
     def clipped(self, numbers: NDArray[np.float32], full: float) -> NDArray[np.bool_]:
@@ -96,13 +97,7 @@ def by_profile(
             srgb = ImageCms.applyTransform(seen, link)
             assert srgb is not None
             samples = np.moveaxis(np.asarray(srgb), -1, 0)[: len(numbers)]
-            light[:, top : top + BAND_ROWS] = _srgb_light(samples.astype(np.float32) / np.float32(EIGHT_BITS))
+            light[:, top : top + BAND_ROWS] = srgb_light(samples.astype(np.float32) / np.float32(EIGHT_BITS))
     except (ImageCms.PyCMSError, OSError) as error:
         raise ScanError(where, f"its ICC profile cannot be used ({error})", remedy=remedy) from None
     return light
-
-
-def _srgb_light(shares: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return linear light of sRGB numbers, both 0 to 1 (IEC 61966-2-1)."""
-    power = np.power((shares + np.float32(0.055)) / np.float32(1.055), np.float32(2.4))
-    return np.where(shares <= np.float32(0.04045), shares / np.float32(12.92), power).astype(np.float32)

@@ -202,7 +202,9 @@ class Registration:
 
         A page of which little is printed is judged in its nominal place, and so is a scan that lacks its print.
         """
-        return not (self.found or self.foreign or self.reason == TOO_LITTLE) and self.print_seen >= LEAST_PRINT
+        return (
+            not (self.found or self.foreign or self.reason == TOO_LITTLE) and self.print_seen >= LEAST_PRINT
+        )
 
     @property
     def off_place(self) -> bool:
@@ -279,9 +281,7 @@ def _recognised(where: Registration, landmarks: Landmarks, seen: NDArray[np.floa
     return replace(where, foreign=True, turned=turned.of_print < TURNED_PRINT * foreign.of_print)
 
 
-def _print_seen(
-    seen: NDArray[np.float32], design: NDArray[np.float32], inside: tuple[slice, slice]
-) -> float:
+def _print_seen(seen: NDArray[np.float32], design: NDArray[np.float32], inside: tuple[slice, slice]) -> float:
     """Return the detail of a scan's print, wherever it lies, as a share (rms) of that of its design. [-]"""
     rows = min(len(seen), len(design))
     there, due = (float((detail(one[:rows])[inside] ** 2).sum()) for one in (seen, design))

@@ -164,7 +164,12 @@ def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose 
 
 
 def _peaks(
-    landmarks: Landmarks, coarse: NDArray[np.float32], reach_mm: float, *, turn: float = 0.0, along: float = 0.0
+    landmarks: Landmarks,
+    coarse: NDArray[np.float32],
+    reach_mm: float,
+    *,
+    turn: float = 0.0,
+    along: float = 0.0,
 ) -> list[tuple[float, Pose]]:
     """Return height and pose of the greatest maximum of a page turned by ``turn``, and of its rivals.
 

@@ -48,7 +48,11 @@ def test_pages_that_score_lower_are_not_told_apart() -> None:
 @pytest.mark.parametrize("pages", [20, 40])
 def test_own_pages_alone_keep_exactly_what_they_support(pages: int) -> None:
     """Uniform scores: the greatest of n is exceeded with the probability 1 / (n + 1), of standard deviation as much."""
-    rng, rate, simulated = np.random.default_rng(4), least_false_alarm_rate(pages), GoodScores(worst=np.arange(99.0))
+    rng, rate, simulated = (
+        np.random.default_rng(4),
+        least_false_alarm_rate(pages),
+        GoodScores(worst=np.arange(99.0)),
+    )
     beyond = []
     for _ in range(TRIALS):
         own = GoodScores(worst=np.sort(rng.random(pages)))

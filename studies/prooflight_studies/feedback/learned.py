@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.adapting import fit_for
-from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
-from prooflight.detectors.weighted_conformal import exact_interval
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
@@ -31,8 +28,6 @@ from prooflight_studies.stress.stressed import stressed
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
@@ -96,7 +91,9 @@ class LearnedWork:
             good, prepared = bench.design(index)
             grown = replace(good, page=grown_edges(good.page, GROWTH_UM))
             for name, under, printed in (("", bench, good), (PATCHES, patchy, good), (GROWTH, bench, grown)):
-                row, _ = scan_row(bench, prepared, under.scan(printed, self.scene.rng(index, 0)), self.scatter)
+                row, _ = scan_row(
+                    bench, prepared, under.scan(printed, self.scene.rng(index, 0)), self.scatter
+                )
                 row |= {"design": index, "day": day.designs[0], "printed_by": name, "kind": ""}
                 for key, value in row.items():
                     columns[key].append(value)

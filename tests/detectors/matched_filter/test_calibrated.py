@@ -100,8 +100,9 @@ def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> Non
 
 
 def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) -> None:
+    own = np.random.default_rng(3).exponential(0.9, 60)  # lower than elsewhere, which breaks no promise
     for real in (0, 60):
-        promise = calibrated(model, real=real).promise
+        promise = calibrated(model, own=own, real=real).promise
         assert (promise.simulated, promise.real) == (60 - real, real)
         what = (
             "60 real good pages of this press and 1,000 simulated pages, which were not told apart"

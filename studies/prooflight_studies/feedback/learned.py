@@ -84,7 +84,7 @@ class LearnedWork:
     def __call__(self, day: Day, /) -> Rows:
         """Return the rows of a day."""
         bench = self.scene.day(day)
-        rng = stream(self.scene.seed, "learned-day", self.scene.number, day.designs[0])
+        rng = stream(self.scene.seed, "stress-day", self.scene.number, day.designs[0])
         patchy = replace(bench, day=stressed(bench.day, self.stress.nuisance(PATCHES), rng=rng))
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 from prooflight.detectors.false_alarm_rate import GoodScores, PressScores, least_false_alarm_rate
 from prooflight.detectors.likeness import LEVEL, POWER, Likeness
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 TRIALS = 2000
 FIVE_SD = 5 * np.sqrt(0.25 / TRIALS)
@@ -23,7 +28,7 @@ def share_told_apart(power: float, pages: int, seed: int) -> float:
     return float(np.mean(told))
 
 
-def power_of(rng: np.random.Generator, pages: int, power: float) -> np.ndarray:
+def power_of(rng: np.random.Generator, pages: int, power: float) -> NDArray[np.float64]:
     return rng.random(pages) ** (1 / power)
 
 

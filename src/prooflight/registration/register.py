@@ -76,6 +76,7 @@ WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """Shift and skew at which a page is a misprint (worlds.toml)."""
 TOO_LITTLE: Final = "too little is printed to tell where"
+REPEATS: Final = "the page repeats itself: it may lie in several places"
 WIDE_TURN_DEG, WIDE_STRETCH_PERCENT = 1.0, 1.0
 """Standard deviations of turn and stretch in the wide search, in which a sheet may lie as office feeders lay it."""
 LEAST_WIDE: Final = 0.6
@@ -239,7 +240,8 @@ def register(
     if where.found and where.print_matching >= DOUBTFUL:
         return where
     where = _recognised(where, landmarks, seen_coarsely(landmarks, scan, lost))
-    if where.found or where.reason == TOO_LITTLE or where.print_seen < LEAST_PRINT:
+    # A wider search of a page that repeats itself finds one of its periods and cannot tell which.
+    if where.found or where.reason in (TOO_LITTLE, REPEATS) or where.print_seen < LEAST_PRINT:
         return where
     basis = landmarks.basis.loosened(turn_deg=WIDE_TURN_DEG, stretch_percent=WIDE_STRETCH_PERCENT)
     wide = _placed(replace(landmarks, basis=basis), scan, lost, threads, search=wide_candidates)
@@ -298,7 +300,7 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
             other.agreeing >= RIVAL * best.agreeing
             and best.distance_pixels(other, landmarks) > RIVAL_DISTANCE_PIXELS
         ):
-            return "the page repeats itself: it may lie in several places"
+            return REPEATS
     return ""
 
 

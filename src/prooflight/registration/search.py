@@ -113,7 +113,7 @@ def wide_candidates(
 ) -> list[Candidate]:
     """Return the poses tested over turns and stretches that no press makes but feeders do, best first.
 
-    It takes a second or so, and is for pages that ``candidates`` does not place.
+    It costs many more searches, and is for pages that ``candidates`` does not place.
     lost, threads: see ``measured``.
     """
     seen, design = seen_coarsely(landmarks, scan, lost), landmarks.coarse.picture

@@ -76,6 +76,7 @@ WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """Shift and skew at which a page is a misprint (worlds.toml)."""
 TOO_LITTLE: Final = "too little is printed to tell where"
+IN_PARTS: Final = "parts of the page lie in different places"
 REPEATS: Final = "the page repeats itself: it may lie in several places"
 WIDE_TURN_DEG, WIDE_STRETCH_PERCENT = 1.0, 1.0
 """Standard deviations of turn and stretch in the wide search, in which a sheet may lie as office feeders lay it."""
@@ -201,11 +202,11 @@ class Registration:
     def unplaced(self) -> bool:
         """Whether the scan has print that seems this page's, and it is not known where: no page to be judged.
 
-        A page of which little is printed is judged in its nominal place, and so is a scan that lacks its print.
+        A page of which little is printed is judged in its nominal place, and so is a scan that lacks its print. Where
+        parts of the page lie apart they were found: planes far out of register do that, and are a misprint.
         """
-        return (
-            not (self.found or self.foreign or self.reason == TOO_LITTLE) and self.print_seen >= LEAST_PRINT
-        )
+        lies_somewhere = self.found or self.foreign or self.reason in (TOO_LITTLE, IN_PARTS)
+        return not lies_somewhere and self.print_seen >= LEAST_PRINT
 
     @property
     def off_place(self) -> bool:
@@ -393,7 +394,7 @@ def _registration(
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
     if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > MOST_RMS_PIXELS):
-        reason = "parts of the page lie in different places"
+        reason = IN_PARTS
     if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
         reason = TOO_LITTLE
     return Registration(

@@ -95,7 +95,7 @@ def screened(
     Parameters
     ----------
     plates
-        Ink amounts (rows, columns, 4) at the screen's resolution, 0 to 255.
+        Ink amounts (rows, columns, 4) at the screen's resolution, 0 to 255, C-contiguous.
     screen
         The screen; ``fm`` and ``error-diffusion`` take no angles.
     tone
@@ -111,8 +111,9 @@ def screened(
     NDArray
         Ink amounts (rows, columns, 4) that are printed: with one bit 0 or 255.
     """
-    plates = np.ascontiguousarray(plates)
-    out = np.empty_like(plates) if out is None else out
+    out = np.empty(plates.shape, np.uint8) if out is None else out
+    if not plates.flags.c_contiguous or not out.flags.c_contiguous:
+        raise ValueError("plates and out must be C-contiguous")
     low, share, levels = _levels(screen.bits, tone)
     if screen.kind == "error-diffusion":
         diffuse_error(plates, low, share, levels, out)
@@ -187,23 +188,23 @@ def blue_noise() -> NDArray[np.uint16]:
     crowded = np.zeros(dots.shape)
     count = int(_FIRST_DOTS * dots.size)
     for place in np.random.default_rng(1).choice(dots.size, count, replace=False):
-        _put(dots, crowded, blur, *divmod(int(place), NOISE_TILE), 1)
+        _put(dots, crowded, blur, divmod(int(place), NOISE_TILE), 1)
     for _ in range(dots.size):  # until the most crowded dot is what fills the largest void
         cluster = most_crowded(crowded, dots, 1)
-        _put(dots, crowded, blur, *cluster, 0)
+        _put(dots, crowded, blur, cluster, 0)
         void = most_crowded(crowded, dots, 0)
-        _put(dots, crowded, blur, *void, 1)
+        _put(dots, crowded, blur, void, 1)
         if void == cluster:
             break
     first, first_crowded = dots.copy(), crowded.copy()
     order = []
     for _ in range(count):
         order.append(most_crowded(crowded, dots, 1))
-        _put(dots, crowded, blur, *order[-1], 0)
+        _put(dots, crowded, blur, order[-1], 0)
     order.reverse()
     for _ in range(dots.size - count):
         order.append(most_crowded(first_crowded, first, 0))
-        _put(first, first_crowded, blur, *order[-1], 1)
+        _put(first, first_crowded, blur, order[-1], 1)
     return _thresholds(np.array([row * NOISE_TILE + column for row, column in order]), NOISE_TILE)
 
 
@@ -211,12 +212,11 @@ def _put(
     dots: NDArray[np.uint8],
     crowded: NDArray[np.float64],
     blur: NDArray[np.float64],
-    row: int,
-    column: int,
+    place: tuple[int, int],
     dot: int,
 ) -> None:
-    dots[row, column] = dot
-    crowd(crowded, blur, 1.0 if dot else -1.0, row, column)
+    dots[place] = dot
+    crowd(crowded, blur, 1.0 if dot else -1.0, *place)
 
 
 def _thresholds(order: NDArray[np.int64], side: int) -> NDArray[np.uint16]:

@@ -86,7 +86,7 @@ def test_a_wrong_variation_is_refused_by_name(prototype: PressFile, text: str, s
 @pytest.mark.parametrize("world", WORLDS)
 def test_worlds_are_known_by_name(world: str) -> None:
     assert known_world(world) == world
-    with pytest.raises(RequestError, match="ideal or press"):
+    with pytest.raises(RequestError, match="ideal, press or measured"):
         known_world(world.title())
 
 

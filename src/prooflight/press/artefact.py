@@ -169,6 +169,7 @@ class Press(Shown):
             costs=self.costs,
             fringes=self.fringes,
             floor_share=self.floor_share,
+            screen=None if self.screen is None else (self.screen, self.ink_light),
             threads=threads,
         )
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 FillRule = Literal["centre", "any-part", "area"]
 """Which device pixels a shape fills: those whose centre it covers, those that it touches, or each by the area that it
-covers. By every rule letters are filled by centres where a pixel is whole, as RIPs of PostScript do."""
+covers. ``any-part`` is drawn by centres and grown by half a pixel, which is where such edges lie on average: MuPDF's
+level 10, which should fill what a path touches, inked no more of a test page than its centres did."""
 FILL_RULES: Final[tuple[FillRule, ...]] = get_args(FillRule)
 UNKNOWN_DPI: Final = 600.0
 """Assumed resolution of a press whose resolution is unknown. (assumed: no press of letters prints more
@@ -88,8 +89,9 @@ class RipModel:
         return self.fill is not None or self.least_line_um is not None or self.offset_um is not None
 
     def growth_pixels(self, dpi: float) -> Inks:
-        """Return the growth of each ink. [device pixels]"""
-        c, m, y, k = (um * 1e-3 * dpi / MM_PER_INCH for um in self.growth_um or (0.0,) * INKS)
+        """Return how far the edges of each ink lie outside those that are drawn by centres. [device pixels]"""
+        rule = 0.5 if self.fill == "any-part" else 0.0
+        c, m, y, k = (rule + um * 1e-3 * dpi / MM_PER_INCH for um in self.growth_um or (0.0,) * INKS)
         return c, m, y, k
 
     def offset_pixels(self, dpi: float) -> tuple[float, float]:
@@ -101,7 +103,7 @@ class RipModel:
         """Return the standard deviation with which printed edges lie off those of the expected raster.
 
         Every RIP rounds edges to pixels by a rule of its own, so that an edge is anywhere within one pixel (variance of
-        a uniform distribution), unless it was measured, or rule and grid are stated; by area nothing is rounded. Growth
+        a uniform distribution), unless it was measured, or is by centres of a stated grid; by area nothing is rounded. Growth
         that is not known exactly adds the variance of the ink that is known least. [mm]
         """
         pixel_um = 1e3 * MM_PER_INCH / (dpi or UNKNOWN_DPI)
@@ -109,7 +111,7 @@ class RipModel:
             rounding = self.edge_sd_um
         elif self.fill == "area":
             rounding = 0.0
-        elif self.fill is not None and self.offset_um is not None and dpi is not None:
+        elif self.fill == "centre" and self.offset_um is not None and dpi is not None:
             rounding = min(self.offset_sd_um, pixel_um / math.sqrt(12))
         else:
             rounding = pixel_um / math.sqrt(12)

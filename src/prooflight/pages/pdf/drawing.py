@@ -38,13 +38,8 @@ SHARP: Edges = {"hscale": 1, "vscale": 1, "scale": 0xFF00, "bits": 1, "text_bits
 """Fields of ``fz_aa_context``: samples of a pixel in either direction, the weight of one of them (of
 0xFF00), bits of coverage of paths (0 would choose level 0) and of glyphs, and the width of the thinnest
 line. [pixels]"""
-_BY_RULE: dict[str, Edges] = {
-    "centre": {},
-    "any-part": {"bits": 10},
-    "area": {"hscale": 17, "vscale": 15, "scale": 256, "bits": 8, "text_bits": 8},
-}
-"""What other rules change, as ``fz_set_aa_level`` sets it: level 10 fills what a path touches, and level 8 takes 255
-samples of a pixel."""
+_BY_AREA: Edges = {"hscale": 17, "vscale": 15, "scale": 256, "bits": 8, "text_bits": 8}
+"""What the rule of areas changes, as ``fz_set_aa_level`` sets it for level 8: 255 samples of a pixel."""
 BAND_ROWS = 64  # plates are merged in bands: that of an A4 page at 600 dpi stays in the processor's cache
 
 
@@ -207,7 +202,7 @@ def merge_plates(plates: NDArray[np.uint8], curves: list[NDArray[np.uint8]], cmy
 
 def edges_of(rip: RipModel, dpi: float) -> Edges:
     """Return the fields of ``fz_aa_context`` by which a RIP of ``dpi`` fills pixels and draws thin lines."""
-    by_rule = {} if rip.fill is None else _BY_RULE[rip.fill]
+    by_rule = _BY_AREA if rip.fill == "area" else {}
     thinnest = 1.0 if rip.least_line_um is None else rip.least_line_um * 1e-3 * dpi / MM_PER_INCH
     return SHARP | by_rule | {"min_line_width": thinnest}
 

@@ -9,7 +9,7 @@ import pytest
 
 from prooflight.commissioning.rip_identification import identified_from_rasters, ink_edges
 from prooflight.commissioning.rip_test_page import test_pdf as page_of_test
-from prooflight.pages.rip_model import RipModel, grown
+from prooflight.pages.pdf.rip_model import RipModel, grown
 
 pytest.importorskip("pymupdf")
 DPI = 600.0
@@ -30,7 +30,6 @@ def _drawn(page: Path, model: RipModel) -> np.ndarray:
 
 
 def test_growth_of_every_ink_is_identified_within_its_uncertainty(page: Path) -> None:
-    """Seed 401; edges that lie off by 0.2 pixels a tile are drawn by mixing rasters of two growths."""
     growth = (10.0, -6.0, 0.0, 17.0)
     raster = _drawn(page, RipModel(fill="centre", growth_um=growth))
     found = identified_from_rasters([raster], lambda model: [_drawn(page, model)], dpi=DPI)

@@ -9,7 +9,7 @@ import pytest
 
 from prooflight.errors import PressFileError
 from prooflight.pages.job import edge_sd_mm
-from prooflight.pages.rip_model import UNSTATED, RipModel, grown
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel, grown
 from prooflight.press.press_file import PressFile
 
 

@@ -32,7 +32,7 @@ TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
 """Number of designs that each way of training prints."""
 
 OWN_RIP_IS_BEST = (
-    "For jobs of PDFs the press's own RIP is the best answer, by [rip] engine = \"command\", or its rasters as the job; "
+    'For jobs of PDFs the press\'s own RIP is the best answer, by [rip] engine = "command", or its rasters as the job; '
     "none is stated here, so edges are expected within a pixel of 600 dpi"
 )
 

@@ -11,11 +11,15 @@ from prooflight.cli import show
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
     from numpy.typing import NDArray
 
     from prooflight.commissioning.rip_identification import Identified
-    from prooflight.pages.rip_model import RipModel
+    from prooflight.detectors.base import Inspection
+    from prooflight.pages.pdf.rip_model import RipModel
+    from prooflight.pages.raster import Page
     from prooflight.press.press_file import PressFile
 
 WHY = "identified by press rip-model"
@@ -59,11 +63,15 @@ def rip_model(
 
         with whole_file(test_page) as unfinished:
             unfinished.write_bytes(test_pdf())
-        show.people.print(show.strong(test_page), "written: have the press rip or print it, then give it as the job")
+        show.people.print(
+            show.strong(test_page), "written: have the press rip or print it, then give it as the job"
+        )
         return
     if press_file is None or job is None or (rasters is None) == (scans is None):
         what = "needs a press file, a PDF, and either its rasters or scans of it"
-        raise RequestError("rip-model", what, remedy="give PRESS.toml JOB.pdf --rasters PAGES, or --scans SCANS --press X")
+        raise RequestError(
+            "rip-model", what, remedy="give PRESS.toml JOB.pdf --rasters PAGES, or --scans SCANS --press X"
+        )
     from prooflight.press.press_file import PressFile
 
     settings = PressFile.read(press_file)
@@ -72,7 +80,9 @@ def rip_model(
     elif press is not None and scans is not None:
         found = _from_scans(job, scans, press)
     else:
-        raise RequestError("rip-model", "--scans needs the press that they are of", remedy="add --press X.press")
+        raise RequestError(
+            "rip-model", "--scans needs the press that they are of", remedy="add --press X.press"
+        )
     for sentence in found.sentences:
         show.people.print(sentence)
     if out is not None:
@@ -87,7 +97,9 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
 
     dpi = settings.rip_dpi
     if dpi is None:
-        raise RequestError(settings.path, "states no [rip] dpi", remedy="add the resolution of the press's RIP")
+        raise RequestError(
+            settings.path, "states no [rip] dpi", remedy="add the resolution of the press's RIP"
+        )
     step = show.steps(quiet=False)
     engine = None if settings.rip_engine.name == "mupdf" else settings.rip_engine
     with Job(JobSource(path=rasters, dpi=dpi)) as given, PdfJob(job, engine=engine) as pdf:
@@ -108,7 +120,9 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
                 cmyk = pdf.page(number, dpi, drawn_dpi=dpi, rip=model).cmyk
                 if max(abs(a - b) for a, b in zip(cmyk.shape[:2], like.shape[:2], strict=True)) > 2:
                     size = f"{like.shape[1]} x {like.shape[0]} pixels where the page has {cmyk.shape[1]} x {cmyk.shape[0]}"
-                    raise RequestError(rasters, f"page {number} has {size}", remedy="give rasters of the printed box")
+                    raise RequestError(
+                        rasters, f"page {number} has {size}", remedy="give rasters of the printed box"
+                    )
                 result.append(cmyk[: like.shape[0], : like.shape[1]])
             return result
 
@@ -119,16 +133,28 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
 
 def _from_scans(job: Path, scans: Path, press_path: Path) -> Identified:
     from prooflight.commissioning.rip_scans import identified_from_scans
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.job import pair
     from prooflight.press.artefact import Press
+    from prooflight.press.pages import open_job
 
-    return identified_from_scans(job, scans, Press.load(press_path), progress=show.steps(quiet=False))
+    press, step = Press.load(press_path), show.steps(quiet=False)
+    inspector = Inspector(press)
+    with open_job(job, press) as pages:
+
+        def inspected() -> Iterator[tuple[Page, Inspection]]:
+            for page, scan in pair(pages, scans, partly=True):
+                step(f"measuring edges of {page.name}")
+                yield page, inspector.inspect(page, scan)
+
+        return identified_from_scans(inspected(), press)
 
 
 def _write(settings: PressFile, model: RipModel, out: Path) -> None:
     """Write the press file with these parameters in ``[rip]``; PressFileError: it would be invalid."""
     from prooflight.commissioning.line_camera.file_edit import Edit, edited
     from prooflight.files.atomic import whole_file
-    from prooflight.pages.rip_model import UNSTATED
+    from prooflight.pages.pdf.rip_model import UNSTATED
     from prooflight.press.press_file import PressFile
 
     edits = []

@@ -8,19 +8,19 @@ that lie further out have grown; those that lie further right have moved; what r
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES, INKS
-from prooflight.pages.rip_model import FILL_RULES, RipModel
+from prooflight.pages.pdf.rip_model import FILL_RULES, RipModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.rip_model import FillRule
+    from prooflight.pages.pdf.rip_model import FillRule
 
 HALF: Final = 3
 """Pixels that are looked at to either side of an edge of a raster: growth up to two of them is seen."""
@@ -93,7 +93,9 @@ def ink_edges(
     found: list[NDArray[np.float64]] = []
     for page, (there, printed) in enumerate(zip(expected, seen, strict=True)):
         tops = range(0, there.shape[0], BAND)
-        order = [top for start in range(4) for top in tops[start::4]]  # all over the page before any part of it in full
+        order = [
+            top for start in range(4) for top in tops[start::4]
+        ]  # all over the page before any part of it in full
         for top in order:
             if sum(map(len, found)) > ENOUGH:
                 break
@@ -126,7 +128,15 @@ def _edges(
     first, last = there[:, :count], there[:, 2 * half - 1 :]
     before, after = there[:, half - 1 : half - 1 + count], there[:, half : half + count]
     step, middle = last - first, (first + last) / 2
-    edge = (np.abs(step) > LEAST_STEP * span) & ((before - middle) * (after - middle) <= 0) & (before != after)
+    edge = (
+        (np.abs(step) > LEAST_STEP * span) & ((before - middle) * (after - middle) <= 0) & (before != after)
+    )
+    # Straight for three pixels: the steps of a slanted edge end within the window.
+    rising, straight = step > 0, np.zeros_like(edge)
+    for up in (True, False):
+        alike = edge & (rising == up)
+        straight[1:-1] |= alike[1:-1] & alike[:-2] & alike[2:]
+    edge = straight
     if clear is not None:
         for at in range(0, 2 * half):
             edge &= clear[:, at : at + count]
@@ -219,9 +229,7 @@ def identified_from_rasters(
     elif engine_is_ours:
         sentences.append("These pages do not show by which rule the RIP fills pixels: rules fit them alike.")
     more = _stated(tried[best][0], 25400 / dpi)
-    return Identified(
-        model=RipModel(fill=fill, **more[0]), sentences=(*sentences, *more[1])
-    )
+    return Identified(model=RipModel(fill=fill, **more[0]), sentences=(*sentences, *more[1]))
 
 
 def identified_from_edges(inks: Sequence[InkEdges | None], pixel_um: float) -> Identified:
@@ -240,7 +248,7 @@ def _residual(inks: Sequence[InkEdges | None]) -> float:
     return float(np.sqrt(np.average(squares, weights=tiles)))
 
 
-def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str, object], list[str]]:
+def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str, Any], list[str]]:
     """Return fields of ``RipModel``, and sentences of what was found of each ink."""
     known = {ink: one for ink, one in enumerate(inks) if one is not None}
     sentences = [
@@ -260,7 +268,7 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         )
     tiles = np.array([one.tiles for one in known.values()], float)
     edge = float(np.sqrt(np.average([one.edge_sd**2 for one in known.values()], weights=tiles)))
-    fields: dict[str, object] = {
+    fields: dict[str, Any] = {
         "growth_um": tuple(round(one, 2) for one in growth),
         "growth_sd_um": tuple(round(one, 2) for one in sd),
         "edge_sd_um": round(pixel_um * edge, 2),

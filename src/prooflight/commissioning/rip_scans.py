@@ -9,17 +9,14 @@ import numpy as np
 
 from prooflight.cmyk import INKS
 from prooflight.commissioning.rip_identification import Identified, identified_from_edges, ink_edges
-from prooflight.errors import ScanError
-from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.job import pair
-from prooflight.press.pages import open_job
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import Inspection
+    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
 HALF: Final = 4
@@ -28,39 +25,31 @@ ALONE: Final = 0.02
 """Largest difference, as a share of paper white, that other inks may make where an ink counts as alone."""
 
 
-def identified_from_scans(
-    job: Path, scans: Path, press: Press, *, progress: Callable[[str], None] = lambda _: None
-) -> Identified:
-    """Identify growth and residual of each ink from good pages; errors as ``pair``; ScanError: no page is placed."""
-    inspector = Inspector(press)
+def identified_from_scans(inspected: Iterable[tuple[Page, Inspection]], press: Press) -> Identified:
+    """Identify growth and residual of each ink from good pages of a press, as they enter it, and their inspections."""
     expected: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
     seen: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
     alone: list[list[NDArray[np.bool_]]] = [[] for _ in range(INKS)]
-    white = press.sensors[0].white_dn
-    with open_job(job, press) as pages:
-        for page, scan in pair(pages, scans, partly=True):
-            progress(f"measuring edges of {page.name}")
-            inspection = inspector.inspect(page, scan)
-            if inspection.verdict.kind in ("wrong-page",):
+    station, white = press.station(), press.sensors[0].white_dn
+    for page, inspection in inspected:
+        if inspection.verdict.kind == "wrong-page":
+            continue  # not placed
+        all_inks = inspection.expect().expected_dn[0]
+        measured = inspection.measured_dn[0].astype(np.float32)
+        for ink in range(INKS):
+            if not page.cmyk[..., ink].any():
                 continue
-            station, area = press.station(), inspection.area
-            all_inks = inspection.expect().expected_dn[0]
-            measured = inspection.measured_dn[0].astype(np.float32)
-            for ink in range(INKS):
-                if not page.cmyk[..., ink].any():
-                    continue
-                single = np.zeros_like(page.cmyk)
-                single[..., ink] = page.cmyk[..., ink]
-                only = station.predict(replace(page, cmyk=single), inspection.placement).expected_dn[0][area]
-                expected[ink].append(-all_inks)
-                seen[ink].append(-measured)
-                alone[ink].append(np.abs(only - all_inks) < ALONE * white)
-    if not any(expected):
-        raise ScanError(scans, "shows no page of the job in its place", remedy="give scans of good prints")
+            single = np.zeros_like(page.cmyk)
+            single[..., ink] = page.cmyk[..., ink]
+            prediction = station.predict(replace(page, cmyk=single), inspection.placement)
+            only = prediction.expected_dn[0][inspection.area]
+            expected[ink].append(-all_inks)
+            seen[ink].append(-measured)
+            alone[ink].append(np.abs(only - all_inks) < ALONE * white)
     levels = press.sensors[0].mean_dn
-    solids = np.eye(INKS, dtype=int) * (levels.shape[0] - 1)
     inks = []
     for ink in range(INKS):
-        span = float(levels[0, 0, 0, 0] - levels[tuple(solids[ink])])
+        solid = tuple(levels.shape[0] - 1 if other == ink else 0 for other in range(INKS))
+        span = float(levels[0, 0, 0, 0] - levels[solid])
         inks.append(ink_edges(expected[ink], seen[ink], span=span, half=HALF, alone=alone[ink]))
     return identified_from_edges(inks, 1e3 * press.geometry.pixel_pitch_mm)

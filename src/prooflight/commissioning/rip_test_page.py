@@ -25,9 +25,13 @@ def test_pdf() -> bytes:
         for row in range(SQUARES[1]):
             for column in range(SQUARES[0]):
                 x, y = 12.31 + PITCH_POINTS * column, top - 25.43 * row - SQUARE_POINTS
-                paints.append(f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS:.3f} re f")
+                paints.append(
+                    f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS:.3f} re f"
+                )
                 # A triangle beside it, whose edges cut pixels at all angles.
-                paints.append(f"{x + 13:.3f} {y:.3f} m {x + 22:.3f} {y + 3.1:.3f} l {x + 15:.3f} {y + 11:.3f} l f")
+                paints.append(
+                    f"{x + 13:.3f} {y:.3f} m {x + 22:.3f} {y + 3.1:.3f} l {x + 15:.3f} {y + 11:.3f} l f"
+                )
         for line, width in enumerate(HAIRLINES_POINTS):
             x, y = 222.3 + 7.77 * line, top - 36
             paints.append(f"{width:g} w {x:.3f} {y:.3f} m {x:.3f} {y + 36:.3f} l S")

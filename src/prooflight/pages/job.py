@@ -16,8 +16,8 @@ from prooflight.pages import files
 from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.raster import Page
-from prooflight.pages.rip_model import UNSTATED, RipModel
 from prooflight.pages.warnings import WHOLE_FILE
 
 if TYPE_CHECKING:

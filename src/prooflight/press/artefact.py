@@ -42,9 +42,9 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.pdf.engine import RipEngine
-from prooflight.pages.rip_model import UNSTATED, RipModel
-from prooflight.pages.screen import Screen
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.sampling import Footprint
+from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.schema import check_press
 from prooflight.scans.geometry import ScanGeometry

@@ -21,7 +21,7 @@ from prooflight.detectors.cost import FLOOR_SHARE
 from prooflight.errors import PressFileError
 from prooflight.files.given import shortly
 from prooflight.pages.pdf.engine import RipEngine
-from prooflight.pages.rip_model import UNSTATED, RipModel
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen
 from prooflight.press.outlets import PlantBlock
 from prooflight.scans.scanner.feeder import FeederPrior

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from prooflight.inks.reflectance import ReflectanceModel
-    from prooflight.pages.rip_model import RipModel
+    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.screen import Screen
     from prooflight.press.blocks import SensorBlock
     from prooflight.press.outlets import PlantBlock

@@ -30,8 +30,8 @@ from prooflight.files.schema import (
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.pages.pdf.engine import ARGUMENT_LETTERS_MAX, EngineName, RipEngine
+from prooflight.pages.pdf.rip_model import FillRule, RipModel
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.rip_model import FillRule, RipModel
 from prooflight.pages.screen import DotShape, Screen, ScreenKind
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
 

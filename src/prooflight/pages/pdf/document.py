@@ -28,9 +28,9 @@ from prooflight.pages.pdf.layers import PrintedLayers
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.pdf.opening import AGAIN, open_document
 from prooflight.pages.pdf.resources import shown_name
+from prooflight.pages.pdf.rip_model import UNSTATED, grown, growth_margin
 from prooflight.pages.pdf.tints import TintSpaces
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
-from prooflight.pages.rip_model import UNSTATED, growth_margin, grown
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.images import ImageFault
+    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.pdf.taking_together import InkLight
-    from prooflight.pages.rip_model import RipModel
 
 BYTES_PER_PIXEL: Final = 40
 """Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""

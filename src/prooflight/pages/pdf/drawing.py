@@ -29,7 +29,7 @@ from prooflight.pages.raster import MM_PER_INCH
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from prooflight.pages.rip_model import RipModel
+    from prooflight.pages.pdf.rip_model import RipModel
 
 PLATES_MAX = COLOURS_MAX - 4
 """Most plates that are drawn at once, in addition to the process inks."""

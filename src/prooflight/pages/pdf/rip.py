@@ -28,8 +28,8 @@ from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.pdf.facts import PageFacts
+from prooflight.pages.pdf.rip_model import UNSTATED
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
-from prooflight.pages.rip_model import UNSTATED
 from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.pdf.engine import RipEngine
+    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.pdf.taking_together import InkLight
-    from prooflight.pages.rip_model import RipModel
 
 SWATCHES_A_PAGE: Final = 16
 """Spot colours that are drawn at once to measure their print: no engine draws any number on one page."""

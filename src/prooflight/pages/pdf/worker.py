@@ -29,7 +29,7 @@ from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 from prooflight.pages.pdf.engine import RipEngine
-from prooflight.pages.rip_model import RipModel
+from prooflight.pages.pdf.rip_model import RipModel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -119,7 +119,8 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
             for number, like in enumerate(pages, 1):
                 cmyk = pdf.page(number, dpi, drawn_dpi=dpi, rip=model).cmyk
                 if max(abs(a - b) for a, b in zip(cmyk.shape[:2], like.shape[:2], strict=True)) > 2:
-                    size = f"{like.shape[1]} x {like.shape[0]} pixels where the page has {cmyk.shape[1]} x {cmyk.shape[0]}"
+                    wanted = f"{cmyk.shape[1]} x {cmyk.shape[0]}"
+                    size = f"{like.shape[1]} x {like.shape[0]} pixels where the page has {wanted}"
                     raise RequestError(
                         rasters, f"page {number} has {size}", remedy="give rasters of the printed box"
                     )

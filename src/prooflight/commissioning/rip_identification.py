@@ -1,8 +1,9 @@
 """Identification of a press's RIP: where its edges lie beside those that are drawn in its place, by ink.
 
-An edge is found in the expected image where a run of pixels goes from one level to another, and its place in both images
-is the mean place of the step between the levels at its ends, so that neither gain nor blur moves it. All edges of an ink
-that lie further out have grown; those that lie further right have moved; what remains is how surely single edges lie.
+An edge is sought in the expected image where a run of pixels goes from one level to another. Its place in both
+images is the mean place of the step between the levels at its ends, so that neither gain nor blur moves it.
+All edges of an ink that lie further out have grown; those that lie further right have moved; what remains is
+how surely single edges lie.
 """
 
 from __future__ import annotations
@@ -263,8 +264,8 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         growth[ink], sd[ink] = pixel_um * one.growth_pixels, pixel_um * one.growth_sd
         verb = "grows" if growth[ink] >= 0 else "shrinks"
         sentences.append(
-            f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and its "
-            f"edges lie within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
+            f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
+            f"its edges lie within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
         )
     tiles = np.array([one.tiles for one in known.values()], float)
     edge = float(np.sqrt(np.average([one.edge_sd**2 for one in known.values()], weights=tiles)))

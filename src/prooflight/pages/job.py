@@ -39,7 +39,7 @@ painted."""
 
 
 def edge_sd_mm(rip_dpi: float | None) -> float:
-    """Return ``Page.edge_sd_mm`` of a PDF for a press of which no more than its resolution is known, or not even that."""
+    """Return ``Page.edge_sd_mm`` of a PDF for a press of which at most the resolution is known."""
     return UNSTATED.edge_sd_mm(rip_dpi)
 
 

@@ -1,7 +1,7 @@
 """How a press's RIP makes device pixels of shapes, as parameters, and how sure they are (decision 47).
 
-A RIP that cannot be asked for its rasters is imitated: MuPDF draws by its fill rule, with its thinnest line, on its grid
-of pixels, and each ink's shapes then grow by a stated amount. What is not stated stays as it was before there were such
+A RIP that cannot be asked for its rasters is imitated: MuPDF draws by its fill rule, with its thinnest line, on
+its grid of pixels, and each ink's shapes then grow by a stated amount. What is not stated stays as it was before there were such
 parameters, and its uncertainty is that of a whole device pixel.
 """
 
@@ -95,7 +95,7 @@ class RipModel:
         return c, m, y, k
 
     def offset_pixels(self, dpi: float) -> tuple[float, float]:
-        """Return how far the grid of device pixels lies right of and below the page's corner, each in 0..1. [pixels]"""
+        """Return how far the device's grid lies right of and below the page's corner, in 0..1. [pixels]"""
         right, down = ((um * 1e-3 * dpi / MM_PER_INCH) % 1.0 for um in self.offset_um or (0.0, 0.0))
         return right, down
 

@@ -1,11 +1,12 @@
 """Beat of a press's screen against the camera's pixels, as variance of flat places (decision 47).
 
-A tint of a screen is dots, and each camera pixel sees a few of them, never the same part: its light varies from pixel to
-pixel with the beat between both lattices. Patches of every ink are screened and seen through lens and pixel, and what is
-left of them is stated relative to a halftone's variance at unit contrast, as ``ResidualVariance.contrast`` is.
+A tint of a screen is dots, and each camera pixel sees a few of them, never the same part: its light varies from
+pixel to pixel with the beat between both lattices. Patches of every ink are screened and seen through lens and
+pixel, and what is left of them is stated relative to a halftone's variance at unit contrast,
+as ``ResidualVariance.contrast`` is.
 
-A beat is correlated, so that a box, line or column of pixels that it fits sums it up where noise would average out. What
-the sums of patches vary more than sums of noise would is a factor on the variance: the greatest of all sizes.
+A beat is correlated, so that a box, line or column of pixels that it fits sums it up where noise would average
+out. What the sums of patches vary more than sums of noise would is a factor on the variance: the greatest of all sizes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How a press's RIP makes device pixels of shapes, as parameters, and how sure they are (decision 47).
 
 A RIP that cannot be asked for its rasters is imitated: MuPDF draws by its fill rule, with its thinnest line, on
-its grid of pixels, and each ink's shapes then grow by a stated amount. What is not stated stays as it was before there were such
-parameters, and its uncertainty is that of a whole device pixel.
+its grid of pixels, and each ink's shapes then grow by a stated amount.
+What is not stated stays as it was before there were such parameters, and its uncertainty is that of a whole device pixel.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ class RipModel:
         """Return the standard deviation with which printed edges lie off those of the expected raster.
 
         Every RIP rounds edges to pixels by a rule of its own, so that an edge is anywhere within one pixel (variance of
-        a uniform distribution), unless it was measured, or is by centres of a stated grid; by area nothing is rounded. Growth
+        a uniform distribution), unless it was measured, or is by centres of a stated
+        grid; by area nothing is rounded. Growth
         that is not known exactly adds the variance of the ink that is known least. [mm]
         """
         pixel_um = 1e3 * MM_PER_INCH / (dpi or UNKNOWN_DPI)

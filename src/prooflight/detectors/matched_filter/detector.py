@@ -102,6 +102,7 @@ class MatchedFilterDetector(StationDetector):
             prior=self.calibrated.model.prior,
             zones=planned.zones,
             glyphs=self.in_full or self.calibrated.glyphs is not None,
+            screen=station.screen,
         )
         model = self.calibrated.model
         widening = 1.0 if model.residual_variance.exact else prepared.colours.widening

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("pymupdf", reason="PDF needs the extra [pdf]")
 
 from prooflight.errors import RequestError
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.press.artefact import Press
 from prooflight_studies.rip.cases import CASES, case_pdf
 from prooflight_studies.ripped.printing import RIPS, as_printed, device_cmyk, fits, rip_of, statements
@@ -106,5 +107,13 @@ def test_a_page_comes_from_the_press_s_own_rip(press: Press, tmp_path: Path) -> 
 
 
 def test_what_is_stated_is_resolution_and_screen(press: Press) -> None:
-    assert list(statements(press, rip_of("own"))) == ["nothing"]
-    assert statements(press, rip_of("contone-600"))["stated"].rip_dpi == 600.0
+    model = RipModel(fill="any-part")
+    assert list(statements(press, rip_of("own"), UNSTATED)) == ["nothing"]
+    of_press = statements(press, rip_of("am-1200"), model)
+    assert of_press["nothing"] is press
+    assert of_press["stated"].rip_engine.name == "ghostscript"
+    for name in ("stated", "identified"):
+        assert of_press[name].rip_dpi == 1200.0
+        assert of_press[name].screen == rip_of("am-1200").screen
+    assert of_press["identified"].rip_model == model
+    assert of_press["identified"].rip_engine == press.rip_engine

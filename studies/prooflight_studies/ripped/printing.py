@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.commissioning.rip_identification import identified_from_rasters
 from prooflight.errors import InputError, JobError, RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import in_full
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen, screened
 from prooflight.press.artefact import Press
 from prooflight.press.pages import open_job
@@ -28,6 +30,8 @@ from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from prooflight.detectors.base import Inspection
     from prooflight.pages.raster import Page
     from prooflight.simulation.worlds import World
@@ -38,8 +42,14 @@ PAGES_A_DAY: Final = 4
 SECONDS_MAX: Final = 300.0
 OTHER_PAGES: Final = ("wrong-page",)
 """Kinds that need another page; each job here has only one."""
-STATEMENTS: Final = ("nothing", "stated")
-"""What the press file says of the press's RIP: nothing, or resolution and screen, drawn by MuPDF."""
+STATEMENTS: Final = ("nothing", "stated", "identified")
+"""What the press file says of the press's RIP.
+
+``stated``: its engine, resolution and screen, so that the same engine draws the expected page. ``identified``: its
+resolution and screen, and what ``press rip-model`` finds in rasters of other pages; MuPDF draws in its place.
+"""
+IDENTIFIED_FROM: Final = 3
+"""Number of pages of development whose rasters identify a RIP."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +122,7 @@ class PrintWork:
         pdf = device_cmyk(self.pages / f"{piece.page}.pdf", self.folder)
         printed = as_printed(pdf, press, rip)
         ready = {}
-        for name, stated in statements(press, rip).items():
+        for name, stated in statements(press, rip, self._model(rip)).items():
             inspector = _inspector(stated)
             ready[name] = (inspector, inspector.prepare(_expected(pdf, stated)))
         columns: dict[str, list[Any]] = defaultdict(list)
@@ -152,6 +162,13 @@ class PrintWork:
             for name, values in columns.items()
         }
 
+    def _model(self, rip: OwnRip) -> RipModel:
+        """Return what is identified of a RIP from the first pages of development that were converted."""
+        if rip.name == OUR_RASTER:
+            return UNSTATED
+        names = sorted(path.name for path in self.folder.glob("*.pdf") if even(path.stem))
+        return _identified(tuple(self.folder / name for name in names[:IDENTIFIED_FROM]), rip.engine, rip.dpi)
+
     def _session(self, press: Press, piece: PrintPiece, rip: OwnRip, copy: int) -> Session:
         day = piece.number // PAGES_A_DAY
         rng = stream(self.seed, "rip-day", int(piece.judged), day, copy)
@@ -174,11 +191,40 @@ def rip_of(name: str) -> OwnRip:
     return rip
 
 
-def statements(press: Press, rip: OwnRip) -> dict[str, Press]:
-    """Return the press under each statement about its RIP; its engine stays MuPDF, whatever the press draws by."""
+def statements(press: Press, rip: OwnRip, identified: RipModel) -> dict[str, Press]:
+    """Return the press under each statement about its RIP (``STATEMENTS``); its training stays."""
     if rip.name == OUR_RASTER:
         return {"nothing": press}
-    return {"nothing": press, "stated": replace(press, rip_dpi=rip.dpi)}
+    known = replace(press, rip_dpi=rip.dpi, screen=rip.screen)
+    engine = RipEngine(name=rip.engine)  # type: ignore[arg-type]
+    return {
+        "nothing": press,
+        "stated": replace(known, rip_engine=engine),
+        "identified": replace(known, rip_model=identified),
+    }
+
+
+def even(page: str) -> bool:
+    """Return whether a page, named by its number, is of development."""
+    return int("".join(letter for letter in page if letter.isdecimal()) or "1") % 2 == 0
+
+
+@lru_cache(maxsize=4)
+def _identified(pdfs: tuple[Path, ...], engine: str, dpi: float) -> RipModel:
+    """Return the model that the engine's rasters of the first pages of these PDFs identify."""
+    rasters = []
+    for pdf in pdfs:
+        with PdfJob(pdf, engine=RipEngine(name=engine)) as job:  # type: ignore[arg-type]
+            rasters.append(job.page(1, dpi).cmyk)
+
+    def drawn(model: RipModel) -> list[NDArray[np.uint8]]:
+        pages = []
+        for pdf in pdfs:
+            with PdfJob(pdf) as job:
+                pages.append(job.page(1, dpi, drawn_dpi=dpi, rip=model).cmyk)
+        return pages
+
+    return identified_from_rasters(rasters, drawn, dpi=dpi).model
 
 
 def as_printed(pdf: Path, press: Press, rip: OwnRip) -> Page:

@@ -2,7 +2,8 @@
 
 A RIP that cannot be asked for its rasters is imitated: MuPDF draws by its fill rule, with its thinnest line, on
 its grid of pixels, and each ink's shapes then grow by a stated amount.
-What is not stated stays as it was before there were such parameters, and its uncertainty is that of a whole device pixel.
+What is not stated stays as it was before there were such parameters, and its uncertainty is that of a whole device
+pixel.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Generated pages of the reference: ``python -m prooflight.plant.reference`` in the repository writes them."""
+"""Write the reference's pages on the plant: ``python -m docs.generators.plant`` in the root of the repository."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from docs.generators.outlets import outlets_page
+from docs.generators.registers import register_page
+
 from prooflight.files.atomic import whole_file
 from prooflight.plant.events import BODIES, KINDS, schema
-from prooflight.plant.gate.register_page import register_page
-from prooflight.plant.outlets_page import outlets_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 INTRODUCTION = """# What the plant is told
 
 [Tell the plant](../how-to/plant.md) says how outlets are set up. This page is made from the code by
-`python -m prooflight.plant.reference`.
+`python -m docs.generators.plant`.
 
 ## Events
 

@@ -49,7 +49,7 @@ LATE: Final = frozenset({Code.TOO_LATE, Code.PLACE_UNKNOWN})
 GATE: Final = GateSettings(distance_mm=2000.0, plc=PlcSettings(host="plc"))
 INTRODUCTION: Final = """# What each outlet says of a sheet
 
-Written by `python -m prooflight.plant.reference`: each row is a sheet that went through the gate's decisions, the
+Written by `python -m docs.generators.plant`: each row is a sheet that went through the gate's decisions, the
 stream of events and the messages of every outlet. The ten kinds are the [codes of the gate](registers.md).
 
 A verdict says what is known of a sheet: `good`, `misprint` or `not-inspected`. A disposition says what becomes of it,

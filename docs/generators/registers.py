@@ -88,7 +88,7 @@ def register_page() -> str:
     return f"""\
 # The gate's registers
 
-Written by `python -m prooflight.plant.reference` from the tables that Prooflight itself goes by
+Written by `python -m docs.generators.plant` from the tables that Prooflight itself goes by
 (`prooflight.plant.gate.registers`, `prooflight.plant.gate.handshake`). How to use a gate: [how-to](../how-to/gate.md).
 Why it is built so: [decision 26](../explanation/decisions/0026-gate.md).
 

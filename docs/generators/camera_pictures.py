@@ -1,7 +1,7 @@
 """Pictures of docs/how-to/line-cameras.md: a ruler page, and what `camera view` draws of it.
 
-Run ``python docs/camera_pictures.py`` in the root of the repository. The camera is the prototype's, simulated: it sees
-the ruler page that ``chart make --ruler`` prints, with its noise (seed 1).
+Run ``python -m docs.generators.camera_pictures`` in the root of the repository. The camera is the prototype's,
+simulated: it sees the ruler page that ``chart make --ruler`` prints, with its noise (seed 1).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from prooflight.reporting.camera_live import CameraShown, draw_camera
 from prooflight.rng import stream
 from prooflight.scans.cameras.camera import Health
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 SHOWN_LINES = 2400
 
 

@@ -20,7 +20,7 @@ HEAD: Final = """# Endpoints of the console
 
 Made by `python -m docs.generators.console_endpoints` from the application itself; a test compares.
 An endpoint that names no role is refused when the console is made. Each of viewer, operator, engineer, admin may all
-that the one before may. `open` asks for nobody. A token needs the scope as well, and none will do where there is a dash.
+that the one before may. `open` asks for nobody. A token needs the scope as well; none will do where there is a dash.
 
 | method | path | role | scope of a token |
 |---|---|---|---|

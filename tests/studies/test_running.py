@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import mmap
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +19,7 @@ from prooflight_studies.running.live import _alarms, _caught, _in_step, _named, 
 from prooflight_studies.running.rig import Ring
 from prooflight_studies.running.study import Plan, Study, running_results
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+PAGES = Path(__file__).parent / "pages"
 FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
 SHEETS = 16
 Seen = tuple[int | None, str, tuple[str, ...], bool]
@@ -175,18 +175,19 @@ def test_a_part_that_is_known_is_measured_again_only_where_asked(
 ) -> None:
     measured: list[int] = []
 
-    def picture(_study: Study) -> dict[str, Any]:
+    def streak(_study: Study) -> dict[str, Any]:
         measured.append(len(measured))
-        return {"picture": f"view{len(measured)}.svg"}
+        of_page = json.loads((PAGES / "running.json").read_text())["streak"]
+        return of_page | {"example": f"streak {len(measured)}"}
 
-    monkeypatch.setattr(Study, "_picture", picture)
+    monkeypatch.setattr(Study, "_streak", streak)
     (tmp_path / "running").mkdir()
     study = Study(
         out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, two=None, inspectors=1,
         progress=lambda _text: None,
     )  # fmt: skip
-    study.run(("picture",))
-    assert study.run(("picture",)) == {"picture": {"picture": "view1.svg"}}
+    study.run(("streak",))
+    assert study.run(("streak",))["streak"]["example"] == "streak 1"
     assert measured == [0]
-    study.run(("picture",), again=True)
-    assert "view2.svg" in (tmp_path / "running.md").read_text()
+    study.run(("streak",), again=True)
+    assert "streak 2" in (tmp_path / "running.md").read_text()

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight import __version__
-from prooflight.files.atomic import whole_file
 from prooflight.journal.journal import Journal
 from prooflight.plant.gate.gate import exchange_s
 from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path, rows_of
@@ -93,8 +92,6 @@ def run_gate_study(
             progress=progress,
         )
         draw_trays(out / "gate-trays.png", happened.rows)
-        with whole_file(out / "gate-simulated.svg") as unfinished:
-            unfinished.write_text(happened.view, encoding="utf-8")
     if "counts" in parts:
         new["counts"] = _counts(seed=seed, quick=quick, progress=progress)
     # Parts may have been measured meanwhile by others.

@@ -156,7 +156,7 @@ def watch(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Inspect a press while it runs, and show every page's verdict as it passes.
+    """Inspect a press while it runs, and say of every misprint where it is.
 
     Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if
     inspection could not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops
@@ -174,7 +174,6 @@ def watch(
     from prooflight.pages.process import settle_process
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
-    from prooflight.reporting.live import Recent
 
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
@@ -226,8 +225,6 @@ def watch(
         seed=seed,
     )
     console = Watching(
-        title=f"{name} on {loaded.name}, {source}, {inspector.detector.name}",
-        recent=Recent.of([sensor.name for sensor in loaded.sensors]),
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
         sheets=None if plan is None else Assembling(plan, patience=NEXT),
@@ -275,7 +272,7 @@ def watch(
         status = _run(planned, served, recorder, console)
     console.told_all()
     if not json:
-        show.people.print(console.view(status))
+        show.people.print(console.line(status))
     unrecorded = 0 if recorder is None else recorder.unrecorded
     code = _ended(status, console.lacks(status, sheets=count, unrecorded=unrecorded))
     if code:

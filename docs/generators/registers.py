@@ -90,7 +90,7 @@ def register_page() -> str:
 
 Written by `python -m docs.generators.plant` from the tables that Prooflight itself goes by
 (`prooflight.plant.gate.registers`, `prooflight.plant.gate.handshake`). How to use a gate: [how-to](../how-to/gate.md).
-Why it is built so: [decision 26](../explanation/decisions/0026-gate.md).
+Why it is built so: [decision 26](../explanation/decisions/plant-and-console/0026-gate.md).
 
 Prooflight is the Modbus TCP client, the controller the server. Registers are holding registers. Addresses here count
 from `first_register` of `[gate.plc]`, as the protocol counts: 0 is what many controllers call 40001. A number of two
@@ -122,7 +122,7 @@ where the controller takes requests between two scans.
 
 ## The handshake
 
-![The handshake](../results/gate-handshake.png)
+![The handshake](../results/running/gate-handshake.png)
 
 | state | says |
 |---|---|

@@ -17,7 +17,7 @@ CasesDir = Annotated[
 
 
 def rip(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/jobs"),
     cases: CasesDir = None,
     pages: PagesDir = None,
     quick: Quick = False,

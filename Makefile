@@ -69,19 +69,19 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-$(VENV)/.installed: requirements.txt pyproject.toml studies/pyproject.toml
+$(VENV)/.installed: requirements/run.txt pyproject.toml studies/pyproject.toml
 	@echo "Installing into $(VENV), which takes a minute or two"
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements/run.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e studies
 	touch $@
 
-$(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
+$(VENV)/.installed-dev: requirements/dev.txt $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
 	touch $@
 
-$(VENV)/.installed-docs: requirements-docs.txt $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.txt
+$(VENV)/.installed-docs: requirements/docs.txt $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
 	touch $@
 
 # Moves the fragments of changes/ into CHANGELOG.md, under the version of pyproject.toml.
@@ -92,12 +92,12 @@ changelog: $(VENV)/.installed-dev
 lock:
 	uv pip compile pyproject.toml studies/pyproject.toml --extra pdf --extra demo --extra plant --extra server --group build \
 		--universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet --no-emit-package prooflight -o requirements.txt
+		--generate-hashes --no-header --quiet --no-emit-package prooflight -o requirements/run.txt
 	uv pip compile pyproject.toml studies/pyproject.toml --all-extras --group build --group dev --universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet --no-emit-package prooflight -c requirements.txt \
-		-o requirements-dev.txt
+		--generate-hashes --no-header --quiet --no-emit-package prooflight -c requirements/run.txt \
+		-o requirements/dev.txt
 	uv pip compile --group docs --universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet -c requirements.txt -c requirements-dev.txt -o requirements-docs.txt
+		--generate-hashes --no-header --quiet -c requirements/run.txt -c requirements/dev.txt -o requirements/docs.txt
 
 clean:
 	rm -rf $(VENV) $(BOUNDS_CACHE) site .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo

@@ -1,4 +1,4 @@
-"""How far a scan and a page walk through the code: rooms, returns, climbs, names.
+"""How far a scan and a page walk through the code: rooms, returns, climbs, files, names.
 
     python docs/walk.py X.press JOB SCANS
 
@@ -60,7 +60,7 @@ class Walk:
         returns, climbs = len(self.rooms) - rooms, len(self.climbs)
         return (
             f"{rooms} rooms, {returns} returns, {climbs} climbs, {len(self.names)} names; "
-            f"{len(self.modules)} modules, {len(self._functions)} functions"
+            f"{len(self.modules)} files, {len(self._functions)} functions"
         )
 
 

@@ -66,9 +66,10 @@ def test_no_document_names_a_missing_file() -> None:
 def test_every_decision_is_listed() -> None:
     folder = DOCS / "explanation" / "decisions"
     listed = re.findall(r"^(\d+)\. \[(.+)\]\((.+)\)$", (folder / "README.md").read_text(), re.MULTILINE)
-    titles = [(path, path.read_text().partition("\n")[0]) for path in sorted(folder.glob("0*.md"))]
+    decisions = sorted(folder.rglob("0*.md"), key=lambda path: path.name)
+    titles = [(path, path.read_text().partition("\n")[0]) for path in decisions]
     assert [(f"# {number}. {title}", name) for number, title, name in listed] == [
-        (title, path.name) for path, title in titles
+        (title, path.relative_to(folder).as_posix()) for path, title in titles
     ]
 
 

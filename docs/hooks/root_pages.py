@@ -40,7 +40,8 @@ def as_page(text: str) -> str:
 def decisions() -> list[str]:
     """All pages of decisions, the list of them first."""
     folder = ROOT / "docs" / DECISIONS
-    return [DECISIONS + "README.md", *(DECISIONS + path.name for path in sorted(folder.glob("0*.md")))]
+    pages = sorted(folder.rglob("0*.md"), key=lambda path: path.name)
+    return [DECISIONS + "README.md", *(DECISIONS + path.relative_to(folder).as_posix() for path in pages)]
 
 
 def expanded(entry: Any, placeholder: str, pages: list[Any]) -> Any:

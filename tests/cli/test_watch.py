@@ -16,7 +16,7 @@ from tests.cli.strange import StrangeFrom
 
 from prooflight.cli import run
 from prooflight.cli.show import people
-from prooflight.cli.watch.command import _decided_first
+from prooflight.cli.watch.running import _decided_first
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.promise import PromiseWatch
 from prooflight.journal.journal import Journal

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Region, Verdict
@@ -26,7 +24,7 @@ from prooflight.line.sheets.thumbnails import Thumbnail
 from prooflight.line.status import Tally
 from prooflight.line.watching import threads_a_sheet
 from prooflight.prediction.predict import predict
-from prooflight.reporting.live import Recent, live_view
+from prooflight.reporting.run_line import alarm_lines, run_line
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
@@ -341,20 +339,21 @@ def test_a_paper_that_is_darker_is_seen_as_light(press: Press, page: Page) -> No
     assert values[1] == pytest.approx(-0.03, abs=3e-3)
 
 
-def test_live_view_shows_an_alarm_and_where() -> None:
-    recent, seen = (
-        Recent.of(["mono"]),
-        SeenPage(scan=np.zeros((1, 1, 1), np.uint16), first_line=0, last_line_time_s=0.0, job_page=3),
-    )
+def test_the_terminal_says_where_an_alarm_is_and_keeps_one_line() -> None:
+    seen = SeenPage(scan=np.zeros((1, 1, 1), np.uint16), first_line=0, last_line_time_s=0.0, job_page=3)
     region = Region(x_mm=80, y_mm=0, width_mm=6, height_mm=297, score=9.0, kind="streak")
     alarm = Verdict(page="p0004", verdict="misprint", kind="streak", regions=(region,))
-    recent.add(outcome(3, seen, alarm, evidence=PageEvidence(values={"gain-cyan": 0.03})))
-    status = Tally().snapshot(queue_depth=2, ahead=4, journalled=3, elapsed_s=1.0)
-    console = Console(record=True, width=120, file=io.StringIO())
-    console.print(live_view(status, recent, title="job on press", deadline_s=0.5))
-    text = console.export_text()
-    for expected in ("WAITING", "streak at 83, 148 mm", "density of cyan", "+3.00 %"):
-        assert expected in text
+    (line,) = alarm_lines(outcome(3, seen, alarm))
+    assert line.plain == "sheet 3, p0004: streak at 83, 148 mm"
+    assert list(alarm_lines(outcome(3, seen, Verdict(page="p0004", verdict="good")))) == []
+    tally = Tally(overloaded=True)
+    tally.count("misprints", by=2)
+    status = tally.snapshot(queue_depth=2, ahead=4, journalled=3, elapsed_s=1.0)
+    line = run_line(status, deadline_s=0.5, sheets="1 sheet whole")
+    assert line.plain.startswith(" WAITING   inspection cannot keep up: 0 sheets not inspected;")
+    for expected in ("2 misprints", "1 sheet whole", "of 500 ms"):
+        assert expected in line.plain
+    assert "\n" not in line.plain
 
 
 def test_a_sheet_with_a_deadline_takes_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 import jsonschema_rs
 import numpy as np
 import pytest
+from docs.generators.plant import pages
 from tests.plant.runs import FACTS, GOOD, MISPRINT, STREAK, Heard, outcome, random_outcome
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.line.notices import Notice
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
-from prooflight.plant import reference
 from prooflight.plant.events import (
     BODIES,
     KINDS,
@@ -169,7 +169,7 @@ def test_every_field_of_the_schema_is_required_and_explained() -> None:
         assert part["description"]
 
 
-@pytest.mark.parametrize("name", sorted(reference.pages()))
+@pytest.mark.parametrize("name", sorted(pages()))
 def test_the_reference_is_the_code_s(name: str) -> None:
     written = (DOCS / name).read_text(encoding="utf-8")
-    assert written == reference.pages()[name], "run `python -m prooflight.plant.reference`"
+    assert written == pages()[name], "run `python -m docs.generators.plant`"

@@ -27,8 +27,8 @@ from prooflight.plant.gate.gate import Gate, Travel, refuse_near, try_controller
 from prooflight.plant.gate.handshake import State
 from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, reconciled
-from prooflight.plant.simulator.proxy import Relay
 from prooflight.plant.simulator.server import PlcServer
+from prooflight_studies.gate.relay import Relay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from tests.plant.runs import FACTS
 
-from prooflight.cli.watch.command import _recorder
+from prooflight.cli.watch.running import recorder_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.journal.records import PageRecord
@@ -227,7 +227,7 @@ def test_a_log_of_a_journal_that_lay_here_before_is_put_aside_when_a_run_begins(
         journal.unlink(missing_ok=True)
         with GateLog(log_path(journal, 1)) as log:
             log.add("run", run=1)
-        with _recorder(str(journal), FACTS) as recorder:
+        with recorder_of(str(journal), FACTS) as recorder:
             assert recorder is not None
             assert recorder.run_id == 1
             assert not log_path(journal, 1).exists()

@@ -12,15 +12,13 @@ from hypothesis import strategies as st
 from tests.inspection.test_inspector import printed
 
 from prooflight.commissioning.build import build_press
-from prooflight.errors import PressFileError, ScanError
+from prooflight.errors import PressFileError
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.sampling import Footprint, transfer
 from prooflight.prediction.predict import predict
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
-from prooflight.rng import stream
 from prooflight.scans.alignment import SensorOffset, built_fraction, disagreement, moved_columns
-from prooflight.scans.apart import found_offset
 from prooflight.scans.placement import Placement
 
 if TYPE_CHECKING:
@@ -105,36 +103,6 @@ def test_columns_that_are_moved_show_what_lay_further_right() -> None:
     lines = np.arange(12, dtype=np.uint16).reshape(2, 6)
     np.testing.assert_array_equal(moved_columns(lines, 2)[0], [2, 3, 4, 5, 5, 5])
     np.testing.assert_array_equal(moved_columns(lines, -1)[0], [0, 0, 1, 2, 3, 4])
-
-
-@pytest.mark.parametrize(("lines", "pixels"), [(3.4, -0.3), (-17.75, 5.5), (0.0, 0.0), (140.2, -11.6)])
-@pytest.mark.parametrize("sensor", [0, 1])
-def test_an_offset_is_found_from_what_two_sensors_saw(
-    two_sensor_press: Press, make_page: MakePage, lines: float, pixels: float, sensor: int
-) -> None:
-    """The second sees other colours. Errors on made pages of these seeds: up to 0.03 of a line."""
-    press, page, rng = two_sensor_press, make_page(5), stream(3, "lost-lines")
-    shift = pixels * press.geometry.pixel_pitch_mm, lines * press.geometry.line_pitch_mm
-    seen = []
-    for place, at in ((Placement(), 0), (Placement(shift_mm=shift), sensor)):
-        one = predict(page, sensors=press.sensors, geometry=press.geometry, placement=place)
-        noise = rng.standard_normal(one.expected_dn[at].shape) * np.sqrt(one.variance_dn2[at])
-        seen.append(np.rint(np.clip(one.expected_dn[at] + noise, 0, 65535)).astype(np.uint16))
-    found = found_offset(*seen)
-    assert found.lines == pytest.approx(lines, abs=0.05)
-    assert found.pixels == pytest.approx(pixels, abs=0.05)
-    assert found.lines == pytest.approx(lines, abs=5 * found.lines_sd)
-    assert 0 < found.lines_sd < 0.03
-    assert found.offset.lines == found.lines
-
-
-def test_blank_paper_tells_no_offset() -> None:
-    rng = stream(4, "lost-lines")
-    first, second = rng.integers(90, 110, (2, 400, 300)).astype(np.uint16)
-    with pytest.raises(
-        ScanError, match=r"^A and B: shows the same edges to both sensors in .* let a page of text"
-    ):
-        found_offset(first, second, where="A and B")
 
 
 def test_offsets_of_other_sensors_than_the_file_has_are_refused(prototype: PressFile) -> None:

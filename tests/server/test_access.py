@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from docs.generators.console_endpoints import endpoints_page
 from fastapi import APIRouter, FastAPI
 from tests.server.consoles import PASSWORD, Served
 
 from prooflight.server.access import EndpointError, endpoint_rows, include, refuse_unguarded
 from prooflight.server.accounts.roles import Role, Scope
 from prooflight.server.app import console_app
-from prooflight.server.endpoints import endpoints_page
 from prooflight.server.problems import MEDIA_TYPE
 from prooflight.server.settings import ConsoleSettings
 
@@ -53,7 +53,7 @@ def test_what_fastapi_adds_by_itself_is_refused_as_well() -> None:
 
 
 def test_the_table_of_endpoints_is_what_the_document_says(app: FastAPI) -> None:
-    assert PAGE.read_text() == endpoints_page(app), "run `python docs/console_endpoints.py`"
+    assert PAGE.read_text() == endpoints_page(app), "run `python -m docs.generators.console_endpoints`"
 
 
 def test_little_is_open_to_all(app: FastAPI) -> None:

@@ -157,7 +157,7 @@ def catches(detector: CalibratedDetector) -> str:
     count = len(ranking.misprints)
     return (
         f"In its trials the ranking caught {share:.0%} of {count:,} simulated misprints at this threshold, barely "
-        "visible ones included; a press may catch less: docs/results/stress.md."
+        "visible ones included; a press may catch less: docs/results/detector/stress.md."
     )
 
 

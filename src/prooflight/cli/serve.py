@@ -16,6 +16,7 @@ from prooflight.errors import RequestError, visible
 
 if TYPE_CHECKING:
     from prooflight.server.accounts.book import Accounts
+    from prooflight.server.running import Listening
 
 app = typer.Typer(
     help="Serve the console, which shows runs of a press in a browser.", invoke_without_command=True
@@ -42,6 +43,50 @@ Address = Annotated[
     str,
     typer.Option("--address", metavar="URL", help="Address of the console, for the link that is printed."),
 ]
+PressOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--press", metavar="X.press", help="Press of runs in the journal; replays and pictures need it."
+    ),
+]
+JobOption = Annotated[
+    list[Path] | None,
+    typer.Option("--job", metavar="JOB", help="Job of runs in the journal; pictures of whole pages need it."),
+]
+HostOption = Annotated[str, typer.Option(help="Address to listen at; others than loopback need TLS.")]
+PortOption = Annotated[int, typer.Option(help="Port to listen at; 0: any free port.", min=0, max=65_535)]
+CertificateOption = Annotated[
+    Path | None, typer.Option("--tls-cert", metavar="PEM", help="Certificates for TLS.")
+]
+KeyOption = Annotated[Path | None, typer.Option("--tls-key", metavar="PEM", help="Key of the certificates.")]
+OriginOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="URL", help="Another address by which browsers reach the console, as behind a proxy."
+    ),
+]
+TrustedProxyOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="ADDRESS", help="Address or network of a proxy whose X-Forwarded-For is trusted."),
+]
+TraysOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="The controller's log of its trays, which may grow: as `run reconcile --trays`.",
+    ),
+]
+OidcOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.toml", help="OpenID provider at which people may sign in as well: [oidc]."),
+]
+TilesMbOption = Annotated[
+    int,
+    typer.Option("--tiles", metavar="MB", help="Megabytes for pictures of pages.", min=10, max=1_000_000),
+]
+DemoOption = Annotated[
+    bool, typer.Option("--demo", help="Print a job live on the simulated press, and watch it.")
+]
 BROKEN = 1
 """Exit code of ``audit verify`` if the audit was altered."""
 HERE = "http://127.0.0.1:8080"
@@ -58,60 +103,18 @@ def serve(
     context: typer.Context,
     journal: JournalUrl = None,
     data: Data = None,
-    press: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--press", metavar="X.press", help="Press of runs in the journal; replays and pictures need it."
-        ),
-    ] = None,
-    job: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--job", metavar="JOB", help="Job of runs in the journal; pictures of whole pages need it."
-        ),
-    ] = None,
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; others than loopback need TLS.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen at; 0: any free port.", min=0, max=65_535)] = 8080,
-    certificate: Annotated[
-        Path | None, typer.Option("--tls-cert", metavar="PEM", help="Certificates for TLS.")
-    ] = None,
-    key: Annotated[
-        Path | None, typer.Option("--tls-key", metavar="PEM", help="Key of the certificates.")
-    ] = None,
-    origin: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="URL", help="Another address by which browsers reach the console, as behind a proxy."
-        ),
-    ] = None,
-    trusted_proxy: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ADDRESS", help="Address or network of a proxy whose X-Forwarded-For is trusted."
-        ),
-    ] = None,
-    trays: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The controller's log of its trays, which may grow: as `run reconcile --trays`.",
-        ),
-    ] = None,
-    oidc: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml", help="OpenID provider at which people may sign in as well: [oidc]."
-        ),
-    ] = None,
-    tiles_mb: Annotated[
-        int,
-        typer.Option("--tiles", metavar="MB", help="Megabytes for pictures of pages.", min=10, max=1_000_000),
-    ] = 2000,
-    demo: Annotated[
-        bool, typer.Option("--demo", help="Print a job live on the simulated press, and watch it.")
-    ] = False,
+    press: PressOption = None,
+    job: JobOption = None,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
+    certificate: CertificateOption = None,
+    key: KeyOption = None,
+    origin: OriginOption = None,
+    trusted_proxy: TrustedProxyOption = None,
+    trays: TraysOption = None,
+    oidc: OidcOption = None,
+    tiles_mb: TilesMbOption = 2000,
+    demo: DemoOption = False,
 ) -> None:
     """Serve the console: runs, sheets and incidents in a browser, live. Ctrl-C ends it.
 
@@ -131,12 +134,7 @@ def serve(
     listening = Listening(host=host, port=port, certificate=certificate, key=key)
     listening.check()
     if demo:
-        from prooflight.cli.watch.live_demo import ended, live_demo
-
-        try:
-            live_demo(listening)
-        except typer.Exit as error:
-            raise typer.Exit(ended(error)) from error
+        _serve_demo(listening)
         return
     for path in (*(press or ()), *(job or ())):
         if not path.exists():
@@ -161,6 +159,16 @@ def serve(
         provider=provider,
     )
     run(settings, listening, ready=told)
+
+
+def _serve_demo(listening: Listening) -> None:
+    """Watch the simulated press print, with the console beside it; its misprints are intended."""
+    from prooflight.cli.watch.live_demo import ended, live_demo
+
+    try:
+        live_demo(listening)
+    except typer.Exit as error:
+        raise typer.Exit(ended(error)) from error
 
 
 def _network(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Live view of a line camera, for a terminal and as a picture."""
+"""State of a line camera: as lines for a terminal, and as a picture."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from prooflight.commissioning.line_camera.seen import smoothed
@@ -18,14 +16,10 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
-    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 
     from prooflight.commissioning.line_camera.seen import Focus, SensorView
     from prooflight.scans.cameras.camera import Health
 
-BLOCKS: Final = " ▁▂▃▄▅▆▇█"
-HEIGHT: Final = 8
-"""Rows of a profile in the terminal."""
 SATURATED_MOST: Final = 1e-4
 FLAT_LEAST: Final = 0.7
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
@@ -82,73 +76,26 @@ def _facts(view: SensorView) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Profile:
-    """A profile as bars over the whole width of the terminal."""
-
-    view: SensorView
-    top: int
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield bars of the light of bare paper, darker where print passes."""
-        width = max(options.max_width - 7, 16)
-        paper = _columns(self.view.paper_dn, width) / self.top
-        mean = _columns(self.view.mean_dn, width) / self.top
-        for row in reversed(range(HEIGHT)):
-            line = Text(f"{self.top * (row + 1) / HEIGHT:5.0f} ", style="dim")
-            for bright, middle in zip(paper, mean, strict=True):
-                level = float(np.clip(bright * HEIGHT - row, 0, 1))
-                full = bright >= 0.999
-                style = "bold red" if full else "cyan" if middle * HEIGHT > row else "blue"
-                line.append(BLOCKS[round(level * (len(BLOCKS) - 1))], style=style)
-            yield line
-        pixels = self.view.mean_dn.size
-        marks = Text("      ")
-        for at in range(width):
-            marks.append("┴" if at % max(width // 8, 1) == 0 else "─", style="dim")
-        yield marks
-        ends = f"      0{'pixel':^{max(width - 1 - len(str(pixels)), 5)}}{pixels}"
-        yield Text(ends, style="dim")
-
-
-def _columns(profile: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return the means of as many parts as the terminal has columns."""
-    edges = np.linspace(0, profile.size, width + 1)
-    summed = np.concatenate([[0.0], np.cumsum(profile)])
-    at = np.interp(edges, np.arange(summed.size), summed)
-    return np.asarray(np.diff(at) / np.diff(edges))
-
-
-def live_camera(shown: CameraShown) -> RenderableType:
-    """Return the whole screen."""
-    parts: list[RenderableType] = [Text(f"{shown.camera}   {shown.form}", style="bold")]
+def live_camera(shown: CameraShown) -> Text:
+    """Return the state in a line for each sensor, and one for the way of its lines."""
+    lines = Text(f"{shown.camera}   {shown.form}   ", style="bold").append(_way(shown.health))
     for at, view in enumerate(shown.views):
-        if len(shown.views) > 1:
-            parts.append(Text(f"sensor {at + 1}", style="bold"))
-        parts += [_Profile(view=view, top=shown.top_code_dn), _numbers(view, shown)]
-    parts.append(_way(shown.health))
-    return Group(*parts)
+        lines.append("\n" if len(shown.views) == 1 else f"\nsensor {at + 1}: ", "bold")
+        rows = [*_light_rows(view), *_focus_rows(view.focus, shown.lens_mtf50)]
+        for place, (name, text, good) in enumerate(rows):
+            lines.append(f"{', ' if place else ''}{name} " if name else ", ", "dim")
+            lines.append(text, "" if good else "bold red")
+    return lines
 
 
-def _numbers(view: SensorView, shown: CameraShown) -> Table:
-    table = Table.grid(padding=(0, 3))
-    left = [
+def _light_rows(view: SensorView) -> list[tuple[str, str, bool]]:
+    light = f"least {100 * view.flatness:.0f} % of the greatest, at {100 * view.darkest_share:.0f} %"
+    return [
         ("saturated", f"{100 * view.saturated:.3f} %", view.saturated <= SATURATED_MOST),
         ("black", f"{view.black_dn:.0f} DN, {100 * view.at_zero:.2f} % at code 0", view.at_zero < 0.001),
         ("noise", f"{view.noise_dn:.2f} DN from line to line", True),
-        (
-            "light",
-            f"least {100 * view.flatness:.0f} % of the greatest, at {100 * view.darkest_share:.0f} %",
-            view.flatness >= FLAT_LEAST,
-        ),
+        ("light", light, view.flatness >= FLAT_LEAST),
     ]
-    right = _focus_rows(view.focus, shown.lens_mtf50)
-    for at in range(max(len(left), len(right))):
-        row: list[RenderableType] = []
-        for name, text, good in (*left[at : at + 1], *right[at : at + 1]):
-            row += [Text(name, style="dim"), Text(text, style="" if good else "bold red")]
-        table.add_row(*row)
-    return table
 
 
 def _focus_rows(focus: Focus | None, wanted: float | None) -> list[tuple[str, str, bool]]:

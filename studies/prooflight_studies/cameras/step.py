@@ -14,10 +14,10 @@ from prooflight.prediction.predict import predict
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.scans.alignment import built_fraction
-from prooflight.scans.apart import found_offset
 from prooflight.scans.cameras.camera import Grab
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.in_step import InStep
+from prooflight_studies.cameras.apart import found_offset
 from prooflight_studies.running.rig import DESIGN_SEED, Pieces
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ def cameras(
         Path | None,
         typer.Option(metavar="X.press", help="Taught for all detectors, for `unseen`; default the job's."),
     ] = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
     seed: Annotated[int, typer.Option(help="Of prints and losses.", min=0)] = 1,
     again: Annotated[bool, typer.Option("--again", help="Measure parts that are known already.")] = False,

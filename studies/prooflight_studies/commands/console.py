@@ -16,7 +16,7 @@ PARTS = ("live", "beside", "hour", "pages")
 
 
 def console(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     part: Annotated[
         str, typer.Option(help="live, beside, hour or pages; the others stay as measured.")
     ] = "live",

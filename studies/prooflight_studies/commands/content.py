@@ -21,7 +21,7 @@ class Part(StrEnum):
 
 
 def content(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/jobs"),
     part: Annotated[Part, typer.Option(help="codes: bar codes. text: digits of numbers.")] = Part.CODES,
     seed: Annotated[int, typer.Option(help="Of what is printed, its prints and its damage.", min=0)] = 19,
     sheets: Annotated[

@@ -19,7 +19,7 @@ def detectability(
     press: Annotated[
         Path, typer.Option("--press", metavar="X.press", help="Press artefact with our detector.")
     ],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     pages: Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")] = None,
     profile: Annotated[Path | None, typer.Option(metavar="ICC", help="CMYK profile of the job.")] = None,
     seed: Annotated[int, typer.Option(help="Of press days, prints and places.", min=0)] = 1,

@@ -13,7 +13,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 
 def feedback(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and weeks.", min=0)] = 23,

@@ -13,7 +13,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 
 def gate(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     part: Annotated[
         list[str] | None,
         typer.Option(

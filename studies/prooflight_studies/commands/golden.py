@@ -19,7 +19,7 @@ def golden(
             help="NAME_temp.jpg, NAME_test.jpg and NAME.txt with marked defects, as DeepPCB has them.",
         ),
     ],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     picture: Annotated[
         Path | None,
         typer.Option(

@@ -32,7 +32,7 @@ OneWorld = Annotated[
 
 def paper(
     press_file: PressFileAt = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/paper"),
     cache: Cache = CACHE,
     seed: Seed = PUBLISHED_SEED,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
@@ -63,7 +63,7 @@ def paper(
 
 def robustness(
     press_file: PressFileAt = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/paper"),
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
@@ -125,7 +125,7 @@ def design(
         float, typer.Option(help="Study with pixels so many times as wide; 1: each design's own.")
     ] = 5.0,
     more: Annotated[int, typer.Option(help="So many times as many page designs.", min=1)] = 1,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/paper"),
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,

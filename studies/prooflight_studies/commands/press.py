@@ -13,7 +13,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, Pres
 
 def press(
     press_file: PressFileAt = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     cache: Cache = CACHE,
     pages: PagesDir = None,
     designs: Annotated[
@@ -75,7 +75,7 @@ def press(
 
 
 def ranking(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     cache: Cache = CACHE,
     ship: Annotated[bool, typer.Option("--ship", help="Write the ranking into the package as well.")] = False,
     left_out: Annotated[
@@ -110,7 +110,7 @@ def stress(
     stress_file: Annotated[
         Path, typer.Option("--stress", metavar="STRESS.toml", help="Nuisances and misprints to judge by.")
     ],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     cache: Cache = CACHE,
     runs: Annotated[
         int | None, typer.Option(help="Of 30 good pages under each nuisance; 10 if not given.", min=1)

@@ -17,7 +17,7 @@ def resolution(
     pages: Annotated[
         Path, typer.Option(metavar="DIR", help="A folder of PDFs; their first pages are printed.")
     ],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/jobs"),
     most: Annotated[int | None, typer.Option(help="So many pages; default all that fit.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of prints, misprints and days.", min=0)] = 1,
     quick: Quick = False,

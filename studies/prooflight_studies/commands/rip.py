@@ -22,7 +22,7 @@ PARTS = ("specification", "press")
 
 
 def rip(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/jobs"),
     part: Annotated[
         list[str] | None,
         typer.Option(

@@ -26,7 +26,7 @@ def running(
         list[str] | None,
         typer.Option(help="repeated, different, ours, soak, drift, streak, picture; default all."),
     ] = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
     threads: Annotated[int | None, typer.Option(help="That inspect; default one a core.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of prints, faults and days.", min=0)] = 1,

@@ -13,7 +13,7 @@ from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 
 def soak(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/running"),
     sheets: Annotated[int | None, typer.Option(help="That pass; default 3600, an hour.", min=20)] = None,
     seed: Annotated[int, typer.Option(help="Of pages, prints and faults.", min=0)] = 12,
     quick: Quick = False,

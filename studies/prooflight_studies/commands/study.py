@@ -56,7 +56,7 @@ def show_table(
 @app.command()
 def ink(
     chart: Annotated[Path, typer.Option(metavar="CHART", help="A characterisation chart with spectra.")],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/prediction"),
     folds: Annotated[int, typer.Option(help="Parts of the chart that are left out in turn.")] = 10,
     seed: Annotated[int, typer.Option(help="Of folds and added noise.", min=0)] = 0,
     quick: Quick = False,
@@ -112,7 +112,7 @@ def tables(
         Path | None,
         typer.Option(metavar="CHART", help="Judge the same press with this chart's inks as well."),
     ] = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/prediction"),
     seed: Annotated[int, typer.Option(help="Of the specimen and of colours drawn.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
@@ -206,7 +206,7 @@ def edges(
     pages: Annotated[
         Path, typer.Option(metavar="DIR", help="PDF pages; their manifest, pages_manifest.json, lies beside.")
     ],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/prediction"),
     quick: Quick = False,
     json: Json = False,
 ) -> None:

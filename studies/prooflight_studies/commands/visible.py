@@ -14,7 +14,7 @@ from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
 
 
 def visible(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/detector"),
     cache: Cache = CACHE,
     part: Annotated[
         list[str] | None,

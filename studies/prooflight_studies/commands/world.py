@@ -22,7 +22,7 @@ from prooflight_studies.commands.study import (
 
 
 def misprints(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/simulation"),
     job: JobFile = None,
     seed: Annotated[int, typer.Option(help="Of the misprints.", min=0)] = 1,
     json: Json = False,
@@ -42,7 +42,7 @@ def misprints(
 
 def corpus(
     pages: PagesDir = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/simulation"),
     seed: Annotated[int, typer.Option(help="Of the designs.", min=0)] = 2,
     quick: Quick = False,
     json: Json = False,
@@ -57,7 +57,7 @@ def corpus(
 
 def worlds(
     pages: Annotated[Path, typer.Option(metavar="DIR", help="PDF pages, pieces of which are printed.")],
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/simulation"),
     seed: Annotated[int, typer.Option(help="Of sessions and prints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
@@ -72,7 +72,7 @@ def worlds(
 
 def registration(
     pages: PagesDir = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/prediction"),
     cache: Cache = CACHE,
     seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 6,
     quick: Quick = False,
@@ -100,7 +100,7 @@ def registration(
 
 def calibration(
     pages: PagesDir = None,
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/prediction"),
     seed: Annotated[int, typer.Option(help="Of charts, sessions and prints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,

@@ -13,7 +13,7 @@ from prooflight_studies.commands.study import Json, Quick, Results, show_table
 
 
 def zones(
-    out: Results = Path("docs/results"),
+    out: Results = Path("docs/results/jobs"),
     seed: Annotated[int, typer.Option(help="Of pages, zones, prints and defects.", min=0)] = 37,
     quick: Quick = False,
     json: Json = False,

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
-from rich.console import Console
-from rich.terminal_theme import MONOKAI
 
-from prooflight.cli.plant.view import plc_view
 from prooflight.plant.gate.handshake import HANDSHAKE, State
 from prooflight_studies.harness.picture import new_figure, write_figure
 
@@ -20,7 +16,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from prooflight.plant.simulator.plc import SimulatedPlc, TrayRow
+    from prooflight.plant.simulator.plc import TrayRow
 
 PLACES: Final = {State.AWAY: 0.0, State.JOINING: 1.6, State.ALIGNING: 3.2, State.READY: 4.8}
 COLOURS: Final = {
@@ -31,7 +27,6 @@ COLOURS: Final = {
 }
 TRUTHS: Final = {"good": "#5cb85c", "misprint": "#c9302c"}
 OTHER: Final = "#a64ca6"
-WIDTH: Final = 96
 
 
 def draw_handshake(path: Path) -> None:
@@ -68,13 +63,6 @@ def draw_trays(path: Path, rows: Sequence[TrayRow]) -> None:
     axes[-1].set_xlabel("sheet, in the order in which they reached the gate")
     axes[0].legend(loc="lower right", ncols=3, fontsize=8, title="what it is in truth", title_fontsize=8)
     write_figure(figure, path)
-
-
-def drawn_view(plc: SimulatedPlc) -> str:
-    """The controller as `plant simulate` shows it, as SVG."""
-    console = Console(record=True, width=WIDTH, force_terminal=True, file=io.StringIO())
-    console.print(plc_view(plc, "127.0.0.1:5020"))
-    return console.export_svg(title="prooflight plant simulate", theme=MONOKAI)
 
 
 def _states(axes: Axes) -> None:

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight.plant.simulator.belt import Belt, BeltSheet
 from prooflight.plant.simulator.plc import SimulatedPlc
-from prooflight.plant.simulator.proxy import Relay
 from prooflight.plant.simulator.server import SCAN_S, PlcServer
-from prooflight_studies.gate.picture import drawn_view
 from prooflight_studies.gate.plan import DELAY_S, DISTANCE_MM, LASTS_S
+from prooflight_studies.gate.relay import Relay
 from prooflight_studies.gate.stand_in import ScaledClock, settings_of
 
 if TYPE_CHECKING:
@@ -43,8 +42,6 @@ class Happened:
     """Of the inspection."""
     seconds: float = 0.0
     """That it took."""
-    view: str = ""
-    """The controller in the middle of the run, as `plant simulate` shows it: SVG."""
 
 
 class Watches:
@@ -129,8 +126,6 @@ def run_plant(plan: Plan, folder: Path, *, log: Path, progress: Callable[[str], 
                 )
                 server.call(lambda laid=laid: belt.lay(laid))  # type: ignore[misc]
                 coming = next(sheets, None)
-            if not happened.view and len(plc.rows) >= 0.6 * len(plan.sheets):
-                happened.view = drawn_view(plc)
             if len(plc.rows) >= said + 1000:
                 said = len(plc.rows)
                 progress(f"{said:,} sheets at the gate")

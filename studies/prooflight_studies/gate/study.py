@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight import __version__
-from prooflight.files.atomic import whole_file
 from prooflight.journal.journal import Journal
 from prooflight.plant.gate.gate import exchange_s
 from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path, rows_of
@@ -56,8 +55,8 @@ WATCH_RATE: Final = 2.0
 KILL_SHARE: Final = 0.5
 """Of the sheets, at the gate when `watch` is killed."""
 PUBLISHED_MS: Final = ((0.0, 120.0), (0.5, 182.0), (0.99, 275.0), (0.999, 363.0), (1.0, 487.0))
-"""Share and time from last line to verdict, of docs/results/running.md (chi-square, two sensors, 5 sheets a second);
-the least is assumed. Used where `latency` has not been measured in full."""
+"""Share and time from last line to verdict, of docs/results/running/running.md (chi-square, two sensors, 5 sheets a
+second); the least is assumed. Used where `latency` has not been measured in full."""
 RATES: Final = (1.0, 5.0, 10.0)
 KEPT_MS: Final = 2000
 """Times kept in the results."""
@@ -93,8 +92,6 @@ def run_gate_study(
             progress=progress,
         )
         draw_trays(out / "gate-trays.png", happened.rows)
-        with whole_file(out / "gate-simulated.svg") as unfinished:
-            unfinished.write_text(happened.view, encoding="utf-8")
     if "counts" in parts:
         new["counts"] = _counts(seed=seed, quick=quick, progress=progress)
     # Parts may have been measured meanwhile by others.

@@ -29,13 +29,12 @@ from prooflight.simulation.prints import Print
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row, soak_row
-from prooflight_studies.running.picture import draw_live
 from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak", "picture")
+PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 OURS_PER_S: Final = 3.0
@@ -62,7 +61,7 @@ class Plan:
     fast_sheets: int
     soak_sheets: int
     taught_designs: int
-    """Number of small designs on which the press of the soak and the picture is trained."""
+    """Number of small designs on which the press of the soak is trained."""
     taught_pages: int
     """Number of designs on which the presses of our detector's real-time rows are trained, as by `press build`."""
     our_prints: int
@@ -120,10 +119,7 @@ def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> di
         "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
         "drift": None if drift is None else [{"fringes": None} | row for row in drift],
-        **{
-            part: None if (of := measured.get(part)) is None else {"fringes": None} | of
-            for part in ("streak", "picture")
-        },
+        "streak": None if (streak := measured.get("streak")) is None else {"fringes": None} | streak,
     }
 
 
@@ -266,14 +262,6 @@ class Study:
         run = CreepRun.of(press, (press.geometry.lay(pieces.page(index)) for index in range(6)))
         days = range(self.seed + 100, self.seed + 100 + self.plan.days)
         return streak_row(run, seeds=days, progress=self.progress)
-
-    def _picture(self) -> dict[str, Any]:
-        press = self._small()
-        pieces = Pieces(seed=DESIGN_SEED + 2, dpi=press.dpi)
-        pages = tuple(press.geometry.lay(pieces.page(index)) for index in range(6))
-        path = self.out / "running-live.svg"
-        text = draw_live(path, Inspector.of(press), pages, seed=self.seed)
-        return {"picture": path.name, "text": text, "fringes": press.fringes}
 
     # --- what they need ---
 

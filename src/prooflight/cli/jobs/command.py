@@ -33,9 +33,12 @@ if TYPE_CHECKING:
     from prooflight.inspection.job import InspectPage, Pair
     from prooflight.inspection.promise import Judged, PromiseWatch
     from prooflight.pages.check import EarlyWarnings
+    from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
+    from prooflight.press.artefact import Press
     from prooflight.reporting.report import PageEntry
+    from prooflight.reporting.zones_at_work import ZonesAtWork
 
 InRun = TypeVar("InRun", "Judged", "PageEntry")
 
@@ -79,7 +82,7 @@ def demo(
     from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import in_order
     from prooflight.press.pages import job_source
-    from prooflight.reporting.report import RunSummary, counts, write_report
+    from prooflight.reporting.report import RunSummary, write_report
     from prooflight.reporting.visibility_picture import VisibleOnPage
     from prooflight.simulation.worlds import known_world
 
@@ -91,13 +94,9 @@ def demo(
     say = show.steps(quiet=json)
     titles: tuple[str, ...] = ()
     if job is None:
-        from prooflight.simulation.corpus.sample_job.sample_job import (
-            make_sample_job,
-        )  # needs the extra [demo]
-
         job = out / "sample-job.pdf"
         say("composing the sample job")
-        titles = make_sample_job(job, seed=seed).titles
+        titles = _sample_job(job, seed=seed)
     source = JobSource(path=job, dpi=1.0, profile=profile)
     with source.open() as opened:
         sizes, name = opened.page_sizes_mm, opened.name
@@ -123,43 +122,62 @@ def demo(
     summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
-    worlds = next(filter(None, compared), None)
-    shown_zones = None
-    if zones:
-        from prooflight.cli.jobs import demo_zones
-
-        number = titles.index(demo_zones.LETTER) + 1
-        say(f"pricing two zones of page {number} by few prints, which takes about a minute")
-        shown_zones = demo_zones.zones_at_work(
-            source,
-            press,
-            demo_zones.zones_of_letter(number, sizes),
-            number=number,
-            seed=seed,
-            shown=lambda prints, total, what: _shown(prints, total, what, quiet=json),
-        )
+    at_work = _zones_at_work(source, press, titles, sizes, seed=seed, json=json) if zones else None
     with source.open() as opened:
         visible = VisibleOnPage.of(inspector, press.geometry.lay(opened.page(1)))
-    write_report(report, entries, summary, worlds=worlds, zones=shown_zones, visible=visible)
+    write_report(
+        report, entries, summary, worlds=next(filter(None, compared), None), zones=at_work, visible=visible
+    )
+    _print_totals(entries, title=f"{name} on press {press.name}", pages_per_s=pages_per_s, json=json)
+    if not json:
+        show.people.print("Open", show.strong(report))
+
+
+def _sample_job(path: Path, *, seed: int) -> tuple[str, ...]:
+    """Write the sample job, and return the titles of its pages; it needs the extra [demo]."""
+    from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+    return make_sample_job(path, seed=seed).titles
+
+
+def _zones_at_work(
+    source: JobSource,
+    press: Press,
+    titles: tuple[str, ...],
+    sizes_mm: Sequence[tuple[float, float]],
+    *,
+    seed: int,
+    json: bool,
+) -> ZonesAtWork:
+    """Price two zones of the sample job's letter, and inspect prints of it with them and without."""
+    from prooflight.cli.jobs import demo_zones
+
+    number = titles.index(demo_zones.LETTER) + 1
+    show.steps(quiet=json)(f"pricing two zones of page {number} by few prints, which takes about a minute")
+    return demo_zones.zones_at_work(
+        source,
+        press,
+        demo_zones.zones_of_letter(number, sizes_mm),
+        number=number,
+        seed=seed,
+        shown=lambda prints, total, what: _shown(prints, total, what, quiet=json),
+    )
+
+
+def _print_totals(entries: Sequence[PageEntry], *, title: str, pages_per_s: float, json: bool) -> None:
+    """Print how many sheets were misprints, and how many of these were caught."""
+    from prooflight.reporting.report import counts
+
     of_run = counts(entries)
-    totals: dict[str, float] = {
-        "pages": of_run.pages,
-        "misprints": of_run.misprints,
-        "caught": of_run.caught,
-        "false_alarms": of_run.false_alarms,
-        "pages_per_s": round(pages_per_s, 3),
-    }
     if json:
-        show.print_json(totals)
+        totals = {name: getattr(of_run, name) for name in ("pages", "misprints", "caught", "false_alarms")}
+        show.print_json(totals | {"pages_per_s": round(pages_per_s, 3)})
         return
+    show.people.print(show.verdict_table((entry.verdict for entry in entries), title=title))
     show.people.print(
-        show.verdict_table((entry.verdict for entry in entries), title=f"{name} on press {press.name}")
+        f"{of_run.pages} sheets, {of_run.misprints} misprints printed, {of_run.caught} caught, "
+        f"false alarms: {of_run.false_alarms}; {pages_per_s:.2f} sheets/s simulated and inspected"
     )
-    show.people.print(
-        f"{totals['pages']} sheets, {totals['misprints']} misprints printed, {totals['caught']} caught, "
-        f"false alarms: {totals['false_alarms']}; {pages_per_s:.2f} sheets/s simulated and inspected"
-    )
-    show.people.print("Open", show.strong(report))
 
 
 def rip(

@@ -110,13 +110,11 @@ def simulate(
 
 def _shown(plc: SimulatedPlc, where: str, seconds: float | None, *, json: bool) -> None:
     """Show the controller until its time is over, or Ctrl-C."""
-    from prooflight.cli.plant.view import plc_view
-
     until_s = None if seconds is None else time.monotonic() + seconds
     with ExitStack() as stack:
         view = None
         if not json and show.people.is_terminal:
-            live = Live(plc_view(plc, where), console=show.people, auto_refresh=False)
+            live = Live(_line(plc, where), console=show.people, auto_refresh=False)
             view = stack.enter_context(live)
         stack.enter_context(_ended_by_signal())
         try:
@@ -125,11 +123,11 @@ def _shown(plc: SimulatedPlc, where: str, seconds: float | None, *, json: bool) 
                     REFRESH_S if until_s is None else min(REFRESH_S, max(until_s - time.monotonic(), 0))
                 )
                 if view is not None:
-                    view.update(plc_view(plc, where), refresh=True)
+                    view.update(_line(plc, where), refresh=True)
         except KeyboardInterrupt:
             pass
         if view is None and not json:
-            show.people.print(plc_view(plc, where))
+            show.people.print(_line(plc, where))
 
 
 @contextmanager
@@ -144,6 +142,18 @@ def _ended_by_signal() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _line(plc: SimulatedPlc, where: str) -> Text:
+    """Return the state of the controller in one line; sheets that are bad in truth are counted in the good tray."""
+    bad = sum(row.tray == "good" and row.truth != "good" for row in list(plc.rows))
+    line = Text.assemble(
+        (" HEARTBEAT ", "reverse green") if plc.alive else (" NOBODY THERE ", "reverse bold red"),
+        f"  controller at {where}, good tray: {plc.counts['good']:,}",
+    )
+    line.append(f", {bad} of them bad", "bold red" if bad else "")
+    line.append(f", reject tray: {plc.counts['reject']:,}, results kept: {len(plc.stored)}")
+    return line.append(", press stopped", "bold red") if plc.stopped else line
 
 
 def _counts(plc: SimulatedPlc) -> dict[str, Any]:

@@ -16,13 +16,13 @@ from prooflight.cli.laid_out import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
 from prooflight.line.pace import REMEDY
 from prooflight.line.status import Phase
-from prooflight.reporting.live import live_view, preparation
+from prooflight.reporting.run_line import alarm_lines, preparation, run_line
 from prooflight.reporting.wording import count, not_inspected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from rich.console import RenderableType
+    from rich.text import Text
 
     from prooflight.inspection.sheets import Assembling, SetVerdict, SheetVerdict
     from prooflight.line.notices import Notice
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from prooflight.line.recording import Recorder
     from prooflight.line.runner import Running
     from prooflight.line.status import Status
-    from prooflight.reporting.live import Recent
     from prooflight.scans.cameras.camera import Health
 
 REFRESH_S: Final = 0.25
@@ -42,8 +41,6 @@ TELL_S: Final = 5.0
 class Watching:
     """Display of a run for a person or a program."""
 
-    title: str
-    recent: Recent
     deadline_s: float | None
     json: bool
     sheets: Assembling | None = None
@@ -62,7 +59,7 @@ class Watching:
     phase_s: float = 0.0
     """Time at which a program last received the phase, which is ``last_phase``."""
     live: threading.Event = field(default_factory=threading.Event)
-    """Whether the live view is on, which shows the notices."""
+    """Whether the status line is on, above which the notices are printed."""
 
     def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
         """Record one sheet in the journal first, then show it."""
@@ -73,7 +70,8 @@ class Watching:
             recorder.record(outcome.record)
         parts = [] if self.sheets is None else self.sheets.add(outcome.record)
         if not self.json:
-            self.recent.add(outcome)
+            for line in alarm_lines(outcome):
+                show.people.print(line)
             return
         latency_ms = None if outcome.latency_s is None else round(1e3 * outcome.latency_s, 1)
         announcements = [asdict(one) for one in outcome.announcements]
@@ -95,22 +93,27 @@ class Watching:
 
     def noticed(self, notice: Notice) -> None:
         """Show at once a notice that belongs to no sheet."""
-        self.recent.notice(notice)
         if self.json:
             show.print_json({"notice": notice.kind, "text": notice.text})
-        if not self.live.is_set():
+        if self.live.is_set():
+            show.people.print(notice.text, style="yellow")
+        else:
             faults.told(notice.text)
 
-    def view(self, status: Status) -> RenderableType:
-        """Return the whole screen."""
-        return live_view(
+    def line(self, status: Status) -> Text:
+        """Return the state of the run in one line."""
+        return run_line(
             status,
-            self.recent,
-            title=self.title,
             deadline_s=self.deadline_s,
             cameras=self.cameras(),
             sheets="" if self.sheets is None else sheets_line(self.sheets.counts),
         )
+
+    def _fitted(self, status: Status) -> Text:
+        """Return the status line, cut to the width of the terminal."""
+        line = self.line(status)
+        line.truncate(show.people.width, overflow="ellipsis")
+        return line
 
     def tell_phase(self, status: Status) -> None:
         """Print the progress of the preparation for a program, now and then, and when it is over."""
@@ -133,7 +136,12 @@ class Watching:
             view = None
             if not self.json and show.people.is_terminal:
                 view = stack.enter_context(
-                    Live(self.view(running.status()), console=show.people, transient=True, auto_refresh=False)
+                    Live(
+                        self._fitted(running.status()),
+                        console=show.people,
+                        transient=True,
+                        auto_refresh=False,
+                    )
                 )
                 self.live.set()
             running.start()
@@ -146,7 +154,7 @@ class Watching:
                     self.told_s = now_s
                     self.tell_cameras()
                 if view is not None:
-                    view.update(self.view(status), refresh=True)
+                    view.update(self._fitted(status), refresh=True)
             status = running.status()
             self.phase(str(status.phase), status.detail)
         return bool(stops)

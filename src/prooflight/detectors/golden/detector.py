@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 NAME: Final = "golden"
 PROMISE: Final = (
-    "none: tolerances were tuned on real pairs, docs/results/golden.md says how often good ones alarm"
+    "none: tolerances were tuned on real pairs, "
+    "docs/results/detector/golden.md says how often good ones alarm"
 )
 MOST_REGIONS: Final = 12
 MARGIN_PIXELS: Final = 2

@@ -60,7 +60,7 @@ differences, half at most are near an edge by chance. [-]"""
 class Tolerance:
     """Variation of a good print relative to the golden.
 
-    It was tuned on half of a set of real pairs (docs/results/golden.md).
+    It was tuned on half of a set of real pairs (docs/results/detector/golden.md).
     """
 
     edge_pixels: float = 2.0

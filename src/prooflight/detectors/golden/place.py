@@ -41,7 +41,7 @@ tenth."""
 STEPS: Final = ((2, 0.4, 0.03), (2, 0.4, 0.03), (1, 1.0, 0.1), (1, 1.0, 0.1), (1, 1.0, 0.1))
 """Further stages. They are stiff at first, while a tile may still mistake one track for the next, and soft at
 last, so that a board that is bent or displaced within a few tiles is followed. Chosen on the tuning half of
-docs/results/golden.md and known transforms."""
+docs/results/detector/golden.md and known transforms."""
 SMOOTH_PIXELS: Final = 1.0
 """Standard deviation of the blur before gradients are taken: scans may be binary."""
 TILE_SD_PIXELS: Final = 0.3

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 JOINING_PIXELS: Final = 8
 """Half of the distance within which differences are joined; tuned with the next on one half of
-docs/results/golden.md."""
+docs/results/detector/golden.md."""
 LEAST_VOLUME: Final = 5.0
 """Minimum volume of a region that is reported. [contrast pixels]"""
 AROUND: Final = 3

@@ -45,7 +45,7 @@ MAX_RECALIBRATIONS: Final = 1000
 """Maximum number of times that one press may be recalibrated before it is built again."""
 FLOOR_SHARE_OF_RATE: Final = 0.1
 """Share of the guaranteed rate that the floor has: fewer of the good pages by which the ranking is evaluated
-reach it (docs/results/ranking.md)."""
+reach it (docs/results/detector/ranking.md)."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print is: above that of any evidence."""
 

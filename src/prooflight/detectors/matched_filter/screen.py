@@ -1,6 +1,6 @@
 """Screening: statistics that are computed for every page, and the ranking by them, which alone decides.
 
-All other statistics, four times as many, did not improve decisions (docs/results/ranking.md), and cost more
+All other statistics, four times as many, did not improve decisions (docs/results/detector/ranking.md), and cost more
 than all the rest. They explain what is wrong with a page that is called a misprint; good pages do not need
 them.
 """

@@ -1,0 +1,154 @@
+"""Write the reference's pages on the plant: ``python -m docs.generators.plant`` in the root of the repository."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from docs.generators.outlets import outlets_page
+from docs.generators.registers import register_page
+
+from prooflight.files.atomic import whole_file
+from prooflight.plant.events import BODIES, KINDS, schema
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+INTRODUCTION = """# What the plant is told
+
+[Tell the plant](../how-to/plant.md) says how outlets are set up. This page is made from the code by
+`python -m docs.generators.plant`.
+
+## Events
+
+All outlets are fed by one stream of events. An event is JSON of the published schema
+[events.schema.json](events.schema.json). Every field is always there; a number that is not known is `null`.
+"""
+NUMBERS = """
+A stream begins with each process, and its numbers go up by one. A consumer of all kinds that finds a gap has lost
+events; where Prooflight gave them up itself, `events-lost` says how many and which, and has the number of the last.
+What was not acknowledged is sent again, so an event may come twice: `stream` and `number` together are its key.
+
+What stands in `body` is by its field `event`:
+"""
+
+
+def pages() -> Mapping[str, str]:
+    """Return the text of each file, by its name under docs/reference."""
+    return {
+        "events.schema.json": json.dumps(schema(), indent=2) + "\n",
+        "outlets.md": outlets_page(),
+        "plant.md": _page(),
+        "registers.md": register_page(),
+    }
+
+
+def write(folder: Path) -> None:
+    """Write all generated files."""
+    for name, text in pages().items():
+        with whole_file(folder / name) as unfinished:
+            unfinished.write_text(text, encoding="utf-8")
+
+
+def _page() -> str:
+    from prooflight.plant.outlets import mqtt, opcua, opcua_types, posting, webhook, xjmf_messages
+
+    document = schema()
+    parts: dict[str, Any] = document["$defs"]
+    shared = {"Place", "Box", "OnSheet", "InkFound", "IncidentFacts", "Growth"}
+    text = [INTRODUCTION, _fields(document), NUMBERS]
+    for kind, body in zip(KINDS, BODIES, strict=True):
+        part = parts[body.__name__]
+        text += [f"### {kind}\n\n{part['description']}\n", _fields(part, but=("event",))]
+    text.append("### Parts of events\n")
+    for name in sorted(shared):
+        text += [f"**{name}.** {parts[name]['description']}\n", _fields(parts[name])]
+    rows = [(f"`{topic}`", what, "yes" if kept else "no") for topic, what, kept in mqtt.topics()]
+    text += ["## MQTT\n", "QoS 1 throughout.\n", _table(("topic", "says", "retained"), rows)]
+    headers = [
+        (f"`{webhook.TIMESTAMP}`", "when it was sent, seconds since 1970"),
+        (
+            f"`{webhook.SIGNATURE}`",
+            "`v1=` and HMAC-SHA256 of time, full stop and body, in hexadecimal digits",
+        ),
+        (f"`{webhook.KEY}`", "`STREAM-NUMBER`: the same where an event is posted again"),
+    ]
+    refused = ", ".join(map(str, sorted(posting.REFUSED)))
+    text += ["## Webhook\n", _table(("header", "holds"), headers)]
+    text.append(
+        f"Answers 2xx take an event; {refused} refuse it for good; after all others it is posted again.\n"
+    )
+    details = [(f"`{kind}`", f"`{name}`") for kind, name in xjmf_messages.DETAILS.items()]
+    text += [
+        "## XJMF\n",
+        f"Namespace `{xjmf_messages.NAMESPACE}`, version {xjmf_messages.VERSION}. Where the job lies on sheets"
+        " of two sides, `Part` has `Side` and a `Defect` that side as its `Face`, and `DescriptiveName` says sheet,"
+        " copy and set. `Passed` is 1 only of a sheet that is accepted; a `Comment` says its disposition and by what"
+        " rule. A sheet that has passed the gate is a `SignalNotification`. A `Defect` has the `DefectType`"
+        " `ImageDefect` and these `DefectTypeDetails`:\n",
+        _table(("kind", "`DefectTypeDetails`"), details),
+    ]
+    states = [(phase, *(one or "" for one in state)) for phase, state in opcua.OF_PRESS.items()]
+    text += [
+        "## OPC UA\n",
+        f"Namespace `{opcua_types.NAMESPACE}` (OPC 40100-1). Under Objects stands a `VisionSystemType` by the press's"
+        " name, with `VisionStateMachine` and its `AutomaticModeStateMachine`, and"
+        " `ResultManagement/Results/ResultVariable`.\n",
+        _table(("press", "VisionStateMachine", "AutomaticModeStateMachine"), states),
+        "A camera that is away or silent while a run goes on is the state Error; Prooflight that ends, Halted.\n",
+        "`ResultReadyEventType` is emitted for every sheet, `StateChangedEventType` at each change of state, and"
+        " `VisionInformationEventType` for incidents, for sheets that have passed the gate (`CausePath` `Gate/SHEET`),"
+        " and where inspection does not keep pace (`Inspection`). `ResultVariable` has the last sheet's disposition as"
+        " its value. A result has these fields:\n",
+        _table(("field", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_types.RESULT_FIELDS]),
+        f"`ResultState` is {opcua_types.COMPLETED} (completed) or, of a sheet that was not inspected,"
+        f" {opcua_types.ABORTED} (aborted). `ResultContent` holds the event as JSON. `IsSimulated` is true of the"
+        " simulated drum. [What each outlet says of a sheet](outlets.md) has every kind of sheet.\n",
+    ]
+    return "\n".join(text)
+
+
+def _fields(part: Mapping[str, Any], *, but: Sequence[str] = ()) -> str:
+    rows = [
+        (f"`{name}`", _kind(field_schema), " ".join(field_schema.get("description", "").split()))
+        for name, field_schema in part["properties"].items()
+        if name not in but
+    ]
+    return _table(("field", "is", "says"), rows) if rows else ""
+
+
+def _kind(field_schema: Mapping[str, Any]) -> str:
+    """Describe a type of the schema in words."""
+    if "const" in field_schema:
+        return f"`{field_schema['const']}`"
+    if "enum" in field_schema:
+        return ", ".join(f"`{one}`" for one in field_schema["enum"])
+    if "$ref" in field_schema:
+        return str(field_schema["$ref"]).rpartition("/")[2]
+    if "anyOf" in field_schema:
+        return " or ".join(_kind(one) for one in field_schema["anyOf"])
+    if "oneOf" in field_schema:
+        return "one of those below"
+    match field_schema.get("type"):
+        case "array":
+            return f"list of {_kind(field_schema['items'])}"
+        case "object":
+            return f"by name: {_kind(field_schema['additionalProperties'])}"
+        case "integer":
+            return "whole number"
+        case kind:
+            return str(kind)
+
+
+def _type(kind: Any) -> str:
+    return f"`{kind if isinstance(kind, str) else kind.name}`"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    write(Path("docs/reference"))

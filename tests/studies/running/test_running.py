@@ -1,0 +1,193 @@
+"""How the running study counts."""
+
+from __future__ import annotations
+
+import json
+import mmap
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from prooflight.pages.raster import Page
+from prooflight.simulation.drum import DrumFault, turns
+from prooflight_studies.harness.page import page_text, plain
+from prooflight_studies.running.drift import streaked
+from prooflight_studies.running.live import _alarms, _caught, _in_step, _named, memory_mb, soak_faults
+from prooflight_studies.running.rig import Ring
+from prooflight_studies.running.study import Plan, Study, running_results
+
+PAGES = Path(__file__).parents[1] / "harness" / "pages"
+FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
+SHEETS = 16
+Seen = tuple[int | None, str, tuple[str, ...], bool]
+
+
+def seen() -> list[Seen]:
+    """What a run that understands everything says."""
+    rows: list[Seen] = []
+    for page in range(SHEETS):
+        if page == 4:
+            rows += [(None, "misprint", ("blank",), True), (4, "not-inspected", ("missing",), False)]
+        elif page == 8:
+            rows += [(8, "good", (), True), (8, "good", ("repeated",), True)]
+        else:
+            rows.append((page, "good", ("slip",) if page == 12 else (), True))
+    return rows
+
+
+def came(rows: list[Seen]) -> list[Seen]:
+    return [one for one in rows if one[3]]
+
+
+def test_a_run_that_understands_everything_counts_as_such() -> None:
+    shown, rows = turns(SHEETS, FAULTS), seen()
+    assert _named(FAULTS, rows)["named"] == {"blank": "1 of 1", "repeated": "1 of 1", "slip": "1 of 1"}
+    assert _in_step(shown, came(rows), FAULTS) == {"taken_for_another_page": 0, "steps_lost": 0}
+    alarms = _alarms(shown, came(rows), 16)["alarms"]
+    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (0, 0)
+
+
+def test_a_run_out_of_step_is_counted_from_its_fault() -> None:
+    rows = seen()
+    at = rows.index((13, "good", (), True))
+    rows[at] = (14, "good", (), True)
+    assert _in_step(turns(SHEETS, FAULTS), came(rows), FAULTS) == {
+        "taken_for_another_page": 1,
+        "steps_lost": 2,
+    }
+
+
+def test_an_alarm_behind_a_fault_is_told_from_one_elsewhere() -> None:
+    """Two prints over and over; the misprint behind the slip is one of a print that otherwise passes."""
+    rows = seen()
+    rows[rows.index((13, "good", (), True))] = (13, "misprint", (), True)
+    alarms = _alarms(turns(SHEETS, FAULTS), came(rows), 2)["alarms"]
+    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (1, 0)
+
+
+def test_a_fault_that_nobody_names_is_listed() -> None:
+    rows: list[Seen] = [(page, "good", (), True) for page in range(SHEETS)]
+    assert [one["kind"] for one in _named(FAULTS, rows)["unnamed"]] == ["blank", "repeated", "slip"]
+
+
+def test_soak_faults_lie_apart_and_are_of_all_kinds() -> None:
+    faults = soak_faults(8000, np.random.default_rng(1))
+    assert np.diff(sorted(faults)).min() >= 12
+    assert len({fault.kind for fault in faults.values()}) == 10
+    assert len(faults) == pytest.approx(8000 / 40, rel=0.2)
+
+
+def test_a_streak_of_less_than_a_step_is_dithered() -> None:
+    page = Page(cmyk=np.zeros((2000, 120, 4), np.uint8), dpi=100.0, name="p", number=1)
+    more = streaked(page, 0.001, np.random.default_rng(2)).astype(float)[..., 3]
+    assert more.any(axis=0).sum() == 2
+    assert more[:, more.any(axis=0)].mean() / 255 == pytest.approx(0.001, rel=0.2)
+
+
+def page_of(known: dict[str, Any], *, cores: int) -> str:
+    return page_text({"study": "running", **plain(running_results(known, cores=cores, seed=2))})
+
+
+def test_the_page_is_written_as_far_as_it_is_measured() -> None:
+    page = page_of({}, cores=2)
+    assert "on 2 cores" in page
+    assert "##" not in page
+
+
+def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
+    row = {
+        "name": "repeated designs", "detector": "ours", "promise": "at most one good page in 12", "sensors": 1,
+        "designs": 10, "prints": 100, "sheets": 2000, "asked_pages_per_s": None, "pages_per_s": 3.25, "late": 0,
+        "not_inspected": 0, "misprints": 4, "cpu_s_a_page": 0.6, "drum_cpu_s_a_page": 0.001,
+        "verdict_ms": {"median": 300.4, "p99": 400.0, "p99.9": 410.0, "greatest": 412.0},
+        "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)},
+    }  # fmt: skip
+    page = page_of({"ours": [row]}, cores=2)
+    assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
+    assert "promises at most one good page in 12." in page
+    assert "Late of" not in page
+    late = row | {"asked_pages_per_s": 5.0, "late": 2, "late_sheets": [[10, 837], [44, 501]]}
+    assert "Late of repeated designs, ours: sheet 10 (837 ms), 44 (501 ms)." in page_of(
+        {"ours": [late]}, cores=2
+    )
+
+
+def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
+    """One sheet more came than was shown: nobody knows how long the run was out of step, and the page says so."""
+    faults = {4: FAULTS[4]}
+    shown, rows = turns(SHEETS, faults), [*came(seen()), (15, "good", (), True)]
+    soak = {
+        "sheets": len(rows), "seconds": 4.0, "faults": 1, "detector": "ours", "expected_sheets": len(shown),
+        "memory_mb": {"100": (1, 0), "end": (2, 0)},
+        **_named(faults, rows), **_in_step(shown, rows, faults), **_alarms(shown, rows, SHEETS),
+    }  # fmt: skip
+    page = page_of({"soak": soak}, cores=2)
+    assert "None" not in page
+    assert f"is not known: {len(rows)} came out where {len(shown)} were shown." in page
+
+
+def test_misprints_among_the_prints_are_counted_apart_by_sheets_and_by_prints() -> None:
+    """Five prints, the last of each five wrong, played twice and a bit: the third alarms once, the wrong one always."""
+    scans = [np.zeros((1, 1, 1), np.uint16)] * 5
+    prints = Ring(scans=scans, pages=(), sheets=12, repeated=True, wrong=frozenset((4,)))
+    assert [sheet for sheet in range(12) if prints.is_wrong(sheet)] == [4, 9]
+    assert not any(replace(prints, wrong=frozenset()).is_wrong(sheet) for sheet in range(12))
+    said: list[Seen] = [(n, "misprint" if n in (2, 4, 9) else "good", (), True) for n in range(12)]
+    assert _caught(said, prints) == {
+        "good_prints": 4, "wrong_prints": 1, "false_alarms": 1, "good_sheets": 10, "caught": 2, "wrong_sheets": 2,
+        "good_prints_that_alarm": 1, "wrong_prints_caught": 1, "wrong_prints_named": 0,
+    }  # fmt: skip
+
+
+def test_good_prints_of_the_same_design_come_in_place_of_misprints_left_out() -> None:
+    """Nine prints of three designs, three of them misprints of different ones; one is kept."""
+    scans, pages = [np.full((1, 1, 1), n, np.uint16) for n in range(9)], ("a", "b", "c")
+    prints = Ring(scans=scans, pages=pages, sheets=9, repeated=True, wrong=frozenset((2, 4, 6)))  # type: ignore[arg-type]
+    fewer = prints.with_fewer_wrong(1)
+    assert fewer.wrong == {2}
+    shown = [int(scan[0, 0, 0]) for scan in fewer.scans]
+    assert [one % 3 for one in shown] == [n % 3 for n in range(9)]
+    assert not set(shown) & {4, 6}
+
+
+@pytest.mark.skipif(memory_mb() == (0, 0), reason="the system does not tell")
+def test_memory_of_this_process_is_told_apart_from_files(tmp_path: Path) -> None:
+    size = 100_000_000
+    (tmp_path / "ring").write_bytes(bytes(size))
+    own, files = memory_mb()
+    # Not numpy's: the process may have kept as much from before.
+    with mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as block:
+        block.write(b"1" * size)
+        assert memory_mb()[0] - own >= 80
+    own = memory_mb()[0]
+    ring = np.memmap(tmp_path / "ring", np.uint8, "r")
+    assert not ring.any()
+    more, mapped = memory_mb()
+    assert abs(more - own) < 40
+    assert mapped - files >= 80
+
+
+def test_a_part_that_is_known_is_measured_again_only_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+
+    def streak(_study: Study) -> dict[str, Any]:
+        measured.append(len(measured))
+        of_page = json.loads((PAGES / "running.json").read_text())["streak"]
+        return of_page | {"example": f"streak {len(measured)}"}
+
+    monkeypatch.setattr(Study, "_streak", streak)
+    (tmp_path / "running").mkdir()
+    study = Study(
+        out=tmp_path, cache=tmp_path, plan=Plan.of(quick=True), seed=1, one=None, two=None, inspectors=1,
+        progress=lambda _text: None,
+    )  # fmt: skip
+    study.run(("streak",))
+    assert study.run(("streak",))["streak"]["example"] == "streak 1"
+    assert measured == [0]
+    study.run(("streak",), again=True)
+    assert "streak 2" in (tmp_path / "running.md").read_text()

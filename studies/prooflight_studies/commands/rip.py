@@ -13,7 +13,7 @@ from prooflight.errors import RequestError
 from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, Quick, Results, show_table
 
 if TYPE_CHECKING:
-    from prooflight_studies.rip.promise import PromisePlan
+    from prooflight_studies.ripped.study import PromisePlan
 
 CasesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of PDFs that were once printed wrong.")
@@ -26,7 +26,7 @@ def rip(
     part: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PART", help="specification (rip.md) or press (rip-press.md); default: the former."
+            metavar="PART", help="specification (rip.md) or press (ripped.md); default: the former."
         ),
     ] = None,
     cases: CasesDir = None,
@@ -57,8 +57,8 @@ def rip(
     if PARTS[0] in parts:
         _specification(out, cases, pages, quick=quick, json=json)
     if PARTS[1] in parts:
-        from prooflight_studies.rip.printing import RIPS
-        from prooflight_studies.rip.promise import WORLDS, PromisePlan
+        from prooflight_studies.ripped.printing import RIPS
+        from prooflight_studies.ripped.study import WORLDS, PromisePlan
 
         if press is None or pages is None:
             what = "needs a press and a folder of pages"
@@ -97,7 +97,7 @@ def _specification(out: Path, cases: Path | None, pages: Path | None, *, quick: 
 def _press(
     press: Path, pages: Path, out: Path, cache: Path, plan: PromisePlan, processes: int | None, *, json: bool
 ) -> None:
-    from prooflight_studies.rip.promise import PAGE, run_promise_study
+    from prooflight_studies.ripped.study import PAGE, run_promise_study
 
     results = run_promise_study(
         press,

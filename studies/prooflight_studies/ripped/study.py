@@ -21,7 +21,7 @@ from prooflight_studies.harness.operating import counted
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
-from prooflight_studies.rip.printing import RIPS, STATEMENTS, PrintPiece, PrintWork, fits
+from prooflight_studies.ripped.printing import RIPS, STATEMENTS, PrintPiece, PrintWork, fits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from prooflight_studies.harness.result_cache import Rows
 
 WORLDS: Final = ("press", "measured")
-PAGE: Final = "rip-press"
+PAGE: Final = "ripped"
 GOOD_A_MISPRINT: Final = 4
 """Good prints of a page for each misprint of it."""
 
@@ -132,7 +132,7 @@ def run_promise_study(
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> PromiseResults:
-    """Print and judge the pages of a folder, and write rip-press.md.
+    """Print and judge the pages of a folder, and write ripped.md.
 
     Pages of odd numbers are judged; those of even numbers are of development, and learned. RequestError: the press has
     no detector of ours, or too few pages fit it.

@@ -1,9 +1,8 @@
 """How a press's RIP makes device pixels of shapes, as parameters, and how sure they are (decision 47).
 
 A RIP that cannot be asked for its rasters is imitated: MuPDF draws by its fill rule, with its thinnest line, on
-its grid of pixels, and each ink's shapes then grow by a stated amount.
-What is not stated stays as it was before there were such parameters, and its uncertainty is that of a whole device
-pixel.
+its grid of pixels, and each ink's shapes then grow by a stated amount. What is not stated stays as it was before
+there were such parameters, and its uncertainty is that of a whole device pixel.
 """
 
 from __future__ import annotations

@@ -73,6 +73,8 @@ def fitted_tone(
     clipped: NDArray[np.float32],
     expected: NDArray[np.float32],
     seen: NDArray[np.bool_],
+    *,
+    by_type: bool = True,
 ) -> FittedTone:
     """Return the tone of one channel, all arrays (lines, pixels).
 
@@ -84,6 +86,7 @@ def fitted_tone(
     ----------
     light, clipped, seen : see ``DrawnScan``
     expected : light that is expected of the page in its place [paper]
+    by_type : whether gamma also comes from type, where the page has few tints
     """
     square = np.ones((FLAT_PIXELS, FLAT_PIXELS), np.uint8)
     flat = seen & (cv2.dilate(expected, square) - cv2.erode(expected, square) < FLAT)
@@ -105,7 +108,8 @@ def fitted_tone(
             found.append(float(np.median(light[tinted][inside])) / white)
             weight.append(1 / TINT_SD)
     if len(due) < LEAST_TINTS:
-        return FittedTone(white=white, clipped=mostly, gamma=_gamma_of_print(light / white, expected, seen))
+        gamma = _gamma_of_print(light / white, expected, seen) if by_type else 1.0
+        return FittedTone(white=white, clipped=mostly, gamma=gamma)
     at, level, sure = (np.array(values) for values in (due, found, weight))
 
     def off(amounts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,17 +149,17 @@ def _gamma_of_print(
 
 
 def toned_lines(
-    drawn: DrawnScan, expected: Prediction, sensors: tuple[SensorModel, ...]
+    drawn: DrawnScan, expected: Prediction, sensors: tuple[SensorModel, ...], *, by_type: bool = True
 ) -> tuple[NDArray[np.uint16], tuple[FittedTone, ...]]:
     """Return a drawn scan as lines of the press's camera (sensors, lines, pixels) [DN], and each channel's tone.
 
     What is clipped has at least the light that the file states; where more is expected, that counts as seen. What
-    lies beside the page or beyond the scan counts as expected, since nothing is known of it.
+    lies beside the page or beyond the scan counts as expected, since nothing is known of it. by_type: ``fitted_tone``.
     """
     lines = np.empty(drawn.light.shape, np.uint16)
     tones = []
     for index, (sensor, due) in enumerate(zip(sensors, expected_light(expected, sensors), strict=True)):
-        tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen)
+        tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen, by_type=by_type)
         found = tone.light(drawn.light[index])
         found += drawn.clipped[index] * np.maximum(due - found, 0)
         found = np.where(drawn.seen, found, due)

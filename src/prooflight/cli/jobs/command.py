@@ -376,7 +376,7 @@ def inspect(
         name = opened.name
         early = checked_early(opened, json=json)
     if drawn_way:
-        drawn = drawn_detector(pairs, source, loaded, settings, zones=zones_of_job, progress=say)
+        drawn, pairs = drawn_detector(pairs, source, loaded, settings, zones=zones_of_job, progress=say)
         inspector = Inspector(loaded, drawn, zones=zones_of_job)
     if scanner:
         work: InspectPage = InspectScannedPage(

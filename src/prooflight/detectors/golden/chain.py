@@ -41,7 +41,7 @@ class SignalChain:
     growth_sd_um: float
     """Its standard deviation."""
     kernels: NDArray[np.float64]
-    """(channels, rings) weights by which the darkness of each ring's mean counts; they add up to the contrast. [-]"""
+    """(channels, rings) weights by which the darkness of each ring's mean counts; they add up to 1. [-]"""
     edge_sd: float
     """Standard deviation of a pixel's number, as a share of what the page varies by within a pixel of it. [-]"""
     sheets: int

@@ -160,18 +160,20 @@ def _best_growth(dark: NDArray[np.float32], numbers: NDArray[np.float32]) -> flo
 def _kernel(dark: NDArray[np.float32], numbers: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     """Return the weights of rings that explain one channel, and the sum of bounded squares that is left.
 
-    What is clipped at white says only that the light is not less. dark : (samples, rings)
+    They add up to 1: how light and dark a sheet is belongs to its tone, which is fitted first. What is clipped at
+    white says only that the light is not less. dark : (samples, rings)
     """
-    weights = np.zeros(dark.shape[1])
-    weights[0] = 1.0
+    whole, others = dark[:, 0], dark[:, 1:] - dark[:, :1]
+    weights = np.zeros(others.shape[1])
     for _ in range(ROUNDS):
-        light = 1 - dark @ weights
+        light = 1 - whole - others @ weights
         off = numbers - to_numbers(np.minimum(light, 1))
         counts = (light < 1) | (numbers < 1)
-        slopes = -dark * slope_of_numbers(np.clip(light, 0, 1))[:, None]
+        slopes = -others * slope_of_numbers(np.clip(light, 0, 1))[:, None]
         trust = counts / (1 + (off / DOUBT) ** 2)
         weighted = (slopes * trust[:, None]).T
         weights = weights + np.linalg.solve(weighted @ slopes + RIDGE * np.eye(len(weights)), weighted @ off)
+    weights = np.concatenate([[1 - weights.sum()], weights])
     off = numbers - _shown(dark, weights)
     return weights, float((off**2 / (1 + (off / DOUBT) ** 2)).sum())
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.golden.chain import light_of
+from prooflight.detectors.golden.chain import bare_light, light_of, to_numbers
+from prooflight.detectors.golden.differences import place_of
 from prooflight.detectors.golden.drawn import DrawnDetector
 from prooflight.errors import ScanError
 from prooflight.inspection.job import InspectPage
@@ -25,7 +28,6 @@ from prooflight.scans.scanner.reading import ScannerSettings
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
@@ -76,6 +78,34 @@ def scan_on_page(
     return lines, drawn.seen
 
 
+def laid_finely(scan: PlacedScan, planned: PlannedPage, press: Press, settings: ScannerSettings) -> PlacedScan:
+    """Return a scan placed anew by all edges of its page, as a golden scan is; as it was if that does not find it.
+
+    A sparse page has too few landmarks for more than a rough place. ScanError: too little of the page was scanned.
+    """
+    lines, seen = scan_on_page(scan, planned, press, settings, by_type=False)
+    usual = to_numbers(np.clip(bare_light(planned.expected, press.sensors), 0, 1))
+    judged = seen & ~ignored_on(planned, press, len(seen))
+    where = place_of(usual, np.where(judged, to_numbers(light_of(lines, press.sensors)), usual))
+    if not where.found or where.bent:
+        return scan
+    slopes, tile = where.slopes, where.tile_pixels
+    middle = [count * tile / 2 - extent / 2 for count, extent in zip(where.nodes.shape[:0:-1], seen.shape[::-1], strict=True)]
+    shift = (np.array(where.shift_pixels) - slopes @ middle) * press.geometry.pixel_pitch_mm
+    further = np.eye(3)
+    further[:2, :2] += slopes
+    further[:2, 2] = shift
+    return replace(scan, where=replace(scan.where, matrix=scan.where.matrix @ further))
+
+
+def ignored_on(planned: PlannedPage, press: Press, lines: int) -> NDArray[np.bool_]:
+    """Return which pixels of a page's scan lie in ignored zones, (lines, pixels)."""
+    at = press.geometry.centres_x_mm(planned.page.width_mm), press.geometry.centres_y_mm(lines)
+    if planned.zones is None:
+        return np.zeros((at[1].size, at[0].size), np.bool_)
+    return planned.zones.holds("ignore", *at)
+
+
 def drawn_detector(
     pairs: Sequence[Pair],
     job: JobSource,
@@ -84,32 +114,34 @@ def drawn_detector(
     *,
     zones: JobZones | None = None,
     progress: Callable[[str], None] = lambda _step: None,
-) -> DrawnDetector:
+) -> tuple[DrawnDetector, list[Pair]]:
     """Return a detector that compares with the pages as this printer and scanner show them, by their own sheets.
 
-    Each sheet is judged by the chain of the others where there are enough. ScanError: no sheet has enough print.
+    The pairs come back with their scans placed finely.
+
+    Each sheet is judged by the chain of the others where there are enough. A page for which there is no chain is refused when it is prepared.
     """
     edges: dict[str, SheetEdges] = {}
-    raster_mm, station = 0.0, press.station()
-    for number, scan in pairs:
-        if len(edges) >= MOST_SHEETS:
-            break
+    raster_mm, station, placed = 0.0, press.station(), list(pairs)
+    for at, (number, scan) in enumerate(pairs):
         if not isinstance(scan, PlacedScan) or scan.nowhere:
             continue
         progress(f"measuring how the scanner shows print, by {scan.scan.name}")
         page = press.geometry.lay(opened(job).page(number))
         planned = PlannedPage(page, station, None if zones is None else zones.page(page))
         try:
-            lines, seen = scan_on_page(scan, planned, press, settings, by_type=False)
+            fine = laid_finely(scan, planned, press, settings)
+            placed[at] = number, fine
+            if len(edges) >= MOST_SHEETS:
+                continue
+            lines, seen = scan_on_page(fine, planned, press, settings, by_type=False)
         except ScanError:  # its own inspection says so
             continue
-        if planned.zones is not None:
-            at = press.geometry.centres_x_mm(page.width_mm), press.geometry.centres_y_mm(len(seen))
-            seen = seen & ~planned.zones.holds("ignore", *at)
-        of_sheet = sheet_edges(page, station, light_of(lines, press.sensors), seen)
+        judged = seen & ~ignored_on(planned, press, len(seen))
+        of_sheet = sheet_edges(page, station, light_of(lines, press.sensors), judged)
         if of_sheet is not None:
             edges[page.name], raster_mm = of_sheet, page.pixel_mm
-    return DrawnDetector(station=station, chains=chains_of(edges, raster_mm))
+    return DrawnDetector(station=station, chains=chains_of(edges, raster_mm)), placed
 
 
 def _refuse_unplaced(scan: PlacedScan, *, roughly: bool) -> None:

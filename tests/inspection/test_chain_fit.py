@@ -19,7 +19,11 @@ def edges(seed: int, *, growth: float = 0.5, misprint: float = 0.0) -> SheetEdge
     grown = [strokes]
     for _ in range(2):
         last = np.pad(grown[-1], 1, mode="edge")
-        grown.append(np.max([last[1:-1, 1:-1], last[2:, 1:-1], last[:-2, 1:-1], last[1:-1, 2:], last[1:-1, :-2]], axis=0))
+        grown.append(
+            np.max(
+                [last[1:-1, 1:-1], last[2:, 1:-1], last[:-2, 1:-1], last[1:-1, 2:], last[1:-1, :-2]], axis=0
+            )
+        )
     light = np.stack([1 - 0.97 * one for one in grown])[:, None]
     chain = SignalChain(
         growth_um=growth * RASTER_MM * 1000, growth_sd_um=0, kernels=KERNEL[None], edge_sd=0.1, sheets=1
@@ -28,7 +32,9 @@ def edges(seed: int, *, growth: float = 0.5, misprint: float = 0.0) -> SheetEdge
     numbers = np.where(rng.random(numbers.shape) < misprint, 1, numbers + rng.normal(0, 0.01, numbers.shape))
     dark = np.stack([[rings(1 - one).reshape(len(RINGS), -1).T for one in step] for step in light])
     return SheetEdges(
-        dark=dark, numbers=np.clip(numbers, 0, 1).astype(np.float32), varying=np.full(numbers.shape, 0.5, np.float32)
+        dark=dark,
+        numbers=np.clip(numbers, 0, 1).astype(np.float32),
+        varying=np.full(numbers.shape, 0.5, np.float32),
     )
 
 
@@ -54,7 +60,9 @@ def test_no_sheet_tells_no_chain() -> None:
 
 
 def test_numbers_are_those_of_srgb() -> None:
-    assert to_numbers(np.array([-1, 0, 0.0021404, 0.2140411, 1, 2])) == pytest.approx([0, 0, 0.02765, 0.5, 1, 1], abs=1e-4)
+    assert to_numbers(np.array([-1, 0, 0.0021404, 0.2140411, 1, 2])) == pytest.approx(
+        [0, 0, 0.02765, 0.5, 1, 1], abs=1e-4
+    )
     light, step = np.array([0.001, 0.01, 0.3]), 1e-4
     slope = (to_numbers(light + step) - to_numbers(light - step)) / (2 * step)
     assert slope_of_numbers(light) == pytest.approx(slope, rel=1e-2)

@@ -28,5 +28,7 @@ def real(
         return
     cells = ((row.copy, str(row.page), row.verdict, row.reason) for row in results.sheets)
     show_table("Real sheets", ("copy", "page", "verdict", "why"), cells)
-    show_table("Marks", ("mark", "laid", "caught"), ((m.name, str(m.laid), str(m.caught)) for m in results.marks))
+    show_table(
+        "Marks", ("mark", "laid", "caught"), ((m.name, str(m.laid), str(m.caught)) for m in results.marks)
+    )
     show.written(out / "real.md")

@@ -1,8 +1,8 @@
 """Real copies, printed and scanned on office devices: verdicts on sheets as they are, and on marks laid into them.
 
 A mark is laid into a real scan by the share of light that it takes from the page as the preset's lens sees it, neither
-grown nor sharpened, which makes it no easier to see than a printed one. Marks of the table of ``study visible`` lie on bare
-paper, apart from each other and from print.
+grown nor sharpened, which makes it no easier to see than a printed one. Marks of the table of ``study visible`` lie on
+bare paper, apart from each other and from print.
 """
 
 from __future__ import annotations
@@ -113,7 +113,9 @@ def run_real_study(
 
     files = [folder / name for name in (JOB, *COPIES)]
     if missing := [file.name for file in files if not file.is_file()]:
-        raise RequestError(folder, f"has no {', '.join(missing)}", remedy="give --copies the folder of the scans")
+        raise RequestError(
+            folder, f"has no {', '.join(missing)}", remedy="give --copies the folder of the scans"
+        )
     press = build_press(scanner_press_file(dpi=300.0, grey=True, width_mm=216.0), seed=1, progress=progress)
     source = job_source(files[0], press, profile=None)
     sheets, found, chains = [], {mark.name: [0, 0] for mark in NAMED}, []
@@ -151,8 +153,8 @@ def _of_copy(
     stamp = ZoneEntry(name="stamp", kind="ignore", rectangle_mm=STAMP_MM)
     zones, settings = JobZones.made([stamp], sizes), ScannerSettings()
     pages = ExpectedPages(job=source, press=press, feeder=FeederPrior())
-    pairs = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
-    detector, pairs = drawn_detector(pairs, source, press, settings, zones=zones, progress=progress)
+    found = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
+    detector, pairs = drawn_detector(found, source, press, settings, zones=zones, progress=progress)
     yield None, [], detector.chains[""]
     inspector = Inspector(press, detector, zones=zones)
     for number, scan in pairs:
@@ -209,7 +211,9 @@ def _new(judged: Verdict, before: Verdict) -> list[tuple[float, float, float, fl
 
 def _near(box: tuple[float, float, float, float], at: tuple[float, float], reach_mm: float) -> bool:
     x, y, width, height = box
-    return (x - reach_mm <= at[0] <= x + width + reach_mm) and (y - reach_mm <= at[1] <= y + height + reach_mm)
+    return (x - reach_mm <= at[0] <= x + width + reach_mm) and (
+        y - reach_mm <= at[1] <= y + height + reach_mm
+    )
 
 
 def _places(

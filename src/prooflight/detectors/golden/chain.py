@@ -75,7 +75,9 @@ class SignalChain:
 def to_numbers(light: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return the numbers of sRGB for light, both 0 to 1 and clipped there."""
     whole = np.clip(light, 0, 1).astype(np.float32)
-    curved = np.float32(1.055) * np.power(np.maximum(whole, SRGB_TOE), np.float32(1 / 2.4)) - np.float32(0.055)
+    curved = np.float32(1.055) * np.power(np.maximum(whole, SRGB_TOE), np.float32(1 / 2.4)) - np.float32(
+        0.055
+    )
     return np.where(whole <= SRGB_TOE, np.float32(12.92) * whole, curved)
 
 
@@ -87,7 +89,9 @@ def slope_of_numbers(light: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def rings(dark: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the mean of each ring about each pixel of one channel (lines, pixels), (rings, lines, pixels)."""
-    return np.stack([cv2.filter2D(dark, -1, _ring(*offset), borderType=cv2.BORDER_REPLICATE) for offset in RINGS])
+    return np.stack(
+        [cv2.filter2D(dark, -1, _ring(*offset), borderType=cv2.BORDER_REPLICATE) for offset in RINGS]
+    )
 
 
 def _ring(down: int, across: int) -> NDArray[np.float32]:

@@ -147,7 +147,7 @@ class GoldenSheet(PreparedOnly):
         return self._inspection(verdict, scan, expected, difference.excess)
 
     def _place(self, expected: NDArray[np.float32], seen: NDArray[np.float32]) -> GoldenPlace:
-        """Return where ``seen`` shows the golden, by what is not ignored: a stamp on each copy has no place of its own."""
+        """Return where ``seen`` shows the golden, by what is not ignored: a stamp has a place of its own."""
         if self.ignored is None:
             return place_of(expected, seen)
         lines, pixels = expected.shape[1:]

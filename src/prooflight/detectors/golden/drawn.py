@@ -77,7 +77,7 @@ class DrawnSheet(PreparedOnly):
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``. A scan that cannot be laid on its page is not inspected."""
         numbers: NDArray[np.float32] = to_numbers(light_of(scan.dn, self.sensors))
-        done = self.golden.inspect(Scan(dn=numbers, name=scan.name))  # type: ignore[arg-type]
+        done = self.golden.inspect(Scan(dn=numbers, name=scan.name))
         verdict = done.verdict
         if verdict.kind == WRONG_PAGE_KIND:
             verdict = Verdict.skipped(verdict.page, f"the page could not be placed: {verdict.reason}")

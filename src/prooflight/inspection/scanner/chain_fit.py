@@ -87,7 +87,9 @@ def sheet_edges(
     if not where.found or where.bent:
         return None
     moved = np.stack([[np.nan_to_num(where.moved(one), nan=1.0) for one in step] for step in grown])
-    near = cv2.dilate((moved[-1].min(axis=0) < PRINTED).astype(np.uint8), np.ones((NEAR_PIXELS,) * 2, np.uint8))
+    near = cv2.dilate(
+        (moved[-1].min(axis=0) < PRINTED).astype(np.uint8), np.ones((NEAR_PIXELS,) * 2, np.uint8)
+    )
     at = np.flatnonzero((near > 0) & seen)
     at = at[:: max(1, at.size // MOST_SAMPLES)]
     if at.size < LEAST_SAMPLES:
@@ -95,9 +97,7 @@ def sheet_edges(
     dark = np.stack([[rings(1 - one).reshape(len(RINGS), -1)[:, at].T for one in step] for step in moved])
     square = np.ones((3, 3), np.uint8)
     varying = [(cv2.dilate(one, square) - cv2.erode(one, square)).ravel()[at] for one in to_numbers(moved[1])]
-    return SheetEdges(
-        dark=dark, numbers=numbers.reshape(len(numbers), -1)[:, at], varying=np.stack(varying)
-    )
+    return SheetEdges(dark=dark, numbers=numbers.reshape(len(numbers), -1)[:, at], varying=np.stack(varying))
 
 
 def fitted_chain(sheets: Sequence[SheetEdges], raster_mm: float) -> SignalChain:

@@ -78,7 +78,9 @@ def scan_on_page(
     return lines, drawn.seen
 
 
-def laid_finely(scan: PlacedScan, planned: PlannedPage, press: Press, settings: ScannerSettings) -> PlacedScan:
+def laid_finely(
+    scan: PlacedScan, planned: PlannedPage, press: Press, settings: ScannerSettings
+) -> PlacedScan:
     """Return a scan placed anew by all edges of its page, as a golden scan is; as it was if that does not find it.
 
     A sparse page has too few landmarks for more than a rough place. ScanError: too little of the page was scanned.
@@ -90,7 +92,10 @@ def laid_finely(scan: PlacedScan, planned: PlannedPage, press: Press, settings: 
     if not where.found or where.bent:
         return scan
     slopes, tile = where.slopes, where.tile_pixels
-    middle = [count * tile / 2 - extent / 2 for count, extent in zip(where.nodes.shape[:0:-1], seen.shape[::-1], strict=True)]
+    middle = [
+        count * tile / 2 - extent / 2
+        for count, extent in zip(where.nodes.shape[:0:-1], seen.shape[::-1], strict=True)
+    ]
     shift = (np.array(where.shift_pixels) - slopes @ middle) * press.geometry.pixel_pitch_mm
     further = np.eye(3)
     further[:2, :2] += slopes
@@ -119,7 +124,8 @@ def drawn_detector(
 
     The pairs come back with their scans placed finely.
 
-    Each sheet is judged by the chain of the others where there are enough. A page for which there is no chain is refused when it is prepared.
+    Each sheet is judged by the chain of the others where there are enough. A page that has no
+    chain is refused when it is prepared.
     """
     edges: dict[str, SheetEdges] = {}
     raster_mm, station, placed = 0.0, press.station(), list(pairs)

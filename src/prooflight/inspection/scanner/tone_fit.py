@@ -119,7 +119,9 @@ def fitted_tone(
         if dark[0] > SOLID:
             return FittedTone(white=white, clipped=mostly)
         black = (dark[1] - dark[0]) / (1 - dark[0])
-        return FittedTone(white=white, clipped=mostly, black=float(np.clip(black, -MOST_BLACK, MOST_BLACK)), tints=1)
+        return FittedTone(
+            white=white, clipped=mostly, black=float(np.clip(black, -MOST_BLACK, MOST_BLACK)), tints=1
+        )
     at, level, sure = (np.array(values) for values in (due, found, weight))
 
     def off(amounts: NDArray[np.float64]) -> NDArray[np.float64]:

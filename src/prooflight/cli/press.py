@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
@@ -18,6 +19,8 @@ from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import PressFileError, RequestError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from prooflight.commissioning.training.learned_variation import StatedBesideLearned
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.press.artefact import Press
@@ -224,6 +227,45 @@ def learn(
     json: Json = False,
 ) -> None:
     """Calibrate the matched-filter detector for this press by its real good pages, so that they do not alarm."""
+    if not good:
+        raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
+    with _alone(artefact):
+        _learn(artefact, job, scans, promise=promise, out=out, profile=profile, json=json)
+
+
+@contextmanager
+def _alone(artefact: Path) -> Iterator[None]:
+    """Let no other call learn for this press meanwhile: each would write over the pages of the other.
+
+    RequestError: another one does.
+    """
+    from prooflight.journal.lock import WriterLock
+    from prooflight.journal.schema import JournalError
+
+    if not artefact.is_file():  # the press is read next, and says so
+        yield
+        return
+    try:
+        lock = WriterLock.take(artefact)
+    except JournalError as error:
+        remedy = "wait until the other call has ended, then give these pages again"
+        raise RequestError(artefact, error.what, remedy=remedy) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _learn(
+    artefact: Path,
+    job: Path,
+    scans: Path,
+    *,
+    promise: float | None,
+    out: Path | None,
+    profile: Path | None,
+    json: bool,
+) -> None:
     from prooflight.commissioning.training.real_pages import FEWEST_REAL, learn_pages
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, ScanPage, paired
@@ -231,8 +273,6 @@ def learn(
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
 
-    if not good:
-        raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
     press = Press.load(artefact)
     inspector = Inspector.of(press, "ours")
     source = job_source(job, press, profile=profile)

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
+from prooflight.detectors.golden.drawn import DrawnDetector
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
@@ -59,13 +60,13 @@ class Inspector:
 
         zones: of the job's pages, priced on this press (``JobZones.refuse_unpriced``). PressError: the press,
         or its light as it has been followed, holds a value that none may. RequestError: zones are for the
-        matched-filter detector alone.
+        matched-filter detector and the drawn one alone.
         """
         _sound(press)
         object.__setattr__(self, "press", press)
         object.__setattr__(self, "detector", default_detector(press) if detector is None else detector)
         object.__setattr__(self, "zones", zones)
-        if zones is not None and not isinstance(self.detector, MatchedFilterDetector):
+        if zones is not None and not isinstance(self.detector, MatchedFilterDetector | DrawnDetector):
             what = f"{self.detector.name!r} knows no zones"
             raise RequestError("zones", what, remedy="leave them out, or inspect by our detector")
 

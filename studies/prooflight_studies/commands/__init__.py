@@ -15,6 +15,7 @@ from prooflight_studies.commands import (
     golden,
     paper,
     press,
+    real,
     resolution,
     rip,
     running,
@@ -45,6 +46,7 @@ def register(app: typer.Typer) -> None:
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
         *(content.content, resolution.resolution, rip.rip, zones.zones, visible.visible),
+        *(real.real,),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

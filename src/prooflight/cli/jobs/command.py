@@ -355,13 +355,14 @@ def inspect(
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
     from prooflight.inspection.promise import Judged, PromiseWatch
-    from prooflight.inspection.scanner.inspected import InspectScannedPage
+    from prooflight.inspection.scanner.inspected import InspectScannedPage, drawn_detector
     from prooflight.pages.parallel import in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
     from prooflight.scans.scanner.reading import scanned_pages
 
     say = show.steps(quiet=json)
+    drawn_way = scanner and (detector == scanners.DRAWN or (detector is None and press is None))
     if scanner:
         settings = scanners.scanner_settings(tone, scan_dpi)
         sheets = scanned_pages(scans)
@@ -373,22 +374,29 @@ def inspect(
             job,
             picture,
             profile=profile,
-            train=detector in (None, "ours"),
+            train=detector == "ours",
+            as_fine=drawn_way,
             progress=say,
             shown=lambda days, total, what: _shown(days, total, what, quiet=json),
         )
-    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    inspector = Inspector.of(loaded, None if drawn_way else detector)  # a wrong name ends before any work
     source = job_source(job, loaded, profile=profile)
     source, plan = laid_out.laid_out(source, layout, loaded.geometry)
     with source.open() as opened:
-        zones_of_job = zones_in_force(zones, opened, loaded)
-        inspector = replace(inspector, zones=zones_of_job)
+        if drawn_way:
+            zones_of_job = scanners.zones_of_scans(zones, opened.page_sizes_mm)
+        else:
+            zones_of_job = zones_in_force(zones, opened, loaded)
+            inspector = replace(inspector, zones=zones_of_job)
         if scanner:
             pairs = scanners.scanner_pairs(source, len(opened), sheets, loaded, settings, progress=say)
         else:
             pairs = paired(opened, scans, sensors=len(loaded.sensors))
         name = opened.name
         early = checked_early(opened, json=json)
+    if drawn_way:
+        drawn, pairs = drawn_detector(pairs, source, loaded, settings, zones=zones_of_job, progress=say)
+        inspector = Inspector(loaded, drawn, zones=zones_of_job)
     if scanner:
         work: InspectPage = InspectScannedPage(
             job=source, inspector=inspector, scans=scans, settings=settings

@@ -20,11 +20,15 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.training.train import Shown
     from prooflight.inspection.job import Pair
+    from prooflight.pages.zones.zones_file import JobZones
     from prooflight.scans.scanner.reading import ScannedPage, ScannedPicture
 
 DESIGNS: Final = 24
 """Designs printed to train the matched filter for a scanner, as for the demonstration's press."""
 SEED: Final = 1
+MOST_DPI: Final = 400.0
+"""Resolution beyond which scans are averaged for the drawn way: marks that people see have tens of pixels. assumed"""
+DRAWN: Final = "drawn"
 
 
 def scanner_settings(tone: str | None, dpi: float | None) -> ScannerSettings:
@@ -47,13 +51,15 @@ def scanner_press(
     *,
     profile: Path | None,
     train: bool,
+    as_fine: bool,
     progress: Callable[[str], None],
     shown: Shown,
 ) -> Press:
     """Return a press of the scanner's preset for scans like ``picture``, from the cache where it holds it.
 
-    train: whether the matched-filter detector is trained, which takes minutes when it is done first. Errors as of
-    reading job and scans.
+    train: whether the matched-filter detector is trained, which takes minutes when it is done first. as_fine: whether
+    it sees as finely as the scan, as the drawn way does; the matched filter wants what a device sharpens averaged away.
+    Errors as of reading job and scans.
     """
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.cache import COMPOSED_SEED, cached_press
@@ -62,8 +68,11 @@ def scanner_press(
 
     with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
         sizes_mm = opened.page_sizes_mm
+    finest = max(picture.dpi)
     press_file = scanner_press_file(
-        dpi=press_dpi(max(picture.dpi)), grey=len(picture.light) == 1, width_mm=field_mm(sizes_mm)
+        dpi=min(finest, MOST_DPI) if as_fine else press_dpi(finest),
+        grey=len(picture.light) == 1,
+        width_mm=field_mm(sizes_mm),
     )
 
     def build() -> Press:
@@ -108,3 +117,19 @@ def _feeder_of(press: Press) -> FeederPrior:
     text = press.origin.get("press_file", "")
     feeder = PressFile(Path(press.name), text).feeder if text else None
     return feeder or FeederPrior()
+
+
+def zones_of_scans(path: Path | None, sizes_mm: Sequence[tuple[float, float]]) -> JobZones | None:
+    """Return the ignored zones of a run by the drawn way, which have no price; None: there are none.
+
+    JobError: the file holds no zones, or they do not fit the pages. RequestError: it holds careful zones.
+    """
+    if path is None:
+        return None
+    from prooflight.pages.zones.zones_file import JobZones
+
+    zones = JobZones.read(path, sizes_mm)
+    if any(entry.kind == "careful" for entry in zones.document.zones):
+        what = "holds careful zones, which this way to compare scans does not know"
+        raise RequestError(path, what, remedy="leave them out, or choose --detector ours")
+    return zones

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import KeptArrays, PlannedPage
     from prooflight.detectors.golden.differences import GoldenDifference
+    from prooflight.detectors.golden.place import GoldenPlace
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 
@@ -128,10 +129,10 @@ class GoldenSheet(PreparedOnly):
                 why = f"{name} holds values that are not finite numbers"
                 verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
                 return self._inspection(verdict, scan, expected, excess)
-        where, turned = place_of(expected, seen), False
+        where, turned = self._place(expected, seen), False
         if not where.found:
             over = _alike(scan.name, self.light, measured[:, ::-1, ::-1])[1]
-            other = place_of(expected, over)
+            other = self._place(expected, over)
             if turned := other.found:
                 where, seen, scan = other, over, replace(scan, dn=scan.dn[:, ::-1, ::-1])
         lines, pixels = expected.shape[1:]
@@ -145,6 +146,15 @@ class GoldenSheet(PreparedOnly):
         )
         verdict = self._verdict(difference, turned=turned)
         return self._inspection(verdict, scan, expected, difference.excess)
+
+    def _place(self, expected: NDArray[np.float32], seen: NDArray[np.float32]) -> GoldenPlace:
+        """Return where ``seen`` shows the golden, by what is not ignored: a stamp has a place of its own."""
+        if self.ignored is None:
+            return place_of(expected, seen)
+        lines, pixels = expected.shape[1:]
+        blank = np.median(expected[:, ::4, ::4], axis=(1, 2), keepdims=True)
+        ignored = self.ignored[:lines, :pixels]
+        return place_of(np.where(ignored, blank, expected), np.where(ignored, blank, seen))
 
     def _spread(self, channels: int, lines: int, pixels: int) -> NDArray[np.float32] | None:
         if self.spread is None:

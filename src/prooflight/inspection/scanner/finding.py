@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from prooflight.errors import ScanError
 from prooflight.inspection.scanner.placing import (
     LEAST_LIKENESS,
+    NOTHING_SHOWN,
     NOWHERE,
     ExpectedPage,
     agreement_of,
@@ -53,6 +54,11 @@ class PlacedScan(RecordedScan):
     where: Whereabouts
     trouble: str = ""
     """Reason why the page could not be placed; empty: it could."""
+
+    @property
+    def nowhere(self) -> bool:
+        """Whether it is not even known roughly where the page lies, so that no finer search could find it."""
+        return self.where is NOWHERE or self.trouble == NOTHING_SHOWN
 
     @classmethod
     def of(cls, scan: ScannedPage, where: Whereabouts, trouble: str, *, sensors: int) -> Self:
@@ -128,4 +134,4 @@ def _doubted(scan: PlacedScan, likeness: float) -> PlacedScan:
     """Return a scan that shows nothing of the page that was left for it with that reason."""
     if scan.trouble or likeness >= LEAST_LIKENESS:
         return scan
-    return replace(scan, trouble="the scan shows nothing of this page")
+    return replace(scan, trouble=NOTHING_SHOWN)

@@ -47,6 +47,7 @@ SURE_AGREEMENT: Final = 0.85
 """Correlation at which it has been, although it repeats itself."""
 LEAST_LIKENESS: Final = 0.2
 """Likeness of edges below which the scan shows nothing of a page; good prints have 0.4 to 0.9."""
+NOTHING_SHOWN: Final = "the scan shows nothing of this page"
 LEAST_SEEN: Final = 0.8
 """Least share of the page that must lie within its scan."""
 PARTS: Final = 3
@@ -187,7 +188,7 @@ def placed(
 ) -> tuple[Whereabouts, str]:
     """Return where the page lies in its scan, from the coarse place, and why it could not be placed; else empty."""
     if start.likeness < LEAST_LIKENESS:
-        return start, "the scan shows nothing of this page"
+        return start, NOTHING_SHOWN
     coarse = seen_coarsely(picture, expected)
     coarse = np.ascontiguousarray(coarse[::-1, ::-1]) if start.turned else coarse
     where = replace(start, matrix=_matrix(_coarse_pose(coarse, expected, start)))

@@ -44,6 +44,10 @@ BLACK_SD: Final = 0.1
 """Standard deviation of the light that a scanner shows where there is none. assumed [white]"""
 GAMMA_SD: Final = 0.25
 """Standard deviation of the logarithm of the gamma that a scan has beyond its curve. assumed [-]"""
+SOLID: Final = 0.15
+"""Expected light up to which a tint is a solid, which tells a scan's black point by itself. [paper]"""
+MOST_BLACK: Final = 0.1
+"""Greatest black point that one solid tells: beyond it, ink is missing. assumed, ``BLACK_SD`` [paper]"""
 LEAST_WHITE: Final = 0.05
 """Least light of paper, as a share of the file's white point; darker scans show no paper."""
 
@@ -73,6 +77,8 @@ def fitted_tone(
     clipped: NDArray[np.float32],
     expected: NDArray[np.float32],
     seen: NDArray[np.bool_],
+    *,
+    by_type: bool = True,
 ) -> FittedTone:
     """Return the tone of one channel, all arrays (lines, pixels).
 
@@ -84,6 +90,7 @@ def fitted_tone(
     ----------
     light, clipped, seen : see ``DrawnScan``
     expected : light that is expected of the page in its place [paper]
+    by_type : whether gamma comes from type where the page has few tints; else black comes from a solid, if there is one
     """
     square = np.ones((FLAT_PIXELS, FLAT_PIXELS), np.uint8)
     flat = seen & (cv2.dilate(expected, square) - cv2.erode(expected, square) < FLAT)
@@ -105,7 +112,16 @@ def fitted_tone(
             found.append(float(np.median(light[tinted][inside])) / white)
             weight.append(1 / TINT_SD)
     if len(due) < LEAST_TINTS:
-        return FittedTone(white=white, clipped=mostly, gamma=_gamma_of_print(light / white, expected, seen))
+        if by_type:
+            gamma = _gamma_of_print(light / white, expected, seen)
+            return FittedTone(white=white, clipped=mostly, gamma=gamma)
+        dark = min(zip(due, found, strict=True), default=(1.0, 1.0))
+        if dark[0] > SOLID:
+            return FittedTone(white=white, clipped=mostly)
+        black = (dark[1] - dark[0]) / (1 - dark[0])
+        return FittedTone(
+            white=white, clipped=mostly, black=float(np.clip(black, -MOST_BLACK, MOST_BLACK)), tints=1
+        )
     at, level, sure = (np.array(values) for values in (due, found, weight))
 
     def off(amounts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,17 +161,17 @@ def _gamma_of_print(
 
 
 def toned_lines(
-    drawn: DrawnScan, expected: Prediction, sensors: tuple[SensorModel, ...]
+    drawn: DrawnScan, expected: Prediction, sensors: tuple[SensorModel, ...], *, by_type: bool = True
 ) -> tuple[NDArray[np.uint16], tuple[FittedTone, ...]]:
     """Return a drawn scan as lines of the press's camera (sensors, lines, pixels) [DN], and each channel's tone.
 
     What is clipped has at least the light that the file states; where more is expected, that counts as seen. What
-    lies beside the page or beyond the scan counts as expected, since nothing is known of it.
+    lies beside the page or beyond the scan counts as expected, since nothing is known of it. by_type: ``fitted_tone``.
     """
     lines = np.empty(drawn.light.shape, np.uint16)
     tones = []
     for index, (sensor, due) in enumerate(zip(sensors, expected_light(expected, sensors), strict=True)):
-        tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen)
+        tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen, by_type=by_type)
         found = tone.light(drawn.light[index])
         found += drawn.clipped[index] * np.maximum(due - found, 0)
         found = np.where(drawn.seen, found, due)

@@ -1,0 +1,91 @@
+"""Comparison of scans with the page itself, drawn as an office scanner would show a good print of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.base import Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.golden.chain import SignalChain, grown_light, light_of, to_numbers
+from prooflight.detectors.golden.detector import GoldenSheet, decision_of
+from prooflight.detectors.placing import WRONG_PAGE_KIND
+from prooflight.detectors.verdict import Verdict
+from prooflight.errors import RequestError
+from prooflight.scans.scan import Scan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import KeptArrays, PlannedPage
+    from prooflight.detectors.verdict import Decision
+    from prooflight.prediction.tables import SensorModel
+
+NAME: Final = "drawn"
+PROMISE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DrawnDetector(StationDetector):
+    """Detector that compares with the page as the chain of a scanner would show it."""
+
+    chains: Mapping[str, SignalChain]
+    """Chains by page name; under the empty name: of every page that has none of its own."""
+    name: str = NAME
+    promise: str = PROMISE
+
+    def prepare(self, planned: PlannedPage) -> DrawnSheet:
+        """See ``Detector``; RequestError: nothing states the chain of this page."""
+        page, geometry = planned.page, self.station.geometry
+        chain = self.chains.get(page.name) or self.chains.get("")
+        if chain is None:
+            remedy = "scan more of its pages, or choose --detector ours"
+            raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
+        numbers = chain.numbers(grown_light(page, self.station), page.pixel_mm)
+        ignored = None
+        if planned.zones is not None:
+            at = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(numbers.shape[1])
+            ignored = planned.zones.holds("ignore", *at)
+        golden = GoldenSheet(
+            page=page.name,
+            golden=page.name,
+            light=numbers,
+            spread=chain.spread(numbers),
+            ignored=ignored,
+            pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
+            left_mm=geometry.left_mm(page.width_mm),
+            lead_in_mm=geometry.lead_in_mm,
+        )
+        return DrawnSheet(golden=golden, sensors=self.station.sensors, expected=planned)
+
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """See ``Detector``."""
+        volume = float(kept.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=kept.wrong_page)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DrawnSheet(PreparedOnly):
+    """One page as its scan should look."""
+
+    golden: GoldenSheet
+    sensors: tuple[SensorModel, ...]
+    expected: PlannedPage
+
+    def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
+        """See ``PreparedPage``. A scan that cannot be laid on its page is not inspected."""
+        numbers: NDArray[np.float32] = to_numbers(light_of(scan.dn, self.sensors))
+        done = self.golden.inspect(Scan(dn=numbers, name=scan.name))
+        verdict = done.verdict
+        if verdict.kind == WRONG_PAGE_KIND:
+            verdict = Verdict.skipped(verdict.page, f"the page could not be placed: {verdict.reason}")
+            verdict = replace(verdict, detector=NAME)
+        else:
+            reason = verdict.reason.replace("the golden", "the page").replace("its golden", "its page")
+            verdict = replace(verdict, detector=NAME, reason=reason)
+        planned = self.expected
+        return replace(
+            done, verdict=verdict, measured_dn=scan.dn[:, *done.area], expect=lambda: planned.expected
+        )

@@ -1,0 +1,34 @@
+"""``prooflight study real``: real copies of a paper, as they are and with marks laid into them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight_studies.commands.study import Json, Quick, Results, show_table
+
+
+def real(
+    copies: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the paper's PDF and its scans.")],
+    out: Results = Path("docs/results/detector"),
+    seed: Annotated[int, typer.Option(help="Of the marks and their places.", min=0)] = 241,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Inspect real sheets of an office scanner, as they are and with marks laid into them; writes real.md."""
+    from prooflight_studies.real.study import run_real_study
+
+    results = run_real_study(copies, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    if json:
+        show.print_json(asdict(results))
+        return
+    cells = ((row.copy, str(row.page), row.verdict, row.reason) for row in results.sheets)
+    show_table("Real sheets", ("copy", "page", "verdict", "why"), cells)
+    show_table(
+        "Marks", ("mark", "laid", "caught"), ((m.name, str(m.laid), str(m.caught)) for m in results.marks)
+    )
+    show.written(out / "real.md")

@@ -1,0 +1,244 @@
+"""Real copies, printed and scanned on office devices: verdicts on sheets as they are, and on marks laid into them.
+
+A mark is laid into a real scan by the share of light that it takes from the page as the preset's lens sees it, neither
+grown nor sharpened, which makes it no easier to see than a printed one. Marks of the table of ``study visible`` lie on
+bare paper, apart from each other and from print.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from prooflight.detectors.base import PlannedPage
+from prooflight.detectors.golden.chain import bare_light, light_of
+from prooflight.errors import RequestError
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.scanner.finding import ExpectedPages, PlacedScan, placed_scans
+from prooflight.inspection.scanner.inspected import drawn_detector, scan_on_page
+from prooflight.pages.job import JobSource, opened
+from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
+from prooflight.press.pages import job_source
+from prooflight.press.scanner import scanner_press_file
+from prooflight.rng import stream
+from prooflight.scans.scan import Scan
+from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.visible.marks import NAMED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.golden.chain import SignalChain
+    from prooflight.detectors.verdict import Verdict
+    from prooflight.press.artefact import Press
+
+JOB: Final = "midterm1-v2-test.pdf"
+COPIES: Final = ("midterm_scan_100.pdf", "midterm_scan_101.pdf")
+STAMP_MM: Final = (0.0, 5.0, 215.9, 36.0)
+"""Strip in which each copy has a stamped code and label that the job lacks. [mm]"""
+TOGETHER: Final = 5
+"""Marks that are laid into a scan at once: a verdict lists twelve places, and a splash may take six."""
+BORDER_MM: Final = 15.0
+APART_MM: Final = 3.0
+"""Distance of a mark from the page's border, and beyond its reach from print and other marks."""
+TRIES: Final = 10_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetRow:
+    """One real sheet."""
+
+    copy: str
+    page: int
+    verdict: str
+    reason: str
+    places_mm: tuple[tuple[float, float, float, float], ...]
+    """x, y, width and height of what differs."""
+    moved_mm: tuple[float, float]
+    """Mean displacement that was left after placing, and is followed by the comparison."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkRow:
+    """One mark of the table."""
+
+    name: str
+    laid: int
+    caught: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainRow:
+    """Chain fitted to all sheets of one copy."""
+
+    copy: str
+    growth_um: float
+    growth_sd_um: float
+    kernel: tuple[float, ...]
+    edge_sd: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealStudy:
+    """Figures of the page."""
+
+    seed: int
+    quick: bool
+    sheets: tuple[SheetRow, ...]
+    marks: tuple[MarkRow, ...]
+    chains: tuple[ChainRow, ...]
+
+
+def run_real_study(
+    folder: Path,
+    out: Path,
+    *,
+    seed: int,
+    quick: bool = False,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> RealStudy:
+    """Inspect the real sheets of ``folder`` as they are and with marks laid into them; writes ``real.md``.
+
+    quick: one copy. RequestError: the folder lacks the job or its scans.
+    """
+    from prooflight.commissioning.build import build_press
+
+    files = [folder / name for name in (JOB, *COPIES)]
+    if missing := [file.name for file in files if not file.is_file()]:
+        raise RequestError(
+            folder, f"has no {', '.join(missing)}", remedy="give --copies the folder of the scans"
+        )
+    press = build_press(scanner_press_file(dpi=300.0, grey=True, width_mm=216.0), seed=1, progress=progress)
+    source = job_source(files[0], press, profile=None)
+    sheets, found, chains = [], {mark.name: [0, 0] for mark in NAMED}, []
+    for copy in COPIES[: 1 if quick else None]:
+        for row, caught, chain in _of_copy(folder / copy, source, press, seed, progress):
+            if row is not None:
+                sheets.append(row)
+            for name, one in caught:
+                found[name][0] += 1
+                found[name][1] += one
+            if chain is not None:
+                chains.append(_chain_row(copy, chain))
+    marks = tuple(MarkRow(name=name, laid=laid, caught=caught) for name, (laid, caught) in found.items())
+    results = RealStudy(seed=seed, quick=quick, sheets=tuple(sheets), marks=marks, chains=tuple(chains))
+    write_page(out / "real.md", "real", results)
+    return results
+
+
+def _chain_row(copy: str, chain: SignalChain) -> ChainRow:
+    return ChainRow(
+        copy=copy,
+        growth_um=round(chain.growth_um, 1),
+        growth_sd_um=round(chain.growth_sd_um, 1),
+        kernel=tuple(round(float(weight), 3) for weight in chain.kernels[0]),
+        edge_sd=round(chain.edge_sd, 3),
+    )
+
+
+def _of_copy(
+    scans: Path, source: JobSource, press: Press, seed: int, progress: Callable[[str], None]
+) -> Iterator[tuple[SheetRow | None, list[tuple[str, bool]], SignalChain | None]]:
+    """Return each sheet of a copy with its marks, each caught or not; first the chain of all of them."""
+    with source.open() as job:
+        sizes = job.page_sizes_mm
+    stamp = ZoneEntry(name="stamp", kind="ignore", rectangle_mm=STAMP_MM)
+    zones, settings = JobZones.made([stamp], sizes), ScannerSettings()
+    pages = ExpectedPages(job=source, press=press, feeder=FeederPrior())
+    found = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
+    detector, pairs = drawn_detector(found, source, press, settings, zones=zones, progress=progress)
+    yield None, [], detector.chains[""]
+    inspector = Inspector(press, detector, zones=zones)
+    for number, scan in pairs:
+        assert isinstance(scan, PlacedScan)
+        progress(f"{scans.name}: page {number}")
+        page = press.geometry.lay(opened(source).page(number))
+        planned = PlannedPage(page, press.station(), zones.page(page))
+        lines, _ = scan_on_page(scan, planned, press, settings, by_type=False)
+        prepared = inspector.prepare(planned)
+        verdict = inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name)).verdict
+        rng = stream(seed, "real-marks", COPIES.index(scans.name), number)
+        caught: list[tuple[str, bool]] = []
+        for first in range(0, len(NAMED), TOGETHER):
+            some = NAMED[first : first + TOGETHER]
+            marked, places = page, _places(planned, press, [mark.reach_mm for mark in some], rng)
+            for mark, at in zip(some, places, strict=True):
+                marked = mark.draw(marked, at, rng)
+            clean = bare_light(planned.expected, press.sensors)
+            share = bare_light(press.station().predict(marked), press.sensors) / np.maximum(clean, 1e-3)
+            seen = np.clip(light_of(lines, press.sensors) * share, 0, 1)
+            sensor = press.sensors[0]
+            dn = sensor.column_offset_dn + sensor.column_gain * np.float32(sensor.white_dn) * seen[0]
+            changed = share[0] < 1 - 1e-3
+            laid = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(np.uint16)
+            judged = inspector.inspect(prepared, Scan(dn=laid[None], name=scan.scan.name)).verdict
+            new = _new(judged, verdict)
+            caught += [
+                (mark.name, any(_near(box, at, mark.reach_mm) for box in new))
+                for mark, at in zip(some, places, strict=True)
+            ]
+        boxes = tuple((one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.regions)
+        row = SheetRow(
+            copy=scans.stem,
+            page=number,
+            verdict=verdict.verdict,
+            reason=verdict.reason,
+            places_mm=boxes,
+            moved_mm=verdict.shift_mm or (0.0, 0.0),
+        )
+        yield row, caught, None
+
+
+def _new(judged: Verdict, before: Verdict) -> list[tuple[float, float, float, float]]:
+    """Return the places of a misprint that the sheet did not have before marks were laid into it."""
+    if judged.verdict != "misprint":
+        return []
+    had = {(one.x_mm, one.y_mm) for one in before.regions}
+    return [
+        (one.x_mm, one.y_mm, one.width_mm, one.height_mm)
+        for one in judged.regions
+        if (one.x_mm, one.y_mm) not in had
+    ]
+
+
+def _near(box: tuple[float, float, float, float], at: tuple[float, float], reach_mm: float) -> bool:
+    x, y, width, height = box
+    return (x - reach_mm <= at[0] <= x + width + reach_mm) and (
+        y - reach_mm <= at[1] <= y + height + reach_mm
+    )
+
+
+def _places(
+    planned: PlannedPage, press: Press, reaches_mm: Sequence[float], rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Return places on bare paper, one for each mark, apart from print, stamp and each other."""
+    page, light = planned.page, bare_light(planned.expected, press.sensors).min(axis=0)
+    x_mm, y_mm = press.geometry.centres_x_mm(page.width_mm), press.geometry.centres_y_mm(len(light))
+    taken = light < 0.95
+    if planned.zones is not None:
+        taken |= planned.zones.holds("ignore", x_mm, y_mm)
+    free_mm: NDArray[np.float32] = cv2.distanceTransform((~taken).astype(np.uint8), cv2.DIST_L2, 5)
+    free_mm = free_mm * np.float32(press.geometry.pixel_pitch_mm)
+    places: list[tuple[float, float]] = []
+    for _ in range(TRIES):
+        reach = reaches_mm[len(places)]
+        x = float(rng.uniform(BORDER_MM, page.width_mm - BORDER_MM))
+        y = float(rng.uniform(BORDER_MM, page.height_mm - BORDER_MM))
+        clear = free_mm[int(np.abs(y_mm - y).argmin()), int(np.abs(x_mm - x).argmin())] > reach + APART_MM
+        apart = all(
+            np.hypot(x - one[0], y - one[1]) > reach + other + APART_MM
+            for one, other in zip(places, reaches_mm, strict=False)
+        )
+        if clear and apart:
+            places.append((x, y))
+            if len(places) == len(reaches_mm):
+                return places
+    raise RequestError(page.name, "has no bare paper for marks", remedy="lay fewer marks at once")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.devices import refuse_without_card
+from prooflight.detectors.matched_filter.devices import engine_name, refuse_without_card
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
@@ -101,6 +101,11 @@ class Inspector:
             refuse_without_card()
         station = replace(self._station(self.press), device=device)
         return replace(self, detector=self.detector.at(station))
+
+    @property
+    def engine(self) -> str:
+        """What computes the images of scans, as journals record it: cpu, or gpu with the card's name and its driver."""
+        return engine_name(self.detector.station.device)
 
     def _station(self, press: Press) -> Station:
         """Return a press's station with this inspector's threads and device."""

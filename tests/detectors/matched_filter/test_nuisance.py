@@ -28,8 +28,8 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
-from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.scan_images import with_added
+from prooflight.detectors.matched_filter.statistics.boxes import boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
     SIZES,

@@ -14,7 +14,17 @@ import typer
 
 from prooflight.cli import faults, laid_out, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
-from prooflight.cli.options import Detector, JobPath, Json, LayoutWords, PressArtefact, Profile, Seed, Zones
+from prooflight.cli.options import (
+    Detector,
+    JobPath,
+    Json,
+    LayoutWords,
+    OnDevice,
+    PressArtefact,
+    Profile,
+    Seed,
+    Zones,
+)
 from prooflight.cli.watch.console import console_beside
 from prooflight.cli.watch.sources import REMEDY, DrumWishes, open_source
 from prooflight.errors import RequestError
@@ -64,6 +74,7 @@ def watch(
     ] = None,
     layout: LayoutWords = None,
     detector: Detector = None,
+    device: OnDevice = "cpu",
     deadline_ms: Annotated[
         float,
         typer.Option(
@@ -179,7 +190,7 @@ def watch(
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
-    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     printed = job_source(job, loaded, profile=profile)
@@ -243,7 +254,7 @@ def watch(
         started_s=time.time(),
         sheets=count,
         settings=asdict(settings)
-        | {"job_pages": pages}
+        | {"job_pages": pages, "engine": inspector.engine}
         | ({} if plan is None else {"layout": plan.facts})
         | (
             {}

@@ -14,7 +14,7 @@ import math
 import threading
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from typing import TYPE_CHECKING, Any, Final
@@ -123,6 +123,7 @@ class DesignOnCard:
     stack: Any
     """(channels, lines, pixels): ``Modes.images``, then hidden edges, then unresolved places, where there are any."""
     bells: Any
+    seen_by: tuple[SensorModel, ...]
     sensors: tuple[SensorOnCard, ...]
     weights: dict[tuple[Any, ...], Any]
     """``weights_at_phases`` by footprint."""
@@ -138,35 +139,45 @@ class DesignOnCard:
             packed=runner.put(design.page.packed),
             stack=runner.put(np.concatenate(parts)),
             bells=runner.put(design.colours.bells()),
+            seen_by=design.sensors,
             sensors=tuple(SensorOnCard.of(sensor, runner) for sensor in design.sensors),
             weights={},
         )
+
+    def under(self, sensors: tuple[SensorModel, ...], runner: Runner) -> DesignOnCard:
+        """Return the same design for other sensors; its own images stay."""
+        on_card = tuple(SensorOnCard.of(sensor, runner) for sensor in sensors)
+        return replace(self, number=next(_numbers), seen_by=sensors, sensors=on_card)
 
 
 class Designs:
     """Designs where bodies run, for as long as their images are in this machine's memory."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, ...], DesignOnCard] = {}
+        self._known: dict[int, DesignOnCard] = {}
         self._guard = threading.Lock()
 
     def on_card(self, design: DesignImages, runner: Runner) -> DesignOnCard:
-        """Return a design where bodies run; put there if it is not."""
-        key = id(design.images), *(id(sensor) for sensor in design.sensors)
+        """Return a design where bodies run; put there if it is not, or seen by other sensors if its light changed."""
+        key = id(design.images)
         with self._guard:
-            if key not in self._known:
-                self._known[key] = DesignOnCard.of(design, runner)
+            known = self._known.get(key)
+            if known is None:
+                known = DesignOnCard.of(design, runner)
                 weakref.finalize(design.images, self._known.pop, key, None)
-            return self._known[key]
+            elif known.seen_by is not design.sensors:
+                known = known.under(design.sensors, runner)
+            self._known[key] = known
+            return known
 
 
-def engine_on(pool: Pool) -> Engine:
-    """Return the engine that analyses each scan on a runner of a pool."""
-    designs = Designs()
+def engine_on(pool: Pool, designs: Designs | None = None) -> Engine:
+    """Return the engine that analyses each scan on a runner of a pool; designs: where the pool's runners work."""
+    known = designs or Designs()
 
     def images(page: PlacedPage) -> CardImages:
         runner = pool.take()
-        return CardImages(page, designs.on_card(page.design, runner), runner, pool.give)
+        return CardImages(page, known.on_card(page.design, runner), runner, pool.give)
 
     return images
 

@@ -23,6 +23,15 @@ def engine_of(device: Device) -> Engine:
     return card_engine()
 
 
+def engine_name(device: Device) -> str:
+    """Return the name of what computes: cpu, or gpu with the card's name and the version of its driver."""
+    if device == "cpu":
+        return "cpu"
+    from prooflight.kernels.gpu.runners import card_name
+
+    return f"gpu: {card_name()}"
+
+
 def refuse_without_card() -> None:
     """Raise RequestError where no card can be used."""
     from prooflight.kernels.gpu.runners import lacking

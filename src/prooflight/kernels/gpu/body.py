@@ -7,8 +7,7 @@
     binned.launch(stream, (lines, pixels), scan, 2, out)          # CUDA kernel, a thread a place
 
 The kernels of a processor are tuned in other ways (rows in vectors), and tests hold both to each other. Functions
-that bodies call are ``@inner``. CUDA is imported when the first kernel is launched, so that whoever has no card
-needs no package for it.
+that bodies call are ``@inner``. Nothing imports this folder unless a card is asked for.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Final
 
-from numba import njit
+from numba import cuda, njit
 
 SIMULATED: Final = os.environ.get("NUMBA_ENABLE_CUDASIM") == "1"
 """Whether kernels run in CUDA's simulator, that is as Python; numba reads the same variable when it is imported."""
@@ -59,8 +58,6 @@ class Body:
     @cached_property
     def kernel(self) -> Any:
         """The CUDA kernel, of rows, columns and a tuple of the other arguments."""
-        from numba import cuda
-
         place = self._compiled
 
         def run(rows, columns, arguments):  # type: ignore[no-untyped-def]

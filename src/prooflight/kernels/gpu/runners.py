@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from prooflight.kernels.gpu.body import Body
 
 Shape = tuple[int, ...]
+MOST_GRAPHS = 1000
+"""Recorded steps of a card's stream; beyond, they are recorded anew. A design has some twelve."""
 
 
 class Runner(Protocol):
@@ -95,44 +97,53 @@ class Card(Rooms):
     def __init__(self) -> None:
         from numba import cuda
 
-        self._cuda, self._stream = cuda, cuda.stream()
-        self._graphs: dict[Hashable, Any] = {}
-        self._seen: set[Hashable] = set()
+        self._cuda, self.stream = cuda, cuda.stream()
+        self.graphs: dict[Hashable, Any] = {}
+        """Recorded steps by key."""
+        self._launched: set[Hashable] = set()
         self._pinned = Rooms(lambda shape, kind: cuda.pinned_array(shape, kind))
-        super().__init__(lambda shape, kind: cuda.device_array(shape, kind, stream=self._stream))
+        super().__init__(lambda shape, kind: cuda.device_array(shape, kind, stream=self.stream))
 
     def put(self, array: NDArray[Any]) -> Any:
         """See ``Runner``."""
-        on_card = self._cuda.to_device(np.ascontiguousarray(array), stream=self._stream)
-        self._stream.synchronize()
+        on_card = self._cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
+        self.stream.synchronize()
         return on_card
 
+    def pinned(self, room: Any) -> NDArray[Any]:
+        """Return the memory of this machine by way of which a room is filled, which the card reads by itself.
+
+        Each room has its own: a scan fills it again only after it has waited for what read it.
+        """
+        return self._pinned.room(f"to {id(room)}", room.shape, room.dtype)  # type: ignore[no-any-return]
+
     def fill(self, room: Any, array: NDArray[Any]) -> None:
-        """See ``Runner``: by way of pinned memory, from which the card reads by itself."""
-        # Each room has its own: a scan fills it again only after it has waited for what read it.
-        pinned = self._pinned.room(f"to {id(room)}", room.shape, room.dtype)
+        """See ``Runner``."""
+        pinned = self.pinned(room)
         pinned[...] = array
-        room.copy_to_device(pinned, stream=self._stream)
+        room.copy_to_device(pinned, stream=self.stream)
 
     def run(self, body: Body, shape: tuple[int, int], *arguments: Any) -> None:
         """See ``Runner``."""
-        body.launch(self._stream, shape, *arguments)
+        body.launch(self.stream, shape, *arguments)
 
     def step(self, key: Hashable, launches: Callable[[], None]) -> None:
-        """See ``Runner``: launched one by one the first time, which compiles, and recorded as one graph the second."""
-        if SIMULATED or key not in self._seen:
-            self._seen.add(key)
+        """See ``Runner``: launched one by one the first time, which compiles, and recorded as a graph the second."""
+        if SIMULATED or key not in self._launched:
+            self._launched.add(key)
             launches()
             return
-        if key not in self._graphs:
-            self._graphs[key] = recorded(self._stream, launches)
-        launched(self._graphs[key], self._stream)
+        if key not in self.graphs:
+            if len(self.graphs) >= MOST_GRAPHS:
+                self.graphs.clear()
+            self.graphs[key] = recorded(self.stream, launches)
+        launched(self.graphs[key], self.stream)
 
     def back(self, room: Any) -> NDArray[Any]:
         """See ``Runner``."""
         pinned = self._pinned.room(f"from {room.dtype}", room.shape, room.dtype)
-        room.copy_to_host(pinned, stream=self._stream)
-        self._stream.synchronize()
+        room.copy_to_host(pinned, stream=self.stream)
+        self.stream.synchronize()
         return np.array(pinned)
 
 
@@ -184,11 +195,12 @@ def lacking() -> str | None:
 
 
 def card_name() -> str:
-    """Return the card's name, as journals record it."""
+    """Return the card's name and the newest CUDA that its driver has."""
     from numba import cuda
 
     name = cuda.get_current_device().name
-    return name.decode() if isinstance(name, bytes) else str(name)
+    version = cuda.cudadrv.driver.driver.get_version()
+    return f"{name.decode() if isinstance(name, bytes) else name}, CUDA {'.'.join(map(str, version))}"
 
 
 class Pool:

@@ -122,7 +122,7 @@ def prints_of(
                     request=MisprintRequest(kind=kind) if kind else None,
                     others=tuple(other.number for other in pages if other.number != page.number),
                     fetch=lambda number: next(one for one in pages if one.number == number),
-                    rng=stream(seed, "card-prints", copy, index),
+                    rng=stream(seed, "card-print", copy, index),
                     session=session,
                 )
             except RequestError:  # a page without cyan cannot lack it

@@ -70,5 +70,4 @@ def close(found, asked) -> None:  # type: ignore[no-untyped-def]
     """Alike to a thousandth of their root mean square; the loops add up in another order."""
     scale = float(np.sqrt(np.square(asked, dtype=np.float64).mean()))
     off = float(np.abs(np.asarray(found, np.float64) - asked).max()) / max(scale, 1e-9)
-    print(f"{off:.2e} of rms {scale:.3g}")
     assert off < 5e-3

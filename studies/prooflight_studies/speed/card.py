@@ -20,13 +20,14 @@ from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODE
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.gpu.runners import Card, Pool, launched
+from prooflight.pages.process import settle_process
 from prooflight.rng import stream
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import session_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Sequence
+    from collections.abc import Callable, Hashable, Sequence
 
     from numpy.typing import NDArray
 
@@ -106,28 +107,34 @@ class RecordedCard(Card):
             launched(self.graphs[key], self.stream)
 
 
-def prints_of(
-    pages: Sequence[Page], press: Press, *, seed: int, each: int
-) -> Iterator[tuple[int, str, NDArray[np.uint16]]]:
-    """Yield prints of every page in the press world, every third a misprint: page's index, kind or "", and scan."""
-    session, turn = session_of(press, seed), 0
-    for copy in range(each):
-        for index, page in enumerate(pages):
-            turn += 1
-            kind = KINDS[turn // 3 % len(KINDS)] if turn % 3 == 0 else ""
-            try:
-                scan = scan_page(
-                    page,
-                    press=press,
-                    request=MisprintRequest(kind=kind) if kind else None,
-                    others=tuple(other.number for other in pages if other.number != page.number),
-                    fetch=lambda number: next(one for one in pages if one.number == number),
-                    rng=stream(seed, "card-print", copy, index),
-                    session=session,
-                )
-            except RequestError:  # a page without cyan cannot lack it
-                continue
-            yield index, kind, scan.dn
+Scanned = tuple[int, str, "NDArray[np.uint16]"]
+"""A page's index, the kind of its misprint or "", and the scan."""
+
+
+def prints_of(pages: Sequence[Page], press: Press, *, seed: int, each: int) -> list[Scanned]:
+    """Return prints of every page in the press world, every third a misprint; of those that cannot be, none."""
+    session = session_of(press, seed)
+
+    def printed(turn: int) -> Scanned | None:
+        copy, index = divmod(turn, len(pages))
+        page, kind = pages[index], KINDS[turn // 3 % len(KINDS)] if turn % 3 == 2 else ""
+        try:
+            scan = scan_page(
+                page,
+                press=press,
+                request=MisprintRequest(kind=kind) if kind else None,
+                others=tuple(other.number for other in pages if other.number != page.number),
+                fetch=lambda number: next(one for one in pages if one.number == number),
+                rng=stream(seed, "card-print", copy, index),
+                session=session,
+            )
+        except RequestError:  # a page without cyan cannot lack it
+            return None
+        return index, kind, scan.dn
+
+    printed(0)  # compiles
+    with ThreadPoolExecutor(os.cpu_count() or 1) as crew:
+        return [one for one in crew.map(printed, range(each * len(pages))) if one is not None]
 
 
 def card_figures(
@@ -140,13 +147,15 @@ def card_figures(
     say: Callable[[str], None] = lambda _: None,
 ) -> CardFigures:
     """Measure a card on prints of some pages; RequestError: there is none."""
+    settle_process()  # as processes are that inspect page after page
     inspector = Inspector.of(press, "ours").with_threads(1)
     card = inspector.on("gpu")
     cores = os.cpu_count() or 1
     say("preparing designs and printing")
+    inspector.prepare(pages[0])  # compiles
     with ThreadPoolExecutor(cores) as crew:
         designs = list(crew.map(inspector.prepare, pages))
-    scans = list(prints_of(pages, press, seed=seed, each=each))
+    scans = prints_of(pages, press, seed=seed, each=each)
     on_card = [_with(prepared, card) for prepared in designs]
     started = time.perf_counter()
     card.inspect(on_card[scans[0][0]], scans[0][2])

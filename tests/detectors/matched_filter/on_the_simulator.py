@@ -5,8 +5,6 @@ Prints the greatest difference from the processor's kernels, in shares of each i
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 
 from prooflight.commissioning.build import build_press

@@ -17,7 +17,9 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Final
 
-from numba import cuda, njit
+from numba import config, cuda, njit
+
+config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # some bodies have few places, and numba warns of each
 
 SIMULATED: Final = os.environ.get("NUMBA_ENABLE_CUDASIM") == "1"
 """Whether kernels run in CUDA's simulator, that is as Python; numba reads the same variable when it is imported."""

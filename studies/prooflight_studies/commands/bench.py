@@ -23,7 +23,7 @@ def bench(
     device: OnDevice = "cpu",
     job: Annotated[
         Path | None,
-        typer.Option("--job", metavar="JOB", help="With --device gpu: its pages; default the sample job's."),
+        typer.Option("--job", metavar="JOB", help="With --device gpu: default the sample job."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     docs: Annotated[

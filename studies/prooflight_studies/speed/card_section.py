@@ -45,19 +45,20 @@ def card_section(figures: dict[str, Any]) -> str:
         f"| {threads} | {rate:.1f} | {figures['cpu_per_s'][threads]:.1f} |"
         for threads, rate in figures["gpu_per_s"].items()
     )
+    of = figures
     return f"""{HEADING}
-Written by `prooflight bench --device gpu --docs docs`. {figures["card"]}; numba-cuda {figures["numba_cuda"]}; {figures["host_cores"]}
-cores; scans of {figures["camera_mpx"]:.2f} Mpx.
+`prooflight bench --device gpu --docs docs` writes this section. Card: {of["card"]}, numba-cuda {of["numba_cuda"]};
+{of["host_cores"]} cores; scans of {of["camera_mpx"]:.2f} Mpx.
 
-The same verdicts: of {len(compared)} prints of {pages} pages of the sample job ({misprints} misprinted) {flips} were judged otherwise on the
-card than on the processor; scores differed by at most {off:.2f}, where {figures["threshold"]:.2f} is the threshold.
+Of {len(compared)} prints of {pages} pages of the sample job ({misprints} misprinted) {flips} were judged otherwise
+on the card than on the processor; scores differed by at most {off:.2f}, where {of["threshold"]:.2f} is the threshold.
 
-A sheet takes {figures["sheet_ms"]:.2f} ms on the card, {figures["upload_ms"]:.2f} ms of it to send the scan; sheets a second with so many on
-it at once: {flights}.
+A sheet takes {of["sheet_ms"]:.2f} ms on the card, {of["upload_ms"]:.2f} ms of it to send the scan. Sheets a second
+with so many on it at once: {flights}.
 
-An inspection takes {figures["gpu_cpu_s"]:.3f} s of processor time with its images on the card, {figures["cpu_cpu_s"]:.3f} s without: registration,
-fringes, marks, glyphs and statistics remain on the processor. Whole inspections a second in one process, whose threads
-wait for the interpreter:
+An inspection takes {of["gpu_cpu_s"]:.3f} s of processor time with its images on the card, {of["cpu_cpu_s"]:.3f} s
+without: registration, fringes, marks, glyphs and statistics remain on the processor. Whole inspections a second in one
+process, whose threads wait for the interpreter:
 
 | threads | images on the card | all on the processor |
 |---:|---:|---:|

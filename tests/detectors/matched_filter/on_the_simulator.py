@@ -5,6 +5,8 @@ Prints the greatest difference from the processor's kernels, in shares of each i
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 from prooflight.commissioning.build import build_press
@@ -50,12 +52,10 @@ def main() -> None:
         for mode in range(3)
     ]
     pairs += [(card.columns, host.columns), (card.flat_columns, host.flat_columns), (card.cover, host.cover)]
-    print(
-        max(
-            np.abs(one - other).max() / max(float(np.sqrt(np.square(other).mean())), 1e-9)
-            for one, other in pairs
-        )
-    )
+    off = [
+        np.abs(one - other).max() / max(float(np.sqrt(np.square(other).mean())), 1e-9) for one, other in pairs
+    ]
+    sys.stdout.write(str(max(off)))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 from prooflight.detectors.base import KeptArrays
 from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card_images import Designs, engine_on
-from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
@@ -203,9 +203,10 @@ def _threshold(press: Press) -> float:
 
 def _with(prepared: Prepared, inspector: Inspector) -> Prepared:
     """Return a prepared page for another inspector of the same press."""
-    known: Any = prepared.known
+    known, detector = prepared.known, inspector.detector
     assert isinstance(known, MatchedFilterPage)
-    return replace(prepared, known=replace(known, detector=inspector.detector))
+    assert isinstance(detector, MatchedFilterDetector)
+    return replace(prepared, known=replace(known, detector=detector))
 
 
 def _compared(
@@ -255,12 +256,14 @@ def _card_alone(
         card.steps = [key for key in card.steps if key in card.graphs]
     first = cards[0]
     times = []
-    for works in (lambda: (first.upload(scan), first.again()), lambda: first.upload(scan)):
+    for whole in (True, False):
         took = []
         for _ in range(REPEATS):
             first.stream.synchronize()
             begin = time.perf_counter()
-            works()
+            first.upload(scan)
+            if whole:
+                first.again()
             first.stream.synchronize()
             took.append(1e3 * (time.perf_counter() - begin))
         times.append(median(took))

@@ -15,7 +15,7 @@ import threading
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, Final
 
@@ -199,7 +199,7 @@ class CardImages:
         self._page, self._design, self._runner = page, design, runner
         weakref.finalize(self, give, runner)
         self._guard, self._screened = threading.Lock(), False
-        self._rounds = ROUNDS
+        self._rounds: tuple[str, ...] = ROUNDS
         self._whole: PlacedScan | None = None
         of, sensors = page.design, len(page.design.sensors)
         self._shape, self._sensors = page.where.inside.shape, sensors
@@ -209,13 +209,13 @@ class CardImages:
         self._cover_at = (2 * INKS + 1) * sensors
         self._unresolved_at = design.stack.shape[0] - 1
         inside, lost = page.where.inside, page.binned_lost()
-        self._seen_by_all = inside if lost is None else inside & ~lost.any(axis=0)[:, None]
+        self._seen_by_all = inside if lost is None else np.asarray(inside & ~np.any(lost, axis=0)[:, None])
         self._fill("scan", page.scan)
         self._fill("right", page.where.across)
         self._fill("down", page.where.along)
         self._fill("inside all", self._seen_by_all)
         for s in range(sensors):
-            self._fill(f"inside {s}", inside if lost is None else inside & ~lost[s, :, None])
+            self._fill(f"inside {s}", inside if lost is None else np.asarray(inside & ~lost[s, :, None]))
         self._predict(page.placement, self._rounds[0])
         self._runner.step(self._at("begin"), self._begin)
         self.hidden = self.unresolved = None
@@ -271,7 +271,7 @@ class CardImages:
             key = self._at(
                 "predict", again, s, grid.phase_bits, *((one[1].shape, *one[2:5]) for one in passes)
             )
-            self._runner.step(key, lambda s=s, passes=passes: self._filter(s, passes, grid.phase_bits, again))
+            self._runner.step(key, partial(self._filter, s, passes, grid.phase_bits, again))
 
     def _weights(self, one: Any, bits: int) -> Any:
         taps = math.ceil((one.cumulative.size - 1) / one.step) + 1

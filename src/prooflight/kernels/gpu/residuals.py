@@ -160,11 +160,15 @@ def block_totals(b, j, rows, out):  # type: ignore[no-untyped-def]
 
 
 @inner
+def level_place(area):  # type: ignore[no-untyped-def]
+    """Return an ink area in tabulated levels."""
+    return min(max(area, ZERO), ONE) * f32(255)
+
+
+@inner
 def colour_shift(c, m, y, k, bells, weights):  # type: ignore[no-untyped-def]
     """Return the smooth function of colour, as ``shape_row``, of each pixel by itself."""
-    last = f32(255)
-    ac, am = min(max(c, ZERO), ONE) * last, min(max(m, ZERO), ONE) * last
-    ay, ak = min(max(y, ZERO), ONE) * last, min(max(k, ZERO), ONE) * last
+    ac, am, ay, ak = level_place(c), level_place(m), level_place(y), level_place(k)
     ic, im, iy, ik = min(i32(ac), 254), min(i32(am), 254), min(i32(ay), 254), min(i32(ak), 254)
     uc, um, uy, uk = f32(ac - f32(ic)), f32(am - f32(im)), f32(ay - f32(iy)), f32(ak - f32(ik))
     total = ZERO

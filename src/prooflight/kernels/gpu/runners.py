@@ -115,7 +115,7 @@ class Card(Rooms):
 
         Each room has its own: a scan fills it again only after it has waited for what read it.
         """
-        return self._pinned.room(f"to {id(room)}", room.shape, room.dtype)  # type: ignore[no-any-return]
+        return self._pinned.room(f"to {id(room)}", room.shape, room.dtype)
 
     def fill(self, room: Any, array: NDArray[Any]) -> None:
         """See ``Runner``."""

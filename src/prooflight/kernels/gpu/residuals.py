@@ -166,10 +166,16 @@ def level_place(area):  # type: ignore[no-untyped-def]
 
 
 @inner
+def level_below(place):  # type: ignore[no-untyped-def]
+    """Return the tabulated level below a place among levels, of which one more lies above."""
+    return min(i32(place), 254)
+
+
+@inner
 def colour_shift(c, m, y, k, bells, weights):  # type: ignore[no-untyped-def]
     """Return the smooth function of colour, as ``shape_row``, of each pixel by itself."""
     ac, am, ay, ak = level_place(c), level_place(m), level_place(y), level_place(k)
-    ic, im, iy, ik = min(i32(ac), 254), min(i32(am), 254), min(i32(ay), 254), min(i32(ak), 254)
+    ic, im, iy, ik = level_below(ac), level_below(am), level_below(ay), level_below(ak)
     uc, um, uy, uk = f32(ac - f32(ic)), f32(am - f32(im)), f32(ay - f32(iy)), f32(ak - f32(ik))
     total = ZERO
     for j in range(16):

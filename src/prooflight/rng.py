@@ -92,6 +92,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             "losses, arrivals and lines of cameras on loopback", (SEED, FREE + 18, "part")
         ),
         "camera-noise": Purpose("noise of a sheet before two cameras", (SEED, FREE + 19, "sheet", "sensor")),
+        "card-print": Purpose(
+            "prints for a graphics card and the processor", (SEED, FREE + 84, "copy", "page")
+        ),
         "chart-places": Purpose("places of the patches on a chart to be printed", (SEED,)),
         "content-session": Purpose("the session of a press day", (SEED, FREE + 41, "day")),
         "content-sheet": Purpose("codes of a sheet, their damage and its prints", (SEED, FREE + 40, "sheet")),

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from prooflight.detectors.base import Device
 from prooflight.inspection.registry import names
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -31,6 +32,13 @@ Detector = Annotated[
         help="Detector. ours: the matched filter; bayes and chi-square: the paper's learned and statistical ones; "
         "packages may register others. "
         f"Available: {', '.join(names())}. Default: ours if the press was trained for it, else chi-square.",
+    ),
+]
+OnDevice = Annotated[
+    Device,
+    typer.Option(
+        "--device",
+        help="Where our detector computes the images of a scan: cpu, or gpu, an NVIDIA card (prooflight[gpu]).",
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**32 - 1)]

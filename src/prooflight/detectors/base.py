@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 Area = tuple[slice, slice]
 """Lines and columns of a scan."""
+Device = Literal["cpu", "gpu"]
+"""Where a detector computes images of scans, if it can do so on a graphics card."""
 LAMP_WAVES: Final = 6
 """Waves of the lamp over the field: number of cosines, the k-th of k half waves."""
 BLOCK_PIXELS: Final = 8
@@ -60,6 +62,7 @@ class Station:
     """Screen of the press, and the light that its tints take; None: not stated."""
     threads: int | None = None
     """Number of threads that one page may use; None: one per core."""
+    device: Device = "cpu"
 
     def predict(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:
         """Predict the lines that the camera must see of a page at its placement."""

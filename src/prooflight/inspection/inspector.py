@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 from prooflight.detectors.base import PlannedPage
 from prooflight.detectors.golden.drawn import DrawnDetector
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
+from prooflight.detectors.matched_filter.devices import engine_name, refuse_without_card
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Detector, Inspection, PreparedPage
+    from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage, Station
     from prooflight.inspection.codes.page_code import PageCode
     from prooflight.inspection.light_level import LitSquares
     from prooflight.pages.raster import Page
@@ -82,12 +83,35 @@ class Inspector:
 
     def under(self, press: Press) -> Self:
         """Return the same inspector on a press whose light has changed a little."""
-        threads = self.detector.station.threads
-        return replace(self, press=press, detector=self.detector.at(press.station(threads)))
+        return replace(self, press=press, detector=self.detector.at(self._station(press)))
 
     def with_threads(self, threads: int | None) -> Self:
         """Return the same inspector with so many threads for one page; None: one a core."""
-        return replace(self, detector=self.detector.at(self.press.station(threads)))
+        station = replace(self._station(self.press), threads=threads)
+        return replace(self, detector=self.detector.at(station))
+
+    def on(self, device: Device) -> Self:
+        """Return the same inspector with images of scans computed on the processor or on a graphics card.
+
+        RequestError: there is no card, or the detector is not ours, which alone can use one.
+        """
+        if device == "gpu":
+            if not isinstance(self.detector, MatchedFilterDetector):
+                what = f"{self.detector.name!r} computes on the processor alone"
+                raise RequestError("--device gpu", what, remedy="leave it out, or inspect by our detector")
+            refuse_without_card()
+        station = replace(self._station(self.press), device=device)
+        return replace(self, detector=self.detector.at(station))
+
+    @property
+    def engine(self) -> str:
+        """What computes the images of scans, as journals record it: cpu, or gpu with the card's name and its driver."""
+        return engine_name(self.detector.station.device)
+
+    def _station(self, press: Press) -> Station:
+        """Return a press's station with this inspector's threads and device."""
+        own = self.detector.station
+        return replace(press.station(own.threads), device=own.device)
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
         """Return a page as it is to enter the press (``ScanGeometry.lay``).
@@ -95,7 +119,8 @@ class Inspector:
         threads: number used to prepare it.
         """
         zones = None if self.zones is None else self.zones.page(page)
-        return PlannedPage(page, self.press.station(threads or self.detector.station.threads), zones)
+        station = self._station(self.press)
+        return PlannedPage(page, replace(station, threads=threads or station.threads), zones)
 
     def prepare(self, page: Page | PlannedPage) -> Prepared:
         """Compute all data of a page, as it enters the press (``ScanGeometry.lay``), that need no scan."""

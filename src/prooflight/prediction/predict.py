@@ -71,7 +71,7 @@ def predict(
 
     threads: number of bands of lines that run at once; by default one a core.
     """
-    page, planes = _raster_and_planes(page, placement)
+    page, planes = raster_and_planes(page, placement)
     shape = (len(sensors), geometry.lines(page.height_mm), geometry.pixels)
     workers = threads or os.cpu_count() or 1
     light, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -99,7 +99,7 @@ def predict(
     return Prediction(expected_dn=light, variance_dn2=spread)
 
 
-def _raster_and_planes(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
+def raster_and_planes(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
     """Return a raster and its planes (4, 2) as in ``PrintedPage``.
 
     A page that is only shifted is composed as a whole, any other row by row.

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.options import OnDevice
 from prooflight_studies.commands.study import show_table
+
+CARD_SEED: Final = 318
+"""Seed of press, job and prints of ``--device gpu``."""
+DESIGNS: Final = 24
+"""Designs that train its press, as ``demo``'s."""
 
 
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Small pages.")] = False,
+    device: OnDevice = "cpu",
+    job: Annotated[
+        Path | None,
+        typer.Option("--job", metavar="JOB", help="With --device gpu: default the sample job."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     docs: Annotated[
         Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
@@ -27,6 +38,9 @@ def bench(
     from prooflight_studies.speed.study import bench as timed
     from prooflight_studies.speed.study import bench_pages
 
+    if device == "gpu":
+        _of_card(job, docs=docs, json=json)
+        return
     if not json:
         show.step("building the prototype and timing")
     press = build_press(PressFile.prototype(), seed=1)
@@ -49,3 +63,39 @@ def bench(
         cells.append((row.name, f"{row.mpx_per_cpu_s:,.1f}", spread, f"{row.ratio:.2f}"))
     headings = ("step", "Mpx/s", "range", "ratio")
     show_table("Megapixels a second of processor time, one core", headings, cells)
+
+
+def _of_card(job: Path | None, *, docs: Path | None, json: bool) -> None:
+    """Compare a card with the processor on a job's pages, and time both."""
+    from tempfile import TemporaryDirectory
+
+    from prooflight.commissioning.build import build_press
+    from prooflight.commissioning.training.cache import trained_once
+    from prooflight.detectors.matched_filter.devices import refuse_without_card
+    from prooflight.press.pages import open_job
+    from prooflight.press.press_file import PressFile
+
+    refuse_without_card()
+    from prooflight_studies.harness.page import plain
+    from prooflight_studies.speed.card import card_figures
+    from prooflight_studies.speed.card_section import card_section, write_card_section
+
+    say = show.steps(quiet=json)
+    say("building and training the prototype")
+    press = trained_once(
+        build_press(PressFile.prototype(), seed=CARD_SEED), designs=DESIGNS, seed=CARD_SEED, progress=say
+    )
+    with TemporaryDirectory() as folder:
+        if job is None:
+            from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+            job = make_sample_job(Path(folder) / "sample-job.pdf", seed=CARD_SEED).path
+        with open_job(job, press) as opened:
+            pages = [press.geometry.lay(opened.page(number)) for number in range(1, len(opened) + 1)]
+    figures = card_figures(pages, press, seed=CARD_SEED, each=4, say=say)
+    if docs is not None:
+        write_card_section(figures, docs)
+    if json:
+        show.print_json(figures)
+    else:
+        show.people.print(card_section(plain(figures)))

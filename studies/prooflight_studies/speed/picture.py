@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.picture import write_figure
+from prooflight_studies.speed.card_section import add_card_section
 from prooflight_studies.speed.cores import CORES, REACHED
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def write_speed_page(rows: Sequence[SpeedRow], costs: Sequence[PageCost], folder
         "costs": costs,
     }
     write_page(folder / "performance.md", "speed", results)
+    add_card_section(folder)
     (folder / "images").mkdir(exist_ok=True)
     write_figure(_drawn(rows), folder / "images" / PICTURE)
 

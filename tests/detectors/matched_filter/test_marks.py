@@ -58,9 +58,10 @@ def measured(
     light = np.full(left.shape, WHITE, np.float32) if light is None else light
     weight = np.where(inside, np.float32(1 / sd**2), 0).astype(np.float32) * np.ones_like(left)
     one = SimpleNamespace(white_dn=WHITE, column_gain=np.ones(shape[1]))
-    scan: Any = SimpleNamespace(where=SimpleNamespace(inside=inside), sensors=[one] * sensors)
+    alike: Any = [one] * sensors
     return measure_marks(
-        scan,
+        alike,
+        inside,
         light,
         left,
         weight,

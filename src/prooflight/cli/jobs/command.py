@@ -17,6 +17,7 @@ from prooflight.cli.options import (
     JobPath,
     Json,
     LayoutWords,
+    OnDevice,
     Pages,
     PressArtefact,
     Profile,
@@ -303,6 +304,7 @@ def inspect(
     ] = None,
     layout: LayoutWords = None,
     detector: Detector = None,
+    device: OnDevice = "cpu",
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
     zones: Zones = None,
     profile: Profile = None,
@@ -324,6 +326,7 @@ def inspect(
             "--detector": detector,
             "--layout": layout,
             "--scanner": scanner or None,
+            "--device": None if device == "cpu" else device,
         }
         for option, given in raster_only.items():
             if given is not None:
@@ -379,7 +382,10 @@ def inspect(
             progress=say,
             shown=lambda days, total, what: _shown(days, total, what, quiet=json),
         )
-    inspector = Inspector.of(loaded, None if drawn_way else detector)  # a wrong name ends before any work
+    inspector = Inspector.of(loaded, None if drawn_way else detector).on(
+        device
+    )  # a wrong name ends before any work
+    processes = None if device == "cpu" else 1  # each process compiles for the card, and needs its memory
     source = job_source(job, loaded, profile=profile)
     source, plan = laid_out.laid_out(source, layout, loaded.geometry)
     with source.open() as opened:
@@ -407,14 +413,16 @@ def inspect(
     if report is None:
         tried = Tried(work, work.name, Judged)
         done = inspected(
-            _in_run(in_order(tried, pairs, killed=tried.killed), promise),
+            _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), promise),
             attrgetter("verdict"),
             names=[work.name(pair) for pair in pairs],
             unseen=lambda _place, verdict: Judged(promise.marked(verdict)),
             json=json,
         )
     else:
-        done = _reported(work, pairs, report, promise, job=name, plan=plan, early=early, json=json)
+        done = _reported(
+            work, pairs, report, promise, job=name, plan=plan, early=early, processes=processes, json=json
+        )
     tell_warnings(_later(done, early), json=json)
     if not json:
         each = "page" if plan is None else "side"
@@ -456,6 +464,7 @@ def _reported(
     job: str,
     plan: SheetPlan | None,
     early: EarlyWarnings,
+    processes: int | None,
     json: bool,
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
@@ -468,7 +477,7 @@ def _reported(
 
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        _in_run(in_order(pictured, pairs, killed=pictured.killed), promise),
+        _in_run(in_order(pictured, pairs, processes=processes, killed=pictured.killed), promise),
         attrgetter("verdict"),
         names=[work.name(pair) for pair in pairs],
         unseen=lambda place, verdict: unpictured_entry(pairs[place][0], promise.marked(verdict)),

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 
 from prooflight.cli import laid_out, show
-from prooflight.cli.options import Detector, JobPath, Json, LayoutWords, PressArtefact, Profile, Seed, Zones
+from prooflight.cli.options import (
+    Detector,
+    JobPath,
+    Json,
+    LayoutWords,
+    OnDevice,
+    PressArtefact,
+    Profile,
+    Seed,
+    Zones,
+)
 from prooflight.cli.watch.console import console_beside
 from prooflight.cli.watch.options import (
     CameraOption,
@@ -65,6 +75,7 @@ def watch(
     sheets: SheetsOption = None,
     layout: LayoutWords = None,
     detector: Detector = None,
+    device: OnDevice = "cpu",
     deadline_ms: DeadlineMsOption = 1e3 * DEADLINE_S,
     stall_s: StallSOption = STALL_S,
     journal: JournalOption = None,
@@ -115,7 +126,7 @@ def watch(
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
-    inspector = Inspector.of(loaded, detector)  # a wrong name ends before any work
+    inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     read = _read_job(
@@ -170,7 +181,7 @@ def watch(
         source=source,
         started_s=time.time(),
         sheets=read.passings,
-        settings=asdict(settings) | read.facts,
+        settings=asdict(settings) | {"engine": inspector.engine} | read.facts,
     )
     planned = PlannedRun(
         facts=facts,

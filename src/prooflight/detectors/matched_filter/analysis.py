@@ -10,36 +10,29 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.beat import add_beat, beat_contrasts
+from prooflight.detectors.matched_filter.fit.beat import beat_contrasts
 from prooflight.detectors.matched_filter.fit.binning import (
-    binned,
     binned_geometry,
-    binned_scan,
     binned_sensor,
     bins_of,
-    lengthened,
     thinned,
 )
 from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_columns
-from prooflight.detectors.matched_filter.fit.hidden import hidden_edges, with_hidden_edges
+from prooflight.detectors.matched_filter.fit.hidden import hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
-    Modes,
     first_lines,
-    moved,
     page_features,
     pixel_map,
     prepare_modes,
 )
-from prooflight.detectors.matched_filter.fit.moves import by_prediction, corrected, local_moves, take_moves
+from prooflight.detectors.matched_filter.fit.moves import corrected
 from prooflight.detectors.matched_filter.fit.nuisance import (
-    PlacedScan,
     PrintPrior,
     ResidualVariance,
-    fit_nuisances,
     page_colours,
 )
-from prooflight.detectors.matched_filter.fit.residuals import in_register, residual_images
+from prooflight.detectors.matched_filter.fit.residuals import in_register
 from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
 from prooflight.detectors.matched_filter.glyphs.weighing import (
@@ -48,15 +41,15 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
     prepare_glyphs,
     score_glyphs,
 )
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
+from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
 from prooflight.kernels.registration.coarse import SHRINK
-from prooflight.prediction.predict import Prediction, predict
+from prooflight.prediction.predict import Prediction
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
-from prooflight.scans.scan import in_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,13 +58,13 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
     from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedPage
+    from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.marks import Marks
     from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
-    from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.overlaps import Overlaps
     from prooflight.registration.register import Landmarks, Registration
@@ -86,9 +79,6 @@ FAR_PIXELS: Final = 0.1
 REMAINING_SHARE: Final = 0.75
 """... unless that displacement is at least this share of the previous one: displacements caused by a page's
 edge and by uneven light do not decrease."""
-UNRESOLVED: Final = 0.25
-"""Share of a moved pixel that was unresolved from which all of it is. [-]"""
-ADDED: Final = frozenset(name for name in MODES if name.startswith("add-"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,6 +111,24 @@ class PreparedPage:
     """None: glyphs are not tested."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+
+    @property
+    def design_images(self) -> DesignImages:
+        """Its images, and how it is seen."""
+        return DesignImages(
+            page=self.page,
+            images=self.images,
+            hidden=self.hidden,
+            beat=self.beat,
+            unresolved=self.unresolved,
+            added=self.added,
+            colours=self.colours,
+            prior=self.prior,
+            sensors=self.binned_sensors,
+            geometry=self.binned_geometry,
+            camera_sensors=self.landmarks.sensors,
+            camera_geometry=self.landmarks.geometry,
+        )
 
     def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
         """Return the page for sensors of which only the columns' gains differ.
@@ -232,6 +240,14 @@ class ScanAnalysis:
         """Return the analysis with the sums of all ``MODES``."""
         return self if self.sums.modes == MODES else replace(self, sums=self.summed(MODES))
 
+    def settled(self) -> ScanAnalysis:
+        """Return the analysis with the sums that it has and no others, so that the scan's images may be forgotten."""
+        return replace(self, summed=_forgotten)
+
+
+def _forgotten(modes: tuple[str, ...]) -> Sums:
+    raise RuntimeError(f"the images that the sums of {modes} need are forgotten")
+
 
 def analyse(
     prepared: PreparedPage,
@@ -241,6 +257,7 @@ def analyse(
     residual_variance: ResidualVariance | None = None,
     looked_at: tuple[str, ...] = MODES,
     floor_share: float = 0.0,
+    engine: Engine = HostImages,
     threads: int = 1,
 ) -> ScanAnalysis:
     """Find the page in a scan, remove the variation of good prints, and sum up the residuals.
@@ -257,6 +274,7 @@ def analyse(
     residual_variance : variance of good prints in addition to the fit; None: an office-class press's.
     looked_at : modes that are summed up at once, of ``MODES``, light the first.
     floor_share : as in ``measure_marks``.
+    engine : what computes the scan's images.
     threads : number of threads that share the work.
     """
     landmarks = prepared.landmarks
@@ -272,6 +290,7 @@ def analyse(
         residual_variance=residual_variance or ResidualVariance(),
         looked_at=looked_at,
         floor_share=floor_share,
+        engine=engine,
         threads=threads,
     )
 
@@ -286,6 +305,7 @@ def analyse_found(
     residual_variance: ResidualVariance,
     looked_at: tuple[str, ...] = MODES,
     floor_share: float = 0.0,
+    engine: Engine = HostImages,
     threads: int = 1,
 ) -> ScanAnalysis:
     """Analyse a scan whose page is registered already; see ``analyse``.
@@ -308,77 +328,45 @@ def analyse_found(
         ignored, careful = prepared.zones.moved(where)
         where = replace(where, inside=where.inside & ~ignored)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
-    seen = _predicted(prepared, printed, placement, exact=residual_variance.exact, threads=threads)
-    modes = Modes(images=moved(prepared.images, where, threads=threads), sensors=len(seen.expected_dn))
-    hidden = None
-    if prepared.hidden is not None:
-        hidden = moved(prepared.hidden, where, threads=threads)
-        modes.texture[...] = with_hidden_edges(modes.texture, hidden, residual_variance)
-    if prepared.beat is not None and not residual_variance.exact:
-        add_beat(modes, prepared.beat, residual_variance)
-    placed = PlacedScan(
-        measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
-        seen=seen,
-        modes=modes,
-        where=where,
-        sensors=prepared.binned_sensors,
-        colours=prepared.colours,
-        lost=None if lost is None else in_groups(lost, bins, where.inside.shape[0]),
+    # The card has no body for the beat of a stated screen.
+    on_host = residual_variance.exact or prepared.beat is not None
+    images = (HostImages if on_host else engine)(
+        PlacedPage(
+            design=prepared.design_images,
+            scan=scan,
+            where=where,
+            printed=printed,
+            placement=placement,
+            lost=lost,
+            residual_variance=residual_variance,
+            threads=threads,
+        )
     )
-    fit = fit_nuisances(
-        placed,
-        planes=planes_mm / at.pixel_pitch_mm,
-        pixel_mm=at.pixel_pitch_mm,
-        prior=prior,
-        residual_variance=residual_variance,
-        threads=threads,
-    )
-    taken, light = fit.emptied() if residual_variance.exact else fit, placed.light()
-    left, weight, of_edges, noise = residual_images(
-        placed, taken, light, residual_variance=residual_variance, threads=threads
-    )
-    columns = np.zeros((len(left), geometry.pixels), bool) if columns is None else columns
-    faulty = np.asarray(columns.reshape(len(left), -1, bins).any(axis=2))
-    for index in np.flatnonzero(faulty.any(axis=1)):  # what such a column sees says nothing
-        left[index][:, faulty[index]] = weight[index][:, faulty[index]] = 0.0
+    fit = images.fitted(planes_mm / at.pixel_pitch_mm)
+    noise = images.take_fit(fit.emptied() if residual_variance.exact else fit)
+    columns = np.zeros((len(noise), geometry.pixels), bool) if columns is None else columns
+    faulty = np.asarray(columns.reshape(len(noise), -1, bins).any(axis=2))
+    if faulty.any():  # what such a column sees says nothing
+        images.leave_out(faulty)
     if not residual_variance.exact:
-        _take_moves(prepared, printed, placement, seen, left, weight, light, threads=threads)
-
-    unresolved = None
-    if prepared.unresolved is not None:
-        unresolved = moved(prepared.unresolved[None], where, threads=threads)[0] > UNRESOLVED
+        _take_moves(images, placement, at, page.width_mm)
+    light, left, weight = images.residuals()
     marks = measure_marks(
-        placed,
+        prepared.binned_sensors,
+        where.inside,
         light,
         left,
         weight,
         geometry=at,
         page_width_mm=page.width_mm,
-        unresolved=unresolved,
-        hidden=hidden,
+        unresolved=images.unresolved,
+        hidden=images.hidden,
         tolerance=prior.place,
         specks=prepared.specks,
         floor_share=floor_share,
         threads=threads,
     )
-
-    # Glyphs are weighed there all the same: their own strokes are what is known.
-    resolved = weight if unresolved is None else np.where(unresolved, np.float32(0), weight)
-
-    def sums_of(modes: tuple[str, ...]) -> Sums:
-        return summed(
-            with_added(placed, prepared.added, threads=threads) if ADDED.intersection(modes) else placed,
-            light,
-            left,
-            resolved,
-            of_edges,
-            geometry=at,
-            page_width_mm=page.width_mm,
-            prior=prior,
-            looked_at=modes,
-            threads=threads,
-        )
-
+    # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
     glyphs = NOTHING
     if prepared.glyphs is not None:
         pitches_mm = at.pixel_pitch_mm, at.line_pitch_mm
@@ -388,72 +376,32 @@ def analyse_found(
     return ScanAnalysis(
         found=registration,
         fit=fit,
-        sums=sums_of(looked_at),
+        sums=images.summed(looked_at),
         marks=marks,
         noise=noise,
         careful=careful,
-        summed=sums_of,
+        summed=images.summed,
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )
 
 
-def _take_moves(
-    prepared: PreparedPage,
-    printed: Page | PrintedPage,
-    placement: Placement,
-    seen: Prediction,
-    left: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    light: NDArray[np.float32],
-    *,
-    threads: int,
-) -> None:
+def _take_moves(images: ScanImages, placement: Placement, geometry: ScanGeometry, width_mm: float) -> None:
     """Remove the local displacements of the page relative to ``placement`` from the residuals, in place.
 
     One linear step leaves a considerable part at edges that are sharper than a pixel. These are predicted
     again at their estimated position, and once more if that reduced the displacement and some remain
     displaced. The remainder is small.
     """
-    before, width_mm = seen.expected_dn, prepared.page.width_mm
-    moves = local_moves(left, weight, light, threads=threads)
+    moves = images.local_moves()
     for _ in range(MAX_REPREDICTIONS):
-        placement = corrected(placement, moves, prepared.binned_geometry, width_mm)
-        after = _predicted(prepared, printed, placement, exact=False, threads=threads).expected_dn
-        by_prediction(left, weight, before, after, threads=threads)
-        before, moves, previous = after, local_moves(left, weight, light, threads=threads), moves
+        placement = corrected(placement, moves, geometry, width_mm)
+        images.predict_again(placement)
+        moves, previous = images.local_moves(), moves
         far = np.abs(moves) > FAR_PIXELS
         if not (far & (np.abs(moves) < REMAINING_SHARE * np.abs(previous))).any():
             break
-    take_moves(left, weight, light, moves, threads=threads)
-
-
-def _predicted(
-    prepared: PreparedPage, printed: Page | PrintedPage, placement: Placement, *, exact: bool, threads: int
-) -> Prediction:
-    """Predict binned pixels.
-
-    A prediction in binned pixels takes half the time. At edges, where a column's own gain is applied to its
-    neighbours' light as well, it is within a third of the noise of the binned prediction in camera pixels.
-    That is more than prints scatter by only if good prints are exact.
-    """
-    if not exact:
-        sensors, geometry = prepared.binned_sensors, prepared.binned_geometry
-        return predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=threads)
-    sensors, geometry = prepared.landmarks.sensors, prepared.landmarks.geometry
-    bins = bins_of(geometry)
-    fine = predict(printed, sensors=sensors, geometry=geometry, placement=placement, threads=threads)
-    return Prediction(
-        expected_dn=binned(fine.expected_dn, bins),
-        variance_dn2=binned(fine.variance_dn2, bins) / np.float32(bins**2),
-    )
-
-
-def with_added(placed: PlacedScan, added: AddedInks, *, threads: int = 1) -> PlacedScan:
-    """Return the scan with the images of inks printed where they are not, moved to the page's placement."""
-    images = moved(added.images, placed.where, threads=threads)
-    shape = (placed.modes.sensors, -1, *images.shape[1:])
-    return replace(placed, modes=replace(placed.modes, add=images.reshape(shape)))
+    images.take_moves(moves)
 
 
 def _followed(

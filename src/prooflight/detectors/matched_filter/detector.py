@@ -17,6 +17,7 @@ from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, Inspection, KeptArrays, StationDetector
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up, score_of
+from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
     distinct_inks,
@@ -274,6 +275,7 @@ class MatchedFilterPage:
             residual_variance=calibrated.model.residual_variance,
             looked_at=modes,
             floor_share=self.detector.station.floor_share,
+            engine=engine_of(self.detector.station.device),
             threads=threads,
         )
         another, scatter = shows_another(analysis.found), calibrated.model.scatter
@@ -289,8 +291,8 @@ class MatchedFilterPage:
             )
             statistics, score = scored(seen)
             if score <= calibrated.threshold:
-                return analysis, statistics, score
-        analysis = analysis.of_every_mode()
+                return analysis.settled(), statistics, score
+        analysis = analysis.of_every_mode().settled()
         if not seen:
             return analysis, *scored(
                 all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)

@@ -40,7 +40,7 @@ def local_moves(
     """
     lines, pixels = left.shape[1:]
     side = LOCAL_PIXELS
-    shape = (max(lines // side, 1), max(pixels // side, 1))
+    shape = tile_shape(lines, pixels)
     sums = np.zeros((5, *shape), np.float32)
 
     def add_sums(first: int, last: int) -> None:
@@ -48,6 +48,16 @@ def local_moves(
             slope_sums(left[index], weight[index], light[index], side, first, last, sums)
 
     shared_out([partial(add_sums, *part) for part in parts_of(shape[0], threads)], threads=threads)
+    return moves_of(sums)
+
+
+def tile_shape(lines: int, pixels: int) -> tuple[int, int]:
+    """Return rows and columns of the squares of ``local_moves``."""
+    return max(lines // LOCAL_PIXELS, 1), max(pixels // LOCAL_PIXELS, 1)
+
+
+def moves_of(sums: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return ``local_moves`` from the sums of all sensors, (5, rows, columns) as ``slope_sums`` gives them."""
     ax, ay, xx, yy, xy = (cv2.GaussianBlur(one, (0, 0), LOCAL_SMOOTH) for one in sums)
     prior_information = 1 / LOCAL_SD**2
     xx, yy = xx + prior_information, yy + prior_information

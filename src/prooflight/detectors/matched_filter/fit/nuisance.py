@@ -49,6 +49,8 @@ FOLLOWED: Final = 0.25
 """``Colours.unfollowed`` up to which a page is like those that trained the ranking, of 500 of which 0.23 is
 the most."""
 ROUNDS: Final = 4
+MOST_BLOCKS: Final = 10_000
+"""No scan has so many that the fit uses: of more than twice ``BLOCKS`` it uses every second, and so on."""
 BLOCKS: Final = 5000
 """Maximum number of blocks, spread evenly over the page, that are fitted."""
 TEMPER: Final = 0.2
@@ -345,9 +347,37 @@ def fit_nuisances(
     residual_variance : variance of good prints in addition to the fit.
     threads : number of threads that share the blocks.
     """
-    noise = np.ones(len(scan.sensors))
-    model = _Model.of(_summed(scan, threads), prior, pixel_mm, planes)
-    white_dn = np.array([sensor.white_dn for sensor in scan.sensors])
+    blocks = FitBlocks.of(scan.seen_by_all())
+    return fit_blocks(
+        blocks,
+        summed_blocks(scan, blocks, threads),
+        sensors=scan.sensors,
+        colours=scan.colours,
+        planes=planes,
+        pixel_mm=pixel_mm,
+        prior=prior,
+        residual_variance=residual_variance,
+    )
+
+
+def fit_blocks(
+    blocks: FitBlocks,
+    sums: NDArray[np.float32],
+    *,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+    planes: NDArray[np.float64],
+    pixel_mm: float,
+    prior: PrintPrior,
+    residual_variance: ResidualVariance,
+) -> Fit:
+    """Estimate every nuisance parameter from sums over blocks, (sensors, blocks, SUMS) as ``block_sums`` gives them.
+
+    The others as in ``fit_nuisances``.
+    """
+    noise = np.ones(len(sensors))
+    model = _Model.of(_means(blocks, sums, colours), prior, pixel_mm, planes)
+    white_dn = np.array([sensor.white_dn for sensor in sensors])
     amounts, sd, robust, lost = model.solved(noise, residual_variance, white_dn)
     fitted = model.layout.parts(amounts * model.scale)
     return Fit(
@@ -396,19 +426,38 @@ class _Blocks:
         return FitLayout(sensors=len(self.light), colours=self.shape.shape[1])
 
 
-def _summed(scan: PlacedScan, threads: int) -> _Blocks:
-    inside, colours = scan.seen_by_all(), scan.colours
-    rows, columns = (extent // BLOCK for extent in inside.shape)
-    cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
-    # First along, then across: one sum over both axes takes six times as long.
-    down = cut.reshape(rows, BLOCK, columns * BLOCK).sum(axis=1, dtype=np.uint8)
-    full = down.reshape(rows, columns, BLOCK).sum(axis=2, dtype=np.int32)
-    used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
-    used = used[:: max(used.size // BLOCKS, 1)]
-    place = np.stack(np.divmod(used, columns))
-    corners = np.ascontiguousarray(place.T * BLOCK)
-    sums = np.empty((len(scan.sensors), used.size, SUMS), np.float32)
-    bells = colours.bells()
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitBlocks:
+    """Blocks of a scan that the fit uses."""
+
+    place: NDArray[np.int64]
+    """(2, blocks) row and column of each, in blocks."""
+    shape: tuple[int, int]
+    """Rows and columns of all blocks."""
+
+    @classmethod
+    def of(cls, inside: NDArray[np.bool_]) -> FitBlocks:
+        """Choose blocks of which at least half is inside (lines, pixels)."""
+        rows, columns = (extent // BLOCK for extent in inside.shape)
+        cut = np.ascontiguousarray(inside[: rows * BLOCK, : columns * BLOCK]).view(np.uint8)
+        # First along, then across: one sum over both axes takes six times as long.
+        down = cut.reshape(rows, BLOCK, columns * BLOCK).sum(axis=1, dtype=np.uint8)
+        full = down.reshape(rows, columns, BLOCK).sum(axis=2, dtype=np.int32)
+        used = np.flatnonzero(full.ravel() >= BLOCK * BLOCK / 2)
+        used = used[:: max(used.size // BLOCKS, 1)]
+        return cls(place=np.stack(np.divmod(used, columns)), shape=(rows, columns))
+
+    @property
+    def corners(self) -> NDArray[np.int64]:
+        """(blocks, 2) first line and pixel of each."""
+        return np.ascontiguousarray(self.place.T * BLOCK)
+
+
+def summed_blocks(scan: PlacedScan, blocks: FitBlocks, threads: int) -> NDArray[np.float32]:
+    """Return sums over blocks of every sensor, (sensors, blocks, SUMS); see ``block_sums``."""
+    corners, inside = blocks.corners, scan.seen_by_all()
+    sums = np.empty((len(scan.sensors), len(corners), SUMS), np.float32)
+    bells = scan.colours.bells()
     shared_out(
         [
             partial(
@@ -425,10 +474,14 @@ def _summed(scan: PlacedScan, threads: int) -> _Blocks:
                 sums[index, first:last],
             )
             for index, sensor in enumerate(scan.sensors)
-            for first, last in parts_of(used.size, threads)
+            for first, last in parts_of(len(corners), threads)
         ],
         threads=threads,
     )
+    return sums
+
+
+def _means(blocks: FitBlocks, sums: NDArray[np.float32], colours: Colours) -> _Blocks:
     shape = sums[..., SHAPE_AT : SHAPE_AT + len(colours.centres)] @ colours.root.T
     pixels = sums[..., 0].astype(np.float64)
 
@@ -437,7 +490,7 @@ def _summed(scan: PlacedScan, threads: int) -> _Blocks:
 
     residual, light, variance, steepness, texture = np.moveaxis(means(sums[..., 1:GAIN_AT]), 1, 0)
     slopes = means(sums[..., SLOPE_AT:])
-    along, across = 2 * (place + 0.5) / np.array([[rows], [columns]]) - 1
+    along, across = 2 * (blocks.place + 0.5) / np.array(blocks.shape)[:, None] - 1
     return _Blocks(
         pixels=pixels,
         residual=residual,

@@ -22,7 +22,12 @@ from prooflight.prediction.printed import PrintedPage
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan, ResidualVariance
+    from prooflight.detectors.matched_filter.fit.nuisance import (
+        Colours,
+        Fit,
+        PlacedScan,
+        ResidualVariance,
+    )
     from prooflight.pages.raster import Page
 
 MOST_PLANE: Final = 1.75
@@ -70,24 +75,12 @@ def residual_images(
     noise : (sensors,) true temporal variance over the stated one [-].
     """
     seen, modes, sensors = scan.seen, scan.modes, scan.sensors
-    lines, pixels = scan.where.inside.shape
-    u = (np.arange(pixels) + 0.5) / pixels
-    lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
+    lines = len(scan.where.inside)
     left = np.empty(seen.expected_dn.shape, np.float32)
     weight, of_edges = np.empty_like(left), np.empty_like(left)
     noise, bells = np.ones(len(sensors)), scan.colours.bells()
     inside = [scan.inside(index) for index in range(len(sensors))]
-    gain, dot, planes = (amounts.astype(np.float32) for amounts in (fit.gain, fit.dot, fit.planes))
-    fitted = [
-        FittedAmounts(
-            shape=scan.colours.weights(shape),
-            columns=(white + lamp).astype(np.float32),
-            gain=gain,
-            dot=dot,
-            planes=planes,
-        )
-        for shape, white in zip(fit.shape, fit.white, strict=True)
-    ]
+    fitted = fitted_amounts(fit, scan.colours, scan.where.inside.shape[1])
 
     def taken(index: int, first: int, last: int) -> None:
         residuals(
@@ -104,20 +97,12 @@ def residual_images(
         )
 
     def weighted(index: int, first: int, last: int) -> None:
-        amounts = (
-            noise[index],
-            residual_variance.edge,
-            residual_variance.contrast,
-            residual_variance.share,
-            residual_variance.dark,
-            sensors[index].white_dn,
-        )
         variances(
             light[index],
             seen.variance_dn2[index],
             modes.texture[index],
             inside[index],
-            VarianceShares._make(map(np.float32, amounts)),
+            variance_shares(residual_variance, noise[index], sensors[index].white_dn),
             first,
             last,
             weight[index],
@@ -143,6 +128,30 @@ def residual_images(
     )
     shared_out([partial(weighted, *stripe) for stripe in stripes], threads=threads)
     return left, weight, of_edges, noise
+
+
+def fitted_amounts(fit: Fit, colours: Colours, pixels: int) -> list[FittedAmounts]:
+    """Return a fit's amounts as kernels take them, for each sensor; pixels: of a line."""
+    u = (np.arange(pixels) + 0.5) / pixels
+    lamp = np.cos(np.pi * np.multiply.outer(u, np.arange(1, LAMP_WAVES + 1))) @ fit.lamp
+    gain, dot, planes = (amounts.astype(np.float32) for amounts in (fit.gain, fit.dot, fit.planes))
+    return [
+        FittedAmounts(
+            shape=colours.weights(shape),
+            columns=(white + lamp).astype(np.float32),
+            gain=gain,
+            dot=dot,
+            planes=planes,
+        )
+        for shape, white in zip(fit.shape, fit.white, strict=True)
+    ]
+
+
+def variance_shares(residual_variance: ResidualVariance, noise: float, white_dn: float) -> VarianceShares:
+    """Return the coefficients of a sensor's variance as kernels take them; noise: its factor."""
+    of = residual_variance
+    amounts = noise, of.edge, of.contrast, of.share, of.dark, white_dn
+    return VarianceShares._make(map(np.float32, amounts))
 
 
 def in_register(
@@ -175,9 +184,15 @@ def noise_factor(
     lines, pixels = left.shape
     flat = unset((2, (lines // 2) * (pixels // 2)))
     count = flat_squares(left, variance, light, texture, inside, FLAT_SIGMAS, flat)
+    return noise_of(flat[:, :count], residual_variance)
+
+
+def noise_of(flat: NDArray[np.float32], residual_variance: ResidualVariance) -> float:
+    """Return true over stated temporal variance from flat squares (2, squares), as ``flat_squares`` gives them."""
+    count = flat.shape[1]
     if count < LEAST_FLAT:
         return 1.0
-    square, ratio = flat[:, :count]
+    square, ratio = flat
     ratio *= np.float32(residual_variance.contrast)
     plain = ratio <= PLAIN
     if np.count_nonzero(plain) < LEAST_PLAIN * count:

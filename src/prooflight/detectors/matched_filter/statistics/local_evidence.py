@@ -66,6 +66,8 @@ GHOST_BOXES_MM: Final = ((15.0, 40.0), (40.0, 120.0))
 """Heights and widths of boxes in which ghosts are searched for."""
 FLAT: Final = 0.25
 """Share of the variance from edges up to which a place is flat."""
+EDGE_CLASSES: Final = (1.0, FLAT)
+"""Greatest shares of variance from edges of the pixels that count for ``Sums.columns`` and ``flat_columns``."""
 LEAST_POWER: Final = 1e-3
 """Minimum information of a place: below it an amount would have a standard deviation of 30 whole inks."""
 SCATTER_SHAPES: Final = {
@@ -161,7 +163,7 @@ def summed(
     threads : number of threads that share the work.
     """
     left = left.copy()
-    side = max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
+    side = tile_side(geometry)
     modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
     which = np.array([MODES.index(name) for name in looked_at])
@@ -175,7 +177,7 @@ def summed(
     )  # without added inks it is unused, but needs the right shape
     images = ResidualImages(left, weight, light, white, add, modes.gain, of_edges)
     gains = np.empty((len(sensors), pixels), np.float32)
-    segment, least = -(-lines // SEGMENTS), np.array([1, FLAT], np.float32)
+    segment, least = segment_lines(lines), np.array(EDGE_CLASSES, np.float32)
 
     def down(first: int, last: int) -> None:
         for index in range(len(sensors)):
@@ -193,9 +195,7 @@ def summed(
     tasks = [partial(down, *part) for part in parts_of(SEGMENTS, threads)]
     tasks += [partial(gained, index, *part) for index in every for part in parts_of(pixels, threads)]
     shared_out(tasks, threads=threads)
-    # A change that is smooth across is lamp or scum, not a column's own gain.
-    near = round(COLUMN_MM / geometry.pixel_pitch_mm) | 1
-    gains -= ndimage.uniform_filter1d(gains, near, mode="nearest")
+    gains = own_gains(gains, geometry)
     tasks = [partial(taken, index, *part) for index in every for part in parts_of(lines, threads)]
     shared_out(tasks, threads=threads)
     shifts = np.zeros((INKS, 4))
@@ -215,20 +215,66 @@ def summed(
             for c in modes.cover
         ]
     )
+    return sums_from(
+        tiles,
+        columns,
+        cover,
+        gains,
+        shifts=shifts,
+        geometry=geometry,
+        page_width_mm=page_width_mm,
+        prior=prior,
+        modes=looked_at,
+    )
+
+
+def tile_side(geometry: ScanGeometry) -> int:
+    """Return the side of a tile. [pixels]"""
+    return max(round(TILE_MM / geometry.pixel_pitch_mm), 1)
+
+
+def segment_lines(lines: int) -> int:
+    """Return the lines of one of ``SEGMENTS`` of a page's height."""
+    return -(-lines // SEGMENTS)
+
+
+def own_gains(gains: NDArray[np.float32], geometry: ScanGeometry) -> NDArray[np.float32]:
+    """Return columns' gains (sensors, pixels) without what is smooth across: that is lamp or scum."""
+    near = round(COLUMN_MM / geometry.pixel_pitch_mm) | 1
+    return np.asarray(gains - ndimage.uniform_filter1d(gains, near, mode="nearest"))
+
+
+def sums_from(
+    tiles: NDArray[np.float32],
+    columns: NDArray[np.float32],
+    cover: NDArray[np.float32],
+    gains: NDArray[np.float32],
+    *,
+    shifts: NDArray[np.float64] | None = None,
+    geometry: ScanGeometry,
+    page_width_mm: float,
+    prior: PrintPrior,
+    modes: tuple[str, ...],
+) -> Sums:
+    """Return sums with their place on the page.
+
+    tiles, cover, gains, shifts: as in ``Sums``; columns (2, 4, line modes, SEGMENTS, pixels): its ``columns`` and
+    ``flat_columns``; the others as in ``summed``.
+    """
     whole, flat = columns
     return Sums(
         tiles=tiles,
         columns=whole,
         flat_columns=flat,
         cover=cover,
-        shifts=shifts,
-        tile_mm=side * geometry.pixel_pitch_mm,
+        shifts=np.zeros((INKS, 4)) if shifts is None else shifts,
+        tile_mm=tile_side(geometry) * geometry.pixel_pitch_mm,
         pixel_mm=geometry.pixel_pitch_mm,
         left_mm=-geometry.left_mm(page_width_mm),
         top_mm=-geometry.lead_in_mm,
         prior=prior,
         column_gains=gains,
-        modes=looked_at,
+        modes=modes,
     )
 
 

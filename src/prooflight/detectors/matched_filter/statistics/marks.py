@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, PrintPrior
+    from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
     from prooflight.detectors.matched_filter.statistics.statistic import Box
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -230,7 +230,8 @@ class Marks:
 
 
 def measure_marks(
-    scan: PlacedScan,
+    sensors: Sequence[SensorModel],
+    inside: NDArray[np.bool_],
     light: NDArray[np.float32],
     left: NDArray[np.float32],
     weight: NDArray[np.float32],
@@ -248,7 +249,8 @@ def measure_marks(
 
     Parameters
     ----------
-    scan : the scan at its placement.
+    sensors : of these pixels.
+    inside : (lines, pixels) inspected part of the page.
     light : (sensors, lines, pixels) expected light of bare columns [DN].
     left : (sensors, lines, pixels) residuals without the variation of good prints [DN].
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
@@ -260,8 +262,8 @@ def measure_marks(
     floor_share : share of paper white beyond which a flat place counts for the floor; 0: there is no floor.
     threads : number of threads that share the work.
     """
-    white = np.stack([one.white_dn * one.column_gain for one in scan.sensors]).astype(np.float32)
-    inside, pixel_mm = scan.where.inside, geometry.pixel_pitch_mm
+    white = np.stack([one.white_dn * one.column_gain for one in sensors]).astype(np.float32)
+    pixel_mm = geometry.pixel_pitch_mm
     places = classify(
         light, white, inside, pixel_mm=pixel_mm, unresolved=unresolved, hidden=hidden, threads=threads
     )

@@ -131,15 +131,21 @@ class PreparedStore:
         ends = 8 + 8 * count + np.cumsum(sizes)
         pieces = [content[end - size : end] for end, size in zip(ends.tolist(), sizes.tolist(), strict=True)]
         stream = io.BytesIO(zlib.decompress(pieces[0]))
-        arrays = [bytearray(zlib.decompress(one)) for one in pieces[1:]]  # kernels take arrays that can be written
+        arrays = [
+            bytearray(zlib.decompress(one)) for one in pieces[1:]
+        ]  # kernels take arrays that can be written
         return self._restored(Known, *_Unpickler(stream, self.inspector, arrays).load())
 
-    def _restored(self, made: type[Known], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any) -> Known:
+    def _restored(
+        self, made: type[Known], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
+    ) -> Known:
         """Return a design with what is not stored of it."""
         detector = self.inspector.detector
         assert isinstance(detector, MatchedFilterDetector)  # see ``of``
         station = detector.station
-        images, added = mode_images(bare.page, sensors=station.sensors, geometry=station.geometry, of=bare.images)
+        images, added = mode_images(
+            bare.page, sensors=station.sensors, geometry=station.geometry, of=bare.images
+        )
         page = MatchedFilterPage(
             detector=detector,
             known=replace(bare, images=images, added=added),

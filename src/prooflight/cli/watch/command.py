@@ -22,17 +22,18 @@ from prooflight.line.settings import DEADLINE_S, STALL_S, Settings, memory_for_d
 from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Hashable, Iterator, Mapping
 
     from prooflight.cli.watch.plant import Plant
     from prooflight.cli.watch.sources import Opened
     from prooflight.cli.watch.view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
+    from prooflight.line.book import JobBook
     from prooflight.line.outcomes import Outcome
     from prooflight.line.pager import PageStart
     from prooflight.line.recording import Recorder
-    from prooflight.line.sheet_inspector import Keep
+    from prooflight.line.sheet_inspector import Keep, Known
     from prooflight.line.status import Status
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -317,6 +318,21 @@ class PlannedRun:
         return self.facts.sheets
 
 
+def _prepared_before(planned: PlannedRun, book: JobBook) -> Callable[[Hashable], Known | None]:
+    """Return the function that reads the designs of a job that `job prepare` has prepared."""
+    from prooflight.line.prepared_store import PreparedStore
+
+    store = PreparedStore.of(planned.inspector, planned.job)
+
+    def load(design: Hashable) -> Known | None:
+        known = None if store is None else store.load(cast("int", design))
+        if known is not None and book.warnings is not None:
+            book.warnings.add(known.prepared.page.warnings)
+        return known
+
+    return load
+
+
 def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
     from prooflight.line.book import JobBook
@@ -363,6 +379,7 @@ def _run(planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: 
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
+            stored=_prepared_before(planned, job_book),
         )
         if given.camera is not None:
             console.cameras = given.camera.healths

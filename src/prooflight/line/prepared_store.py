@@ -105,15 +105,17 @@ class PreparedStore:
         return self.folder / f"{design:06d}.design"
 
     def _encoded(self, known: Known) -> bytes:
-        page, file, arrays = known.prepared.known, io.BytesIO(), []
+        page, file = known.prepared.known, io.BytesIO()
+        arrays: list[bytes] = []
         if not isinstance(page, MatchedFilterPage):
             raise TypeError(f"{type(page).__name__} cannot be stored")
         images = page.known.images
         if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
             images = images[:0]
-        bare = replace(page.known, images=images, added=None)
+        bare: Any = replace(page.known, images=images, added=None)  # type: ignore[arg-type] # both come back
+        prepared: Any = replace(known.prepared, known=None)  # type: ignore[arg-type]
         _Pickler(file, self.inspector, bare, arrays).dump(
-            (replace(known.prepared, known=None), known.thumbnail, bare, page.inks, page.widening)
+            (prepared, known.thumbnail, bare, page.inks, page.widening)
         )
         pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
         sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()

@@ -63,7 +63,7 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Know
 def test_a_design_of_few_zeros_is_stored_without_its_modes(store: PreparedStore, known: Known) -> None:
     page = known.prepared.known
     full = replace(page, known=replace(page.known, images=np.ones_like(page.known.images)))  # type: ignore[type-var, attr-defined]
-    store.save(1, replace(known, prepared=replace(known.prepared, known=full)))  # type: ignore[arg-type]
+    store.save(1, replace(known, prepared=replace(known.prepared, known=full)))
     loaded = store.load(1)
     assert loaded is not None
     np.testing.assert_array_equal(loaded.prepared.known.known.images, page.known.images)  # type: ignore[attr-defined]

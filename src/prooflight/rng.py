@@ -152,6 +152,14 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         ),
         "resolution-session": Purpose("the session of a press day", (SEED, FREE + 72, "day")),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
+        "rip-day": Purpose(
+            "the session of a press that rips PDFs itself, of pages that are learned (0) or judged (1)",
+            (SEED, FREE + 73, "learned or judged", "day", "copy"),
+        ),
+        "rip-print": Purpose(
+            "a print of such a press, good (0) or a misprint (1)",
+            (SEED, FREE + 74, "learned or judged", "page", "copy", "good or misprint"),
+        ),
         "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
         "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
         "running-picture": Purpose("a sheet of the live view shown", (SEED, "sheet", 3)),

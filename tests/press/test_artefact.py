@@ -10,6 +10,8 @@ from safetensors.numpy import save_file
 
 from prooflight.errors import PressError
 from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip_model import RipModel
+from prooflight.pages.screen import Screen
 from prooflight.prediction.predict import predict
 from prooflight.press.artefact import KIND, SCHEMA, Press, _digest
 
@@ -123,6 +125,14 @@ def test_the_rips_engine_travels_and_is_mupdf_where_nothing_is_stated(press: Pre
 def test_an_artefact_whose_engine_cannot_be_meant_is_refused(press: Press, tmp_path: Path) -> None:
     engine = RipEngine(name="ghostscript")
     object.__setattr__(engine, "command", ("rm", "-r", "/"))
+    model = RipModel(fill="any-part", growth_um=(1.0, 2.0, 3.0, -4.0), growth_sd_um=(1.0, 1.0, 1.0, 2.0))
+    imitated = replace(
+        press, rip_dpi=1200.0, rip_model=model, screen=Screen(kind="am", dpi=1200.0, lpi=175.0)
+    )
+    imitated.save(tmp_path / "imitated.press")
+    read = Press.load(tmp_path / "imitated.press")
+    assert (read.rip_model, read.screen, read.digest) == (model, imitated.screen, imitated.digest)
+    assert read.digest != press.digest
     with pytest.raises(PressError, match="rip_engine"):
         replace(press, rip_engine=engine).save(tmp_path / "other.press")
 

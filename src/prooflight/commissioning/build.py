@@ -103,6 +103,8 @@ def build_press(
         fringes=press_file.fringes,
         rip_dpi=press_file.rip_dpi,
         rip_engine=press_file.rip_engine,
+        rip_model=press_file.rip_model,
+        screen=press_file.screen,
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.verdict import Decision, Region, Verdict
+    from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.raster import Page
+    from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -54,6 +56,8 @@ class Station:
     floor_share: float = 0.0
     """Difference from the expected light, as a share of paper white, that is a misprint in flat places; 0:
     none is."""
+    screen: tuple[Screen, InkLight] | None = None
+    """Screen of the press, and the light that its tints take; None: not stated."""
     threads: int | None = None
     """Number of threads that one page may use; None: one per core."""
 

@@ -11,6 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.detectors.likeness import Likeness
+
 TAIL_SHARE: Final = 0.2
 """Share of the designs whose scores make the tail."""
 LEAST_IN_TAIL: Final = 5
@@ -21,6 +23,8 @@ ALONE: Final = 5.0
 """Number of a press's own good pages beyond a threshold from which these decide alone: it is then known to a
 factor of 1.6 (a standard deviation)."""
 BEYOND: Final = (0.2, 0.1, 0.05)
+FEWEST_OF_KIND: Final = 5
+"""Least number of learned pages of a kind for which a promise stands. (assumed)"""
 LIKE_OTHERS: Final = 4.0
 """Number of a press's pages that are assumed, a priori, to be like others'. (assumed)"""
 LEAST_RATIO: Final = 0.8
@@ -68,6 +72,10 @@ class Promise:
     """Requested rate; 0: the same. [-]"""
     told: str = ""
     """Description of the labelled sheets of the press that set it; empty: there were none."""
+    likeness: Likeness | None = None
+    """Test of the real pages against those that taught the ranking; None: there are no real pages."""
+    kinds: tuple[tuple[str, int], ...] = ()
+    """Number of real pages of each kind of page."""
 
     def __str__(self) -> str:
         odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
@@ -75,6 +83,8 @@ class Promise:
             return f"{odds}; by count, from {self.told}"
         if 0 < self.asked < self.rate * (1 - 1e-9):
             odds += f" (one in {1 / self.asked:,.0f} was asked for, and is refused)"
+        if self.likeness is not None:
+            return f"{odds}; {self._of_real_pages(self.likeness)}{self._of_kinds}"
         sources = [f"{self.real} real good pages"] if self.real else []
         sources += [f"{self.simulated} simulated good designs"] if self.simulated else []
         basis = " and ".join(sources)
@@ -87,6 +97,32 @@ class Promise:
             return f"{odds}; by count, from {basis}"
         least = 1 / least_false_alarm_rate(self.simulated + self.real + self.reference)
         return f"{odds}; extrapolated: {basis} promise one in {least:,.0f} by count, beyond that their tail is drawn on"
+
+    def _of_real_pages(self, likeness: Likeness) -> str:
+        """Return what the promise rests on, where real pages were learned."""
+        pages, p_value = f"{self.real} real good pages of this press", f"p = {likeness.p_value:.2g}"
+        if not self.reference:
+            if not likeness.told_apart:
+                return f"by count, from {pages}"
+            return f"by count, from {pages} alone: simulated pages were told apart from them ({p_value})"
+        basis = "by count" if self.conformal else "extrapolated"
+        return (
+            f"{basis}, from {pages} and {self.reference:,} simulated pages, which were not told apart from them "
+            f"({p_value}; pages that alarm {likeness.detectable(self.rate):.1f} times as often are told apart 9 times "
+            f"in 10); these {self.real} pages alone support one in {self.real + 1}"
+        )
+
+    @property
+    def _of_kinds(self) -> str:
+        """Return for which kinds of page the promise stands."""
+        learned = ", ".join(f"{kind} ({count})" for kind, count in self.kinds if count >= FEWEST_OF_KIND)
+        few = [
+            f"{kind} pages ({count} learned: one in {count + 1})" if count else f"{kind} pages (none learned)"
+            for kind, count in self.kinds
+            if count < FEWEST_OF_KIND
+        ]
+        stands = f"; it stands for pages of the kinds learned: {learned}" if learned else ""
+        return stands + (f", and is not supported for {', '.join(few)}" if few else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,7 +154,7 @@ class GoodScores:
         bound, times ln(share in the tail / rate), and no less than the greatest score.
         """
         count = self.worst.size
-        if false_alarm_rate >= least_false_alarm_rate(count):
+        if false_alarm_rate >= least_false_alarm_rate(count) * (1 - 1e-12):
             every = np.arange(count)
             return conformal_threshold(self.worst, every, false_alarm_rate=false_alarm_rate), True
         begin, excess, share = self._tail
@@ -180,6 +216,8 @@ class PressScores:
 
     reference: GoodScores
     own: GoodScores
+    own_only: bool = False
+    """Whether the many were told apart from this press's own pages, so that these decide alone, and by count."""
 
     @property
     def least_rate(self) -> float:
@@ -187,11 +225,13 @@ class PressScores:
 
         [-]
         """
+        if self.own_only:
+            return least_false_alarm_rate(self.own.worst.size)
         return min(self.reference.least_rate * self.ratio, ALONE / self.own.worst.size)
 
     def alone(self, false_alarm_rate: float) -> bool:
         """Return whether enough of a press's own pages are beyond the threshold of a rate to decide alone."""
-        return self.own.worst.size * false_alarm_rate >= ALONE * (1 - 1e-9)
+        return self.own_only or self.own.worst.size * false_alarm_rate >= ALONE * (1 - 1e-9)
 
     @property
     def ratio(self) -> float:

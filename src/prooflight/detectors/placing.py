@@ -54,6 +54,11 @@ def shows_another(registration: Registration) -> bool:
     return registration.off_place or registration.foreign
 
 
+def unplaced_reason(registration: Registration) -> str:
+    """Return why a page is not inspected, in words."""
+    return f"it is not known where the page lies: {registration.reason}"
+
+
 def place_reason(registration: Registration) -> str:
     """Return why a scan shows another page, or its own where no good print is."""
     if registration.turned:

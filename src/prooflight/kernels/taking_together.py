@@ -87,19 +87,20 @@ def light_of(fine, at, ink, down, across, takes):  # type: ignore[no-untyped-def
 
 
 @kernel(
-    "fine (H, W, 4), first, step, flat, takes (4, 256), needs (4, STEPS + 1), out (R, C, 4)",
-    where="0 < step, 0 <= first, first + R * step <= H + 0.001, C * step <= W + 0.001",
+    "fine (H, W, 4), first, left, step, flat, takes (4, 256), needs (4, STEPS + 1), out (R, C, 4)",
+    where="0 < step, 0 <= first, 0 <= left, first + R * step <= H + 0.001, left + C * step <= W + 0.001",
 )
-def take_together(fine, first, step, flat, takes, needs, out):  # type: ignore[no-untyped-def]
+def take_together(fine, first, left, step, flat, takes, needs, out):  # type: ignore[no-untyped-def]
     """Reduce fine (n, m, 4) to out (rows, columns, 4), bytes both.
 
-    A pixel covers ``step`` fine ones either way, the topmost from row ``first`` on. takes (4, 256): the light
+    A pixel covers ``step`` fine ones either way, the topmost from row ``first`` on, the leftmost from
+    column ``left`` on. takes (4, 256): the light
     that a byte of an ink takes, 0..1; needs: the byte that takes each of ``STEPS`` shares of it. Inks that
     differ by less than ``flat`` within a pixel are averaged as bytes.
     """
     rows, columns = out.shape[:2]
     row_at, row_shares = covered(first, step, rows, fine.shape[0])
-    column_at, column_shares = covered(0.0, step, columns, fine.shape[1])
+    column_at, column_shares = covered(left, step, columns, fine.shape[1])
     k = column_shares.shape[1]
     low, high = np.empty((2, 4 * fine.shape[1]), np.uint8)
     mean = np.empty(4 * fine.shape[1], np.float32)

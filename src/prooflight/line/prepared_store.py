@@ -15,6 +15,7 @@ import pickle
 import shutil
 import zlib
 from dataclasses import dataclass, is_dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -44,6 +45,8 @@ EMPTY_SHARE: Final = 0.7
 than to read."""
 LEVEL: Final = 1
 """Level of compression: higher ones take ten times as long for a tenth less."""
+READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
+"""Libraries whose versions may change what is drawn of a page, or which codes are read on it."""
 OF_NUMPY: Final = frozenset(
     {
         ("numpy", "dtype"),
@@ -66,14 +69,20 @@ class PreparedStore:
 
     @classmethod
     def of(cls, inspector: Inspector, job: JobSource, *, folder: Path | None = None) -> Self | None:
-        """Return the store of a job; None if nothing can be stored: pages with zones, or another detector than ours.
+        """Return the store of a job; None if nothing can be stored.
+
+        That is so of pages with zones, of another detector than ours, and of a press whose own RIP draws, since
+        nothing here tells its versions apart.
 
         folder: of all jobs; None: in the user's cache.
         """
         if not isinstance(inspector.detector, MatchedFilterDetector) or inspector.zones is not None:
             return None
+        if job.engine is not None:
+            return None
         parts = [
             program_digest(),
+            *(f"{name} {_version(name)}" for name in READING),
             inspector.press.digest,
             content_digest(job.path),
             "" if job.profile is None else content_digest(job.profile),
@@ -156,6 +165,14 @@ class PreparedStore:
             widening=widening,
         )
         return made(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+
+
+def _version(library: str) -> str:
+    """Return the version of a library; empty if it is not installed."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""
 
 
 def prepared_folder() -> Path:

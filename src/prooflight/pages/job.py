@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,7 +16,8 @@ from prooflight.pages import files
 from prooflight.pages.layout.imposing import imposed, side_size
 from prooflight.pages.memory import file_head
 from prooflight.pages.pdf.rip import PDF_HEAD_BYTES, PageMarks, PdfJob
-from prooflight.pages.raster import MM_PER_INCH, Page
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
+from prooflight.pages.raster import Page
 from prooflight.pages.warnings import WHOLE_FILE
 
 if TYPE_CHECKING:
@@ -36,18 +36,11 @@ study resolution`). A factor of three did not lower the number of good prints th
 COARSE_DPI: Final = 18.0
 """Resolution at which a page is drawn only for its warnings: all of it is read, and almost nothing is
 painted."""
-UNKNOWN_DPI: Final = 600.0
-"""Assumed resolution of a press whose resolution is unknown. (assumed: no press of letters prints more
-coarsely)"""
 
 
 def edge_sd_mm(rip_dpi: float | None) -> float:
-    """Return ``Page.edge_sd_mm`` of a PDF for a press that rips it itself, at a known resolution or not.
-
-    Every RIP rounds edges to pixels by a rule of its own, so that an edge is anywhere within one pixel
-    (variance of a uniform distribution).
-    """
-    return MM_PER_INCH / (rip_dpi or UNKNOWN_DPI) / math.sqrt(12)
+    """Return ``Page.edge_sd_mm`` of a PDF for a press of which at most the resolution is known."""
+    return UNSTATED.edge_sd_mm(rip_dpi)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +60,8 @@ class JobSource:
     """CMYK ICC profile for the PDF colours that are not CMYK; None: the PDF's output intent."""
     engine: RipEngine | None = None
     """Engine that draws the pages of PDFs; None: MuPDF."""
+    rip: RipModel = UNSTATED
+    """Parameters of the press's RIP, by which PDFs are drawn."""
     layout: Layout | None = None
     """Imposition of pages on sheets: the job's pages then are the sides that are printed
     (``pages.layout``). None: pages are printed as they are."""
@@ -249,8 +244,8 @@ class Job:
             page = files.read_page(path, place)
         else:
             drawn_dpi = source.drawn_dpi or FINER * source.dpi
-            page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light)
-            page = replace(page, edge_sd_mm=edge_sd_mm(source.drawn_dpi))
+            page = pdf.page(place, source.dpi, drawn_dpi=drawn_dpi, light=source.light, rip=source.rip)
+            page = replace(page, edge_sd_mm=source.rip.edge_sd_mm(source.drawn_dpi))
         warnings = tuple(replace(warning, page=number - 1) for warning in page.warnings)
         return replace(page, name=files.page_name(number), number=number, warnings=warnings)
 

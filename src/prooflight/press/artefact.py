@@ -10,7 +10,7 @@
   ``ours.tolerance.kind*``).
 - 6: in it, the threshold above which the score that was trained on no misprint decides alone (``outright``). Stored
   only where they differ from the behaviour of earlier presses, so that the digests of those stay: ``fringes``,
-  ``rip_dpi``, ``rip_engine``, and ``prior`` in the matched-filter detector.
+  ``rip_dpi``, ``rip_engine``, ``rip_model``, ``screen``, and ``prior`` in the matched-filter detector.
 - 7: the matched-filter detector is a ranking that was trained once, adapted to the press by its own good pages
   (``ours.values``, ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 - 8: reference scores of other presses by the number of pages that adapted the ranking (``ours.reference``,
@@ -42,7 +42,9 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.sampling import Footprint
+from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.schema import check_press
 from prooflight.scans.geometry import ScanGeometry
@@ -127,6 +129,10 @@ class Press(Shown):
     """Resolution at which the press itself rips PDFs; None: unknown. [pixels/inch]"""
     rip_engine: RipEngine = MUPDF
     """Engine that draws the pages of PDFs: MuPDF, or the one that the press file names."""
+    rip_model: RipModel = UNSTATED
+    """Parameters of the press's RIP, by which PDFs are drawn in its place."""
+    screen: Screen | None = None
+    """Screen by which the press prints tints; None: unknown."""
     ours: CalibratedDetector | None = None
     """Matched-filter detector, trained for this press; None: not yet trained."""
     bayes: BayesDetector | None = None
@@ -163,6 +169,7 @@ class Press(Shown):
             costs=self.costs,
             fringes=self.fringes,
             floor_share=self.floor_share,
+            screen=None if self.screen is None else (self.screen, self.ink_light),
             threads=threads,
         )
 
@@ -247,6 +254,10 @@ class Press(Shown):
             document["rip_dpi"] = self.rip_dpi
         if self.rip_engine != MUPDF:
             document["rip_engine"] = asdict(self.rip_engine)
+        if self.rip_model != UNSTATED:
+            document["rip_model"] = asdict(self.rip_model)
+        if self.screen is not None:
+            document["screen"] = asdict(self.screen)
         return arrays, json.dumps(document, sort_keys=True)
 
     @classmethod
@@ -285,12 +296,19 @@ class Press(Shown):
             fringes=document.get("fringes", False),
             rip_dpi=document.get("rip_dpi"),
             rip_engine=_engine(document.get("rip_engine")),
+            rip_model=RipModel(**_values(document.get("rip_model") or {})),
+            screen=Screen(**_values(document["screen"])) if document.get("screen") else None,
             **detectors,
         )
 
 
 def _engine(facts: Mapping[str, Any] | None) -> RipEngine:
     return MUPDF if facts is None else RipEngine(name=facts["name"], command=tuple(facts["command"]))
+
+
+def _values(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields of a dataclass as JSON has them, lists as tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
 
 
 def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:

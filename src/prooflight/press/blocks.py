@@ -21,6 +21,8 @@ from prooflight.detectors.cost import FLOOR_SHARE
 from prooflight.errors import PressFileError
 from prooflight.files.given import shortly
 from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
+from prooflight.pages.screen import Screen
 from prooflight.press.outlets import PlantBlock
 from prooflight.scans.scanner.feeder import FeederPrior
 
@@ -33,6 +35,7 @@ LEAST, GREATEST = 1e-9, 1e12
 Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]
 NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]
 Share = Annotated[float, Field(strict=True, ge=LEAST, le=1)]
+Number = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
 """Amount of variation of good prints: per cent, micrometres, millimetres."""
@@ -137,11 +140,52 @@ class RipBlock(_Block):
     """Resolution of the press's RIP; None: unknown."""
     engine: Literal["mupdf", "ghostscript", "command"] = "mupdf"
     command: tuple[str, ...] = ()
+    fill: Literal["centre", "any-part", "area"] | None = None
+    least_line_um: Number | None = None
+    offset_um: tuple[Number, ...] | None = None
+    offset_sd_um: Number = 0.0
+    growth_um: tuple[Number, ...] | None = None
+    growth_sd_um: tuple[Number, ...] = (0.0, 0.0, 0.0, 0.0)
+    edge_sd_um: Number | None = None
 
     @model_validator(mode="after")
-    def _is_an_engine(self) -> Self:
+    def _is_a_rip(self) -> Self:
         RipEngine(name=self.engine, command=self.command)
+        model = self.model
+        if model.shapes_mupdf and self.engine != "mupdf":
+            message = f'fill, least_line_um and offset_um go with engine = "mupdf": {self.engine} draws by its own rule'
+            raise ValueError(message)
+        if model != UNSTATED and self.dpi is None:
+            message = "dpi must be stated with fill, least_line_um, offset_um, growth_um and edge_sd_um"
+            raise ValueError(message)
         return self
+
+    @property
+    def model(self) -> RipModel:
+        """Return the parameters of the RIP; ValueError names the one that can be none."""
+        fields: dict[str, Any] = {name: getattr(self, name) for name in RipModel.__dataclass_fields__}
+        return RipModel(**fields)
+
+
+class ScreenBlock(_Block):
+    """``[screen]``: how the press prints tints."""
+
+    kind: Literal["am", "fm", "error-diffusion"]
+    dpi: Number
+    lpi: Number = 0.0
+    angles_deg: tuple[Number, ...] = (15.0, 75.0, 0.0, 45.0)
+    dot: Literal["round", "euclidean", "line"] = "round"
+    bits: Annotated[int, Field(strict=True)] = 1
+
+    @model_validator(mode="after")
+    def _is_a_screen(self) -> Self:
+        _ = self.screen
+        return self
+
+    @property
+    def screen(self) -> Screen:
+        """Return the screen; ValueError names the field that can be none of one."""
+        return Screen(**self.model_dump())
 
 
 class InksBlock(_Block):
@@ -343,6 +387,7 @@ class Document(_Block):
         Field(max_length=16),
     ] = ()
     rip: RipBlock = RipBlock()
+    screen: ScreenBlock | None = None
     inks: InksBlock = InksBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()

@@ -41,6 +41,7 @@ def job_source(
         light=press.ink_light,
         profile=profile,
         engine=press.rip_engine,
+        rip=press.rip_model,
         layout=layout,
     )
 

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.pages.pdf.rip_model import RipModel
+    from prooflight.pages.screen import Screen
     from prooflight.press.blocks import SensorBlock
     from prooflight.press.outlets import PlantBlock
 
@@ -122,6 +124,17 @@ class PressFile:
         """Return the engine of ``[rip]`` that draws the pages of PDFs."""
         block = self._document.rip
         return RipEngine(name=block.engine, command=block.command)
+
+    @property
+    def rip_model(self) -> RipModel:
+        """Return the parameters that ``[rip]`` states of how the press's RIP makes pixels of shapes."""
+        return self._document.rip.model
+
+    @property
+    def screen(self) -> Screen | None:
+        """Return the screen of ``[screen]``; None: not stated."""
+        block = self._document.screen
+        return None if block is None else block.screen
 
     @property
     def backing_reflectance(self) -> float:

@@ -30,7 +30,9 @@ from prooflight.files.schema import (
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 from prooflight.kernels.prediction.look_up import NODES
 from prooflight.pages.pdf.engine import ARGUMENT_LETTERS_MAX, EngineName, RipEngine
+from prooflight.pages.pdf.rip_model import FillRule, RipModel
 from prooflight.pages.raster import MM_PER_INCH
+from prooflight.pages.screen import DotShape, Screen, ScreenKind
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
 
 if TYPE_CHECKING:
@@ -113,6 +115,44 @@ class EngineFacts(Block):
         return self
 
 
+Um = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class RipFacts(Block):
+    """``RipModel``."""
+
+    fill: FillRule | None = None
+    least_line_um: Um | None = None
+    offset_um: tuple[Um, ...] | None = None
+    offset_sd_um: Um = 0.0
+    growth_um: tuple[Um, ...] | None = None
+    growth_sd_um: tuple[Um, ...] = (0.0, 0.0, 0.0, 0.0)
+    edge_sd_um: Um | None = None
+
+    @model_validator(mode="after")
+    def _is_a_rip(self) -> Self:
+        fields: dict[str, Any] = self.model_dump()
+        RipModel(**fields)
+        return self
+
+
+class ScreenFacts(Block):
+    """``Screen``."""
+
+    kind: ScreenKind
+    dpi: Um
+    lpi: Um
+    angles_deg: tuple[Um, ...]
+    dot: DotShape
+    bits: Annotated[int, Field(strict=True)]
+
+    @model_validator(mode="after")
+    def _is_a_screen(self) -> Self:
+        fields: dict[str, Any] = self.model_dump()
+        Screen(**fields)
+        return self
+
+
 class PressFacts(Block):
     """All fields of a press that are not arrays."""
 
@@ -131,6 +171,8 @@ class PressFacts(Block):
     fringes: Annotated[bool, Field(strict=True)] = False
     rip_engine: EngineFacts | None = None
     rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
+    rip_model: RipFacts | None = None
+    screen: ScreenFacts | None = None
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -151,6 +151,12 @@ class Basis:
             fixed=slopes(x, y),
             scale=np.concatenate([pose, np.full(8, 1e-3 * prior.plane_um), smooth]),
         )
+
+    def loosened(self, *, turn_deg: float, stretch_percent: float) -> Basis:
+        """Return the basis with other standard deviations of turn and stretch."""
+        scale = self.scale.copy()
+        scale[2:POSE] = np.deg2rad(turn_deg), stretch_percent / 100, stretch_percent / 100
+        return replace(self, scale=scale)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,9 +10,9 @@ import numpy as np
 
 from prooflight.kernels.registration.solving import MOST_GAIN_SD
 from prooflight.registration.field import Field, Prior, fitted, trust
-from prooflight.registration.foreign import coarse_inside, foreign_print
+from prooflight.registration.foreign import coarse_inside, detail, foreign_print
 from prooflight.registration.landmarks import Landmarks, prepare
-from prooflight.registration.search import candidates, seen_coarsely, spread
+from prooflight.registration.search import candidates, seen_coarsely, spread, wide_candidates
 from prooflight.registration.tiles import TileMoves, measured
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
 
@@ -75,6 +75,17 @@ TURNED_PRINT: Final = 0.6
 WRONG_SHIFT_MM: Final = 1.8
 WRONG_SKEW_DEG: Final = 0.3
 """Shift and skew at which a page is a misprint (worlds.toml)."""
+TOO_LITTLE: Final = "too little is printed to tell where"
+IN_PARTS: Final = "parts of the page lie in different places"
+REPEATS: Final = "the page repeats itself: it may lie in several places"
+WIDE_TURN_DEG, WIDE_STRETCH_PERCENT = 1.0, 1.0
+"""Standard deviations of turn and stretch in the wide search, in which a sheet may lie as office feeders lay it."""
+LEAST_WIDE: Final = 0.6
+"""Share of the print's tiles that must match for a place of the wide search: assumed, twice ``DOUBTFUL``, since more
+places are tried."""
+LEAST_PRINT: Final = 0.5
+"""Share of the design's detail above which a scan shows print that has to lie somewhere; less is a blank sheet, or
+one that lacks its ink. assumed: midway between none and all."""
 SURE: Final = 3.0
 """Number of standard deviations of its place by which a page must lie beyond these."""
 
@@ -184,6 +195,19 @@ class Registration:
     turned: bool = False
     """Whether that is this page turned by 180 degrees."""
 
+    print_seen: float = 1.0
+    """Detail of the scan's print as a share of the design's, wherever it lies; 1 unless the page was in doubt. [-]"""
+
+    @property
+    def unplaced(self) -> bool:
+        """Whether the scan has print that seems this page's, and it is not known where: no page to be judged.
+
+        A page of which little is printed is judged in its nominal place, and so is a scan that lacks its print. Where
+        parts of the page lie apart they were found: planes far out of register do that, and are a misprint.
+        """
+        lies_somewhere = self.found or self.foreign or self.reason in (TOO_LITTLE, IN_PARTS)
+        return not lies_somewhere and self.print_seen >= LEAST_PRINT
+
     @property
     def off_place(self) -> bool:
         """Whether the page certainly lies where no good print does: the misprint ``wrong-page``."""
@@ -216,13 +240,24 @@ def register(
     where = _placed(landmarks, scan, lost, threads)
     if where.found and where.print_matching >= DOUBTFUL:
         return where
-    return _recognised(where, landmarks, seen_coarsely(landmarks, scan, lost))
+    where = _recognised(where, landmarks, seen_coarsely(landmarks, scan, lost))
+    # A wider search of a page that repeats itself finds one of its periods and cannot tell which.
+    if where.found or where.reason in (TOO_LITTLE, REPEATS) or where.print_seen < LEAST_PRINT:
+        return where
+    basis = landmarks.basis.loosened(turn_deg=WIDE_TURN_DEG, stretch_percent=WIDE_STRETCH_PERCENT)
+    wide = _placed(replace(landmarks, basis=basis), scan, lost, threads, search=wide_candidates)
+    return wide if wide.found and wide.print_matching >= LEAST_WIDE else where
 
 
 def _placed(
-    landmarks: Landmarks, scan: NDArray[np.uint16], lost: NDArray[np.bool_] | None, threads: int
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    lost: NDArray[np.bool_] | None,
+    threads: int,
+    *,
+    search: Callable[..., list[Candidate]] = candidates,
 ) -> Registration:
-    tried = candidates(landmarks, scan, lost=lost, threads=threads)
+    tried = search(landmarks, scan, lost=lost, threads=threads)
     best = tried[0]
     reason = _doubt(tried, landmarks)
     if best.tiles < LEAST_TILES:
@@ -241,11 +276,19 @@ def _recognised(where: Registration, landmarks: Landmarks, seen: NDArray[np.floa
         rows = min(len(seen), len(design))
         seen[:rows] = np.where(landmarks.ignored[:rows], design[:rows], seen[:rows])
     inside = coarse_inside(landmarks.geometry, landmarks.page_width_mm, landmarks.page_height_mm)
+    where = replace(where, print_seen=_print_seen(seen, design, inside))
     foreign = foreign_print(seen, design, inside)
     if (np.array(foreign) < (FOREIGN_PRINT, FOREIGN_PAGE, FOREIGN_WIDTH)).any():
         return where
     turned = foreign_print(seen[: len(design)][::-1, ::-1], design, inside)
     return replace(where, foreign=True, turned=turned.of_print < TURNED_PRINT * foreign.of_print)
+
+
+def _print_seen(seen: NDArray[np.float32], design: NDArray[np.float32], inside: tuple[slice, slice]) -> float:
+    """Return the detail of a scan's print, wherever it lies, as a share (rms) of that of its design. [-]"""
+    rows = min(len(seen), len(design))
+    there, due = (float((detail(one[:rows])[inside] ** 2).sum()) for one in (seen, design))
+    return float(np.sqrt(there / due)) if due else 0.0
 
 
 def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
@@ -258,7 +301,7 @@ def _doubt(tried: list[Candidate], landmarks: Landmarks) -> str:
             other.agreeing >= RIVAL * best.agreeing
             and best.distance_pixels(other, landmarks) > RIVAL_DISTANCE_PIXELS
         ):
-            return "the page repeats itself: it may lie in several places"
+            return REPEATS
     return ""
 
 
@@ -351,9 +394,9 @@ def _registration(
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
     if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > MOST_RMS_PIXELS):
-        reason = "parts of the page lie in different places"
+        reason = IN_PARTS
     if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
-        reason = "too little is printed to tell where"
+        reason = TOO_LITTLE
     return Registration(
         placement=_placement(landmarks, pose, field, of_print),
         found=not reason,

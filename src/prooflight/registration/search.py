@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -31,6 +32,16 @@ FAR_MM: Final = 12.5
 """Range of the second search; misprints lie up to 12 mm off (worlds.toml)."""
 TURNS_DEG: Final = (0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
 """Turns that are searched where no upright candidate will do."""
+WIDE_TURNS_DEG: Final = tuple(0.3 * step for step in range(-4, 5))
+WIDE_ALONG: Final = (-0.01, -0.005, 0.0, 0.005, 0.01)
+"""Turns and elongations of the wide search: office feeders turn sheets by 0.3 degrees and stretch them by 0.8 %. One
+step of either moves the end of a sheet of A4 by a coarse pixel. [degrees; -]"""
+SKEWED_DEG: Final = tuple(sign * 0.3 * step for step in range(5, 12) for sign in (1, -1))
+"""Turns of sheets that were fed askew, searched for without a stretch, so that they are known for misprints."""
+_WIDE_GRID: Final = (*product(WIDE_TURNS_DEG, WIDE_ALONG), *product(SKEWED_DEG, (0.0,)))
+WIDE_STARTS: Final = 6
+WIDE_FITS: Final = 4
+"""Starts of the wide search that are tested, and coarse fits of each, since one fit stretches too little."""
 RIVAL: Final = 0.7
 """Share of the greatest maximum at which another maximum is tested as well, since text and tables repeat."""
 MOST_PEAKS: Final = 4
@@ -93,6 +104,37 @@ def candidates(
     return sorted(tried, key=lambda each: -each.agreeing)
 
 
+def wide_candidates(
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    threads: int = 1,
+) -> list[Candidate]:
+    """Return the poses tested over turns and stretches that no press makes but feeders do, best first.
+
+    It costs many more searches, and is for pages that ``candidates`` does not place.
+    lost, threads: see ``measured``.
+    """
+    seen, design = seen_coarsely(landmarks, scan, lost), landmarks.coarse.picture
+    coarse = np.concatenate([seen, design[len(seen) :]])[: len(design)]
+    starts = [
+        pair
+        for turn_deg, along in _WIDE_GRID
+        for pair in _peaks(landmarks, coarse, FAR_MM, turn=float(np.deg2rad(turn_deg)), along=along)
+    ]
+    measure = partial(measured, landmarks, scan, lost=lost, threads=threads)
+    tried: list[Candidate] = []
+    for _, start in sorted(starts, key=lambda pair: -pair[0])[:WIDE_STARTS]:
+        pose = start
+        for _ in range(WIDE_FITS):
+            pose = refined(landmarks.coarse, coarse, pose)
+        tried += [_tried(landmarks, measure, one, wide=True) for one in (pose, start)]
+        if tried[-1].agreeing >= SURE or tried[-2].agreeing >= SURE:
+            break
+    return sorted(tried, key=lambda each: -each.agreeing)
+
+
 def seen_coarsely(
     landmarks: Landmarks, scan: NDArray[np.uint16], lost: NDArray[np.bool_] | None
 ) -> NDArray[np.float32]:
@@ -122,23 +164,41 @@ def _starts(landmarks: Landmarks, coarse: NDArray[np.float32]) -> Iterator[Pose 
 
 
 def _peaks(
-    landmarks: Landmarks, coarse: NDArray[np.float32], reach_mm: float, *, turn: float = 0.0
+    landmarks: Landmarks,
+    coarse: NDArray[np.float32],
+    reach_mm: float,
+    *,
+    turn: float = 0.0,
+    along: float = 0.0,
 ) -> list[tuple[float, Pose]]:
-    """Return height and pose of the greatest maximum of a page turned by ``turn``, and of its rivals."""
+    """Return height and pose of the greatest maximum of a page turned by ``turn``, and of its rivals.
+
+    along: relative elongation of the page along the travel [-]
+    """
+    if along:
+        rows, columns = landmarks.coarse.picture.shape
+        longer = np.array([[1, 0, 0], [0, 1 / (1 + along), (rows - 1) / 2 * along / (1 + along)]])
+        coarse = cv2.warpAffine(coarse, longer, coarse.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     if turn:
         rows, columns = landmarks.coarse.picture.shape
         matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), float(np.rad2deg(turn)), 1.0)
         coarse = cv2.warpAffine(coarse, matrix, coarse.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     maxima = peaks(landmarks.coarse, coarse, reach_mm=reach_mm, turn=turn, most=MOST_PEAKS)
-    return [pair for pair in maxima if pair[0] >= RIVAL * maxima[0][0]] or [(0.0, Pose(turn=turn))]
+    best = [pair for pair in maxima if pair[0] >= RIVAL * maxima[0][0]] or [(0.0, Pose(turn=turn))]
+    return [(height, replace(pose, along=along)) for height, pose in best] if along else best
 
 
-def _tried(landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose) -> Candidate:
-    """Return the pose after two steps on tiles, and the tiles that agree."""
+def _tried(
+    landmarks: Landmarks, measure: Callable[..., TileMoves], pose: Pose, *, wide: bool = False
+) -> Candidate:
+    """Return the pose after two steps on tiles, and the tiles that agree.
+
+    wide: the start's stretch is one that was searched for, from which the pose does not go back to none.
+    """
     tiles = spread(landmarks.lines.size, FIRST_TILES)
     if not landmarks.lines.size:
         return Candidate(pose=pose, agreeing=0.0, tiles=0)
-    begin = Pose(x_mm=pose.x_mm, y_mm=pose.y_mm, turn=pose.turn)
+    begin = pose if wide else Pose(x_mm=pose.x_mm, y_mm=pose.y_mm, turn=pose.turn)
     for unsure in UNSURE_PIXELS:
         moves = landmarks.moves(pose, tiles)
         tile_moves = measure(tiles, moves, unsure_pixels=unsure)

@@ -38,6 +38,7 @@ BY_COSTS = "accepted by the costs of the press file: stopping costs more"
 WORLDS = {
     "ideal": "ideal world: a good print differs from the expected picture by the sensor's noise alone",
     "press": "press world: good prints differ as those of a real press do",
+    "measured": "measured world: good prints are screened, and differ as public series of real sheets show",
 }
 ALL_OVER_SHARE = 0.6
 """Share of the page above which a region is described as all over it."""

@@ -1,9 +1,9 @@
-"""Good prints and misprints of a page design, seen in one of the two worlds."""
+"""Good prints and misprints of a page design, seen in one of the worlds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.misprints.kinds import Misprint
-
-World = Literal["ideal", "press"]
+    from prooflight.simulation.worlds import World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +62,7 @@ class SimulatedDay:
     @classmethod
     def begin(cls, world: World, press: Press, rng: np.random.Generator) -> SimulatedDay:
         """Begin a new day."""
-        session = Session.draw(amounts_of(press), press, rng) if world == "press" else None
+        session = None if world == "ideal" else Session.draw(amounts_of(press, world), press, rng)
         return cls(press=press, session=session)
 
     def expected(self, page: Page, placement: Placement = IN_PLACE) -> Prediction:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from prooflight.kernels.simulation.inks import PrintedInks, TrueTable
+from prooflight.kernels.simulation.inks import PrintedInks, TrueTable, no_fields
 from prooflight.kernels.simulation.lines import NoisySensor, PrintLight, add_noise, light_lines, scan_lines
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.predict import Prediction
 from prooflight.prediction.sampling_grid import sampling_grid
+from prooflight.simulation.halftone import halftoned
 from prooflight.simulation.prints import CLOUD_PITCH_MM, CONTRAST_PITCH_MM, plane_pixels, speck_pixels
 from prooflight.simulation.session import true_sensors
+from prooflight.simulation.sheets import FIELD_PITCH_MM
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,17 +40,26 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
     Every ink is read from its own displaced plane, its area changed by gain, tilt and dot gain, and looked up
     in the session's true tables; then filtered under the print's placement as prediction does, and lit.
     """
+    if session.screen is not None:
+        page = halftoned(page, session.screen, press.ink_light)
     where = sampling_grid(page, press.geometry, print_.placement)
     gains = np.concatenate([(session.ink_gain + print_.ink_gain)[:, None], print_.ink_tilt], axis=1)
     places, recipes = speck_pixels(print_, page)
+    gain_field, dot_field, pitch = no_fields()
+    if (fields := print_.fields) is not None:
+        gain_field, dot_field = fields.gain, fields.dot_gain * np.float32(session.dots)
+        pitch = np.float32(FIELD_PITCH_MM / page.pixel_mm)
     inks = PrintedInks(
         planes=plane_pixels(print_, page),
         gains=gains.astype(np.float32),
-        dot_gains=print_.dot_gain.astype(np.float32),
+        dot_gains=(session.dots * print_.dot_gain).astype(np.float32),
         speck_places=places,
         speck_words=np.ascontiguousarray(recipes).view(np.uint32)[:, 0],
+        gain_field=gain_field,
+        dot_field=dot_field,
+        field_pitch=pitch,
     )
-    lines = press.geometry.lines(page.height_mm)
+    lines = print_.flicker.size
     mean = np.empty((len(press.sensors), lines, press.geometry.pixels), np.float32)
     variance = np.empty_like(mean)
     for index, sensor in enumerate(true_sensors(session, press)):

@@ -14,10 +14,12 @@ import numpy as np
 from prooflight.cmyk import INKS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 WAVES = 64
-"""Number of cosines in a function of colour; the sum of so many is Gaussian to a per cent of kurtosis."""
+"""Number of cosines in a function; the sum of so many is Gaussian to a per cent of kurtosis."""
 COLOUR_LENGTH = 0.5
 """assumed: tables drift with an ink's tints, not with single patches: smooth over half of an ink's range."""
 
@@ -53,29 +55,42 @@ def _root(count: int, step: float) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ColourWaves:
-    """Smooth random function of ink areas: a sum of cosines of random direction, wavelength and phase.
+class Waves:
+    """Smooth random function of d coordinates: a sum of cosines of random direction, wavelength and phase.
 
-    Random Fourier features (Rahimi and Recht 2007) of the correlation above; the same at every call, and a
-    product of functions of two inks each, so that a whole table costs one matrix product.
+    Random Fourier features (Rahimi and Recht 2007) of the correlation above; the same at every call. Over many lengths
+    its standard deviation is 1.
     """
 
     wave: NDArray[np.float64]
-    """Wave vectors (waves, 4). [radian a whole ink]"""
+    """Wave vectors (waves, d). [radian a unit of each coordinate]"""
     phase: NDArray[np.float64]
     """Phases (waves,). [radian]"""
 
     @classmethod
-    def draw(cls, rng: np.random.Generator) -> Self:
-        """Draw one function."""
+    def over(cls, lengths: Sequence[float], rng: np.random.Generator) -> Self:
+        """Draw one function that is smooth over these lengths, one a coordinate."""
         return cls(
-            wave=rng.standard_normal((WAVES, INKS)) * (np.sqrt(2) / COLOUR_LENGTH),
+            wave=rng.standard_normal((WAVES, len(lengths))) * (np.sqrt(2) / np.array(lengths)),
             phase=rng.uniform(0, 2 * np.pi, WAVES),
         )
 
-    def at(self, area: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the values at ink areas (..., 4) -> (...) [-]."""
-        return np.asarray(np.cos(area @ self.wave.T + self.phase).sum(axis=-1) * np.sqrt(2 / WAVES))
+    def at(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the values at points (..., d) -> (...) [-]."""
+        return np.asarray(np.cos(points @ self.wave.T + self.phase).sum(axis=-1) * np.sqrt(2 / WAVES))
+
+
+class ColourWaves(Waves):
+    """Smooth random function of ink areas: a product of functions of two inks each, so that a whole table costs one
+    matrix product.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Self:
+        """Draw one function."""
+        return cls.over((COLOUR_LENGTH,) * INKS, rng)
 
     def on_grid(self, axis: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values at all combinations of the areas ``axis`` (n,) -> (n, n, n, n) [-]."""

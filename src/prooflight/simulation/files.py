@@ -15,7 +15,7 @@ from prooflight.rng import stream
 from prooflight.scans.recorded import write_scan
 from prooflight.simulation.scans import scan_page
 from prooflight.simulation.session import session_of
-from prooflight.simulation.worlds import worlds_digest
+from prooflight.simulation.worlds import measured_digest, worlds_digest
 
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
@@ -56,7 +56,7 @@ class ScanToFile:
             others=tuple(n for n in range(1, self.job_pages + 1) if n != number),
             fetch=lambda other: press.geometry.lay(job.page(other)),
             rng=stream(self.seed, "print", number),
-            session=session_of(press, self.seed) if self.world == "press" else None,
+            session=session_of(press, self.seed, self.world),
         )
         path = self.out / f"{page.name}.tif"
         truth = {
@@ -107,15 +107,17 @@ def kept_truths(
 def write_truth(path: Path, truths: Sequence[dict[str, Any]], *, world: str, seed: int, press: Press) -> None:
     """Write ``truth.json``: the misprint of every page, the world and the seed; atomic.
 
-    Scans are in the order of their pages' names. In the press world it also holds the press's parameters,
-    ``session``, and those of each print, in mm, degrees and per cent.
+    Scans are in the order of their pages' names. In all worlds but the ideal it also holds the press's
+    parameters, ``session``, and those of each print, in mm, degrees and per cent.
     """
+    session = session_of(press, seed, world)
     document = {
         "world": world,
         "worlds_sha256": worlds_digest(),
+        "measured_sha256": measured_digest() if world == "measured" else None,
         "seed": seed,
         "press_digest": press.digest,
-        "session": session_of(press, seed).plain(press) if world == "press" else None,
+        "session": None if session is None else session.plain(press),
         "scans": sorted(truths, key=itemgetter("page")),
     }
     with whole_file(path) as unfinished:

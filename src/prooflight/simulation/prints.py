@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -11,6 +11,7 @@ from prooflight.cmyk import INK_LETTERS
 from prooflight.scans.placement import Placement, Warp
 from prooflight.simulation.fields import smooth_field, smooth_line
 from prooflight.simulation.session import bounds_percent, lamp_profile, rounded
+from prooflight.simulation.sheets import RUN_SHEETS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.session import Session
+    from prooflight.simulation.sheets import InkFields
     from prooflight.simulation.worlds import PageAmounts, PaperAmounts
 
 WARP_LENGTH_MM: Final = 25.0
@@ -68,18 +70,26 @@ class Print:
     """Lamp's profile (pixels,) over the session's. [-]"""
     flicker: NDArray[np.float64]
     """Light (lines,) of each line, 1 on average. [-]"""
+    fields: InkFields | None = None
+    """Deviations of the inks from place to place besides; None: not of this world."""
 
     @classmethod
-    def draw(cls, session: Session, press: Press, page: Page, rng: np.random.Generator) -> Self:
-        """Draw one good print of a page of this size."""
+    def draw(
+        cls, session: Session, press: Press, page: Page, rng: np.random.Generator, *, sheet: int | None = None
+    ) -> Self:
+        """Draw one good print of a page of this size.
+
+        sheet: number of the sheet in the day's run, by which a press drifts in the world ``measured``; None: any.
+        """
         amounts, geometry = session.amounts, press.geometry
         ink, paper, lamp = amounts.ink, amounts.paper, amounts.lamp
         plane_um = rng.standard_normal((4, 2)) * amounts.register.plane_um
         clip_um = amounts.register.plane_clip_um
-        common = rng.standard_normal() * (paper.white_percent / 100)
+        common_sd = rng.standard_normal()
+        common = common_sd * (paper.white_percent / 100)
         own = rng.standard_normal(len(press.sensors)) * (paper.white_channel_percent / 100)
         lines = geometry.lines(page.height_mm)
-        return cls(
+        print_ = cls(
             placement=draw_placement(amounts.page, page, rng),
             register_mm=plane_um.clip(-clip_um, clip_um) / 1000,
             ink_gain=rng.standard_normal(4) * (ink.gain_print_percent / 100),
@@ -90,6 +100,16 @@ class Print:
             specks=_specks(paper, page, rng),
             lamp=1 + lamp_profile(geometry.pixels, rng) * (lamp.profile_print_percent / 100),
             flicker=1 + rng.standard_normal(lines) * (lamp.flicker_percent / 100),
+        )
+        if session.sheets is None:
+            return print_
+        number = int(rng.integers(RUN_SHEETS)) if sheet is None else sheet
+        drifted = session.sheets.drifted(number, np.append(rng.standard_normal(4), common_sd))
+        return replace(
+            print_,
+            ink_gain=drifted[:4] * (ink.gain_print_percent / 100),
+            white=(1 + drifted[4] * (paper.white_percent / 100)) * (1 + own),
+            fields=session.sheets.fields(page, rng),
         )
 
     def plain(self) -> dict[str, Any]:

@@ -49,7 +49,7 @@ class RingPrint:
 
     def __call__(self, index: int) -> SimulatedScan:
         """Return print ``index``, of page index modulo the job's."""
-        session = session_of(self.press, self.seed) if self.world == "press" else None
+        session = session_of(self.press, self.seed, self.world)
         turn, last = divmod(index, self.every)
         wanted = (
             self.requests[turn % len(self.requests)] if self.requests and last == self.every - 1 else None

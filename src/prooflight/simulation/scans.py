@@ -155,7 +155,8 @@ def simulate(
     """Print a page on the simulated press and scan it; the scan that `prooflight simulate` writes.
 
     misprint: KIND or KIND:SEVERITY, such as "streak:0.8"; severity 0 (barely visible) to 1. world: "ideal",
-    where a good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift.
+    where a good scan is the predicted one plus the sensor's noise; "press", where prints also move and drift;
+    "measured", where they vary as real sheets do and are screened.
     others: the job's other pages, one of which a wrong page may show. JobError: the page does not fit this
     press. RequestError: there is no such kind or world, or the misprint has no visible effect.
     """
@@ -168,7 +169,7 @@ def simulate(
         others=tuple(placed),
         fetch=placed.__getitem__,
         rng=stream(seed, "print", page.number),
-        session=session_of(press, seed) if world == "press" else None,
+        session=session_of(press, seed, world),
     )
     return Scan(dn=simulated.dn, name=page.name)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -13,14 +13,17 @@ from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
 from prooflight.rng import stream
 from prooflight.simulation.fields import ColourWaves, smooth_line
-from prooflight.simulation.worlds import amounts_of
+from prooflight.simulation.halftone import dot_gain_factor
+from prooflight.simulation.sheets import SheetState
+from prooflight.simulation.worlds import amounts_of, known_world
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.pages.screen import Screen
     from prooflight.prediction.tables import SensorModel
     from prooflight.press.artefact import Press
-    from prooflight.simulation.worlds import Amounts
+    from prooflight.simulation.worlds import Amounts, World
 
 LAMP_LENGTH: Final = 0.25
 """assumed: a lamp is a row of sources or a tube, uniform over a quarter of the field."""
@@ -57,6 +60,12 @@ class Session:
     lamp: NDArray[np.float64]
     """Lamp's profile (pixels,) across, over the calibrated one. [-]"""
     sensors: tuple[SensorDay, ...]
+    sheets: SheetState | None = None
+    """What its sheets share; None: not of this world."""
+    screen: Screen | None = None
+    """Screen of its prints; None: pages are printed as they are."""
+    dots: float = 1.0
+    """Factor on dot gain, of a press that screens its pages: see ``dot_gain_factor``."""
 
     @classmethod
     def draw(cls, amounts: Amounts, press: Press, rng: np.random.Generator) -> Self:
@@ -77,7 +86,13 @@ class Session:
                 )
                 for _ in press.sensors
             ),
-        )
+            sheets=None if amounts.sheet is None else SheetState.draw(amounts.sheet, rng),
+        ).printing(amounts.screen, press)
+
+    def printing(self, screen: Screen | None, press: Press) -> Self:
+        """Return the same day on which pages are printed by ``screen``; None: as they are."""
+        dots = 1.0 if screen is None else dot_gain_factor(screen, press.ink_light)
+        return replace(self, screen=screen, dots=dots)
 
     def plain(self, press: Press) -> dict[str, Any]:
         """Return the parameters for a person, in per cent; inks in the order C, M, Y, K."""
@@ -96,13 +111,17 @@ class Session:
         }
 
 
-@lru_cache(maxsize=1)
-def session_of(press: Press, seed: int) -> Session:
-    """Return the day of a seed.
+def session_of(press: Press, seed: int, world: str = "press") -> Session | None:
+    """Return the day of a seed in a world; None: in the ideal one days are alike.
 
     It is the same object for every print in one process, so that its true tables are cached.
     """
-    return Session.draw(amounts_of(press), press, stream(seed, "session"))
+    return None if world == "ideal" else _session_of(press, seed, known_world(world))
+
+
+@lru_cache(maxsize=1)
+def _session_of(press: Press, seed: int, world: World) -> Session:
+    return Session.draw(amounts_of(press, world), press, stream(seed, "session"))
 
 
 def rounded(values: NDArray[np.float64] | tuple[float, ...], digits: int) -> list[float]:

@@ -2,26 +2,30 @@
 
 ``ideal``: a good scan is the expected one plus sensor noise. ``press``: a good print also moves, drifts and
 scatters within tolerance, by the amounts of ``[press.*]``, which a press file's ``[variation]`` may override.
+``measured``: the same with what public series of real sheets show, as ``measured.toml`` has it: less from sheet to
+sheet, more from place to place, and a screen.
 """
 
 from __future__ import annotations
 
 import hashlib
 import tomllib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Self, get_type_hints
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
+from prooflight.pages.screen import Screen
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from prooflight.press.artefact import Press
 
-WORLDS = ("ideal", "press")
+World = Literal["ideal", "press", "measured"]
+WORLDS: Final[tuple[World, ...]] = get_args(World)
 RANGES = ("specks_ink_percent", "specks_diameter_mm")
 """Amounts that describe specks, not an extent of variation: ``all_times`` does not scale them."""
 
@@ -42,11 +46,29 @@ def worlds() -> dict[str, Any]:
     return tomllib.loads(worlds_text().decode())
 
 
-def known_world(name: str) -> str:
+def measured_text() -> bytes:
+    """Return ``measured.toml``."""
+    return resources.files("prooflight.simulation").joinpath("measured.toml").read_bytes()
+
+
+def measured_digest() -> str:
+    """Return the SHA-256 of it; figures of the world ``measured`` name it beside that of ``worlds.toml``."""
+    return hashlib.sha256(measured_text()).hexdigest()
+
+
+@cache
+def measured() -> dict[str, Any]:
+    """Return its content."""
+    return tomllib.loads(measured_text().decode())
+
+
+def known_world(name: str) -> World:
     """Return ``name``, if there is such a world; RequestError otherwise."""
-    if name not in WORLDS:
-        raise RequestError("world", f"there is no {shortly(name)!r}", remedy=f"choose {' or '.join(WORLDS)}")
-    return name
+    for world in WORLDS:
+        if name == world:
+            return world
+    remedy = f"choose {', '.join(WORLDS[:-1])} or {WORLDS[-1]}"
+    raise RequestError("world", f"there is no {shortly(name)!r}", remedy=remedy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +136,39 @@ class CameraAmounts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SheetAmounts:
+    """``[sheet]`` of ``measured.toml``: what varies from place to place and from sheet to sheet."""
+
+    solid_percent: float
+    """Between places, on every sheet alike, of the ink of a solid; of that of a mid-tint ``tint_percent``."""
+    tint_percent: float
+    zone_share: float
+    zone_mm: float
+    place_mm: float
+    residual_solid_percent: float
+    residual_tint_percent: float
+    residual_mm: float
+    drift_share: float
+    drift_sheets: float
+
+    def times(self, factor: float) -> Self:
+        """Return the same with ``factor`` times the variation."""
+        varying = {name: value * factor for name, value in asdict(self).items() if name.endswith("_percent")}
+        return replace(self, **varying)
+
+
+BLOCKS: Final = {
+    "page": PageAmounts,
+    "register": RegisterAmounts,
+    "ink": InkAmounts,
+    "paper": PaperAmounts,
+    "lamp": LampAmounts,
+    "camera": CameraAmounts,
+}
+"""Tables of ``[press.*]``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Amounts:
     """Variation of one press's good prints: ``[press.*]``, overridden by a press file's ``[variation]``."""
 
@@ -123,10 +178,14 @@ class Amounts:
     paper: PaperAmounts
     lamp: LampAmounts
     camera: CameraAmounts
+    sheet: SheetAmounts | None = None
+    """What varies from place to place and from sheet to sheet; None: not of this world."""
+    screen: Screen | None = None
+    """Screen of the prints; None: tints are printed continuously."""
 
     @classmethod
-    def stated(cls, variation: Mapping[str, Any] | None = None) -> Self:
-        """Return ``worlds.toml``'s amounts, each replaced by ``variation``'s (``PressFile.variation``) where given.
+    def stated(cls, variation: Mapping[str, Any] | None = None, world: World = "press") -> Self:
+        """Return a world's amounts, each replaced by ``variation``'s (``PressFile.variation``) where given.
 
         ``all_times`` multiplies amounts that it does not give; a ratio such as ``sigma_error`` is raised to
         that power.
@@ -134,25 +193,33 @@ class Amounts:
         given = variation or {}
         times = float(given.get("all_times", 1.0))
         blocks: dict[str, Any] = {}
-        for block, kind in get_type_hints(cls).items():
-            of_file = {name: _times(name, value, times) for name, value in worlds()["press"][block].items()}
+        seen = measured() if world == "measured" else {}
+        for block, kind in BLOCKS.items():
+            of_world = worlds()["press"][block] | seen.get(block, {})
+            of_file = {name: _times(name, value, times) for name, value in of_world.items()}
             of_press = {
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in given.get(block, {}).items()
             }
             blocks[block] = kind(**(of_file | of_press))
+        if seen:
+            angles = tuple(seen["screen"]["angles_deg"])
+            blocks["sheet"] = SheetAmounts(**seen["sheet"]).times(times)
+            blocks["screen"] = Screen(**seen["screen"] | {"angles_deg": angles})
         return cls(**blocks)
 
     @property
     def exact(self) -> bool:
         """Return whether good prints differ in nothing but the camera's noise."""
-        amounts = [amount for block in asdict(self).values() for amount in block.items()]
-        return not any(value for name, value in amounts if name not in (*RANGES, "sigma_error"))
+        amounts = [amount for block in BLOCKS for amount in asdict(getattr(self, block)).items()]
+        return self.sheet is None and not any(
+            value for name, value in amounts if name not in (*RANGES, "sigma_error")
+        )
 
 
-def amounts_of(press: Press) -> Amounts:
-    """Return the variation of good prints of ``press``: its press file's ``[variation]`` over ``worlds.toml``."""
-    return Amounts.stated(press.variation)
+def amounts_of(press: Press, world: World = "press") -> Amounts:
+    """Return the variation of good prints of ``press``: its press file's ``[variation]`` over the world's."""
+    return Amounts.stated(press.variation, world)
 
 
 def _times(name: str, value: Any, times: float) -> Any:

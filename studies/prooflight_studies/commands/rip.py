@@ -1,29 +1,79 @@
-"""``prooflight study rip``: our RIP and Ghostscript compared with the specification."""
+"""``prooflight study rip``: what is printed of a PDF, and whether a promise holds on presses that rip it themselves."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, PagesDir, Quick, Results, show_table
+from prooflight.errors import RequestError
+from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, Quick, Results, show_table
+
+if TYPE_CHECKING:
+    from prooflight_studies.ripped.study import PromisePlan
 
 CasesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of PDFs that were once printed wrong.")
 ]
+PARTS = ("specification", "press")
 
 
 def rip(
     out: Results = Path("docs/results"),
+    part: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART", help="specification (rip.md) or press (ripped.md); default: the former."
+        ),
+    ] = None,
     cases: CasesDir = None,
     pages: PagesDir = None,
+    press: Annotated[
+        Path | None, typer.Option(metavar="X.press", help="As `press build` makes it; for the part press.")
+    ] = None,
+    prints: Annotated[int, typer.Option(help="Good prints in each row of the part press.", min=1)] = 320,
+    learned: Annotated[int, typer.Option(help="Good pages that are learned; 0: none.", min=0)] = 40,
+    row: Annotated[
+        list[str] | None,
+        typer.Option(metavar="RIP", help="Only these RIPs of the part press; all if not given."),
+    ] = None,
+    world: Annotated[
+        list[str] | None, typer.Option(metavar="WORLD", help="Only press or measured; both if not given.")
+    ] = None,
+    cache: Cache = CACHE,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    seed: Annotated[int, typer.Option(help="Of days, prints and misprints.", min=0)] = 401,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Rasterise PDFs whose ink the specification fixes, by our RIP and by Ghostscript; writes rip.md."""
+    """Rasterise PDFs whose ink the specification fixes, or judge prints of presses that rip and screen themselves."""
+    parts = part or [PARTS[0]]
+    for name in parts:
+        if name not in PARTS:
+            raise RequestError("part", f"there is no {name!r}", remedy=f"choose of {', '.join(PARTS)}")
+    if PARTS[0] in parts:
+        _specification(out, cases, pages, quick=quick, json=json)
+    if PARTS[1] in parts:
+        from prooflight_studies.ripped.printing import RIPS
+        from prooflight_studies.ripped.study import WORLDS, PromisePlan
+
+        if press is None or pages is None:
+            what = "needs a press and a folder of pages"
+            raise RequestError("part press", what, remedy="give --press X.press and --pages DIR")
+        plan = PromisePlan(
+            seed=seed,
+            prints=4 if quick else prints,
+            learned=0 if quick else learned,
+            rips=tuple(row or (one.name for one in RIPS)),
+            worlds=tuple(world or WORLDS),
+        )
+        _press(press, pages, out, cache, plan, processes, json=json)
+
+
+def _specification(out: Path, cases: Path | None, pages: Path | None, *, quick: bool, json: bool) -> None:
     from prooflight_studies.rip.study import run_rip_study
 
     results = run_rip_study(
@@ -42,3 +92,37 @@ def rip(
     )
     show_table("Ink of 255", ("case", "clause", "right", "ours", "Ghostscript"), cells, text_columns=2)
     show.written(out / "rip.md")
+
+
+def _press(
+    press: Path, pages: Path, out: Path, cache: Path, plan: PromisePlan, processes: int | None, *, json: bool
+) -> None:
+    from prooflight_studies.ripped.study import PAGE, run_promise_study
+
+    results = run_promise_study(
+        press,
+        pages,
+        out,
+        cache=cache / "rip",
+        plan=plan,
+        processes=processes,
+        progress=show.steps(quiet=json),
+    )
+    if json:
+        show.print_json(asdict(results))
+        return
+    cells = (
+        (
+            row.title,
+            row.world,
+            row.statement,
+            str(row.learned or "-"),
+            row.false_alarms,
+            str(row.uninspected),
+            f"{row.caught} of {row.misprints}",
+        )
+        for row in results.rows
+    )
+    headings = ("the press prints", "world", "stated", "learned", "alarms", "not inspected", "caught")
+    show_table("Good prints that alarm, and misprints that are caught", headings, cells, text_columns=4)
+    show.written(out / f"{PAGE}.md")

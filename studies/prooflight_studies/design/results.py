@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.cost import RunningCosts
-    from prooflight.simulation.captures import World
+    from prooflight.simulation.worlds import World
     from prooflight_studies.design.choices import Prices
     from prooflight_studies.harness.protocol import Plan
     from prooflight_studies.harness.result_cache import Rows

@@ -17,10 +17,10 @@ from prooflight.camera.sensor import ROUNDING_DN2
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.register import prepare, register
 from prooflight.rng import stream
-from prooflight.simulation.captures import Printed, SimulatedDay, World
+from prooflight.simulation.captures import Printed, SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.session import true_sensors
-from prooflight.simulation.worlds import known_world, worlds_digest
+from prooflight.simulation.worlds import World, known_world, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
@@ -43,7 +43,11 @@ SETS: Final = ("pilot", *JUDGED)
 """Names of the sets. The variation model is trained on the pilot's good copies; the others are named by their use."""
 OTHERS: Final = 3
 """Number of designs of the same day that a wrong page may come from."""
-FRAMES: Final[dict[World, tuple[str, ...]]] = {"ideal": ("raw",), "press": ("raw", "registered")}
+FRAMES: Final[dict[World, tuple[str, ...]]] = {
+    "ideal": ("raw",),
+    "press": ("raw", "registered"),
+    "measured": ("raw", "registered"),
+}
 """Predictions that scans are compared with: of a page at its nominal position, or at its registered position."""
 
 

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.pages.raster import Page
-    from prooflight.simulation.captures import Printed, World
+    from prooflight.simulation.captures import Printed
     from prooflight.simulation.corpus.corpus import Designs
     from prooflight.simulation.misprints.drawing import Region
+    from prooflight.simulation.worlds import World
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows
 

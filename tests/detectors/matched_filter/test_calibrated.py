@@ -100,11 +100,34 @@ def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> Non
 
 
 def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) -> None:
+    own = np.random.default_rng(3).exponential(0.9, 60)  # lower than elsewhere, which breaks no promise
     for real in (0, 60):
-        promise = calibrated(model, real=real).promise
+        promise = calibrated(model, own=own, real=real).promise
         assert (promise.simulated, promise.real) == (60 - real, real)
-        what = "60 real good pages" if real else "60 simulated good designs"
-        assert f"from {what} of this press and 1,000 of those that taught the ranking" in str(promise)
+        what = (
+            "60 real good pages of this press and 1,000 simulated pages, which were not told apart"
+            if real
+            else "60 simulated good designs of this press and 1,000 of those that taught the ranking"
+        )
+        assert f"from {what}" in str(promise)
+
+
+def test_pages_unlike_simulated_ones_promise_no_more_than_they_support(model: DetectorModel) -> None:
+    """40 real pages that scatter three times as widely (seed 3); the ranking has the share ``OF_RANKING``."""
+    own = np.random.default_rng(3).exponential(3.0, 40)
+    ours = calibrated(model, own=own, rate=0.01, real=40)
+    assert ours.promise.likeness is not None
+    assert ours.promise.likeness.told_apart
+    assert ours.promise.rate == pytest.approx(1 / 41 / OF_RANKING)
+    assert (ours.threshold, ours.promise.reference) == (own.max(), 0)
+    assert "from 40 real good pages of this press alone: simulated pages were told apart" in str(ours.promise)
+    assert "one in 100 was asked for, and is refused" in str(ours.promise)
+    simulated = calibrated(model, own=own, rate=0.01)
+    assert simulated.promise.likeness is None
+    assert simulated.promise.rate == 0.01
+    facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
+    again = CalibratedDetector.from_parts(ours.arrays(), facts)
+    assert (again.threshold, again.promise) == (ours.threshold, ours.promise)
 
 
 def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:

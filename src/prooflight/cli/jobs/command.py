@@ -43,7 +43,8 @@ InRun = TypeVar("InRun", "Judged", "PageEntry")
 World = Annotated[
     str,
     typer.Option(
-        help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift."
+        help="ideal: a good scan is the expected one plus sensor noise; press: prints also move and drift; "
+        "measured: they vary as real sheets do, and are screened."
     ),
 ]
 

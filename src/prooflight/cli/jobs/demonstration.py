@@ -174,7 +174,7 @@ class PrintAndInspect:
                     fetch=self._placed,
                     rng=rng,
                     least=AT_A_GLANCE,
-                    session=session_of(self.press, self.seed) if self.world == "press" else None,
+                    session=session_of(self.press, self.seed, self.world),
                 )
             except RequestError:
                 continue  # this kind shows nothing on this page

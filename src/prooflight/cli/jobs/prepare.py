@@ -37,8 +37,8 @@ def prepare(
     source = job_source(job, loaded, profile=profile)
     store = PreparedStore.of(inspector, source)
     if store is None:
-        what = f"press {loaded.name} is not trained, and its detector prepares nothing that is worth storing"
-        raise RequestError(press, what, remedy="build it with training: prooflight press build")
+        what = f"press {loaded.name} is not trained, or its own RIP draws, and nothing can be stored for it"
+        raise RequestError(press, what, remedy="leave `job prepare` out: each run prepares the job")
     sheets = SheetInspector(inspector=inspector)
     with PressJob(source, loaded) as opened:
         numbers = range(1, len(opened) + 1)

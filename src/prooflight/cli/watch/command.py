@@ -132,7 +132,7 @@ def watch(
     follow: Annotated[
         bool, typer.Option("--follow/--no-follow", help="Follow slow changes of lamp and paper.")
     ] = True,
-    world: Annotated[str, typer.Option(help="World of the drum: ideal or press.")] = "press",
+    world: Annotated[str, typer.Option(help="World of the drum: ideal, press or measured.")] = "press",
     misprint: Annotated[
         str | None,
         typer.Option(metavar="KIND[:SEVERITY],...", help="Misprints on some of the drum's prints, in turn."),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.detectors.matched_filter.fit.beat import add_beat, beat_contrasts
 from prooflight.detectors.matched_filter.fit.binning import (
     binned,
     binned_geometry,
@@ -66,7 +67,9 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.marks import Marks
+    from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.raster import Page
+    from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel
@@ -116,6 +119,8 @@ class PreparedPage:
     """See ``speck_shares``."""
     glyphs: PageGlyphs | None = None
     """None: glyphs are not tested."""
+    beat: NDArray[np.float64] | None = None
+    """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
 
     def under(self, sensors: Sequence[SensorModel]) -> PreparedPage:
         """Return the page for sensors of which only the columns' gains differ.
@@ -160,6 +165,7 @@ def prepare_page(
     prior: PrintPrior | None = None,
     zones: PageZones | None = None,
     glyphs: bool = False,
+    screen: tuple[Screen, InkLight] | None = None,
 ) -> PreparedPage:
     """Prepare a design for its scans.
 
@@ -172,6 +178,7 @@ def prepare_page(
     prior : of good prints; None: the press world's.
     zones : of the page; None: there are none.
     glyphs : whether its glyphs are tested.
+    screen : of the press, and the light that its tints take; None: not stated.
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
@@ -206,7 +213,16 @@ def prepare_page(
         hidden=hidden_edges(modes, taken_as),
         specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
+        beat=None if screen is None else _beat(screen, sensors, geometry),
     )
+
+
+def _beat(
+    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> NDArray[np.float64]:
+    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, bins_of(geometry)) for sensor in sensors]
+    return np.asarray(np.max(beats, axis=0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -314,6 +330,8 @@ def analyse_found(
     if prepared.hidden is not None:
         hidden = moved(prepared.hidden, where, threads=threads)
         modes.texture[...] = with_hidden_edges(modes.texture, hidden, residual_variance)
+    if prepared.beat is not None and not residual_variance.exact:
+        add_beat(modes, prepared.beat, residual_variance)
     placed = PlacedScan(
         measured_dn=lengthened(binned_scan(scan, bins), where.inside.shape[0]),
         seen=seen,

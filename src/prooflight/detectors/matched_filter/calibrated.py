@@ -16,10 +16,12 @@ from prooflight.detectors.false_alarm_rate import (
     ReferenceScores,
     posterior_bound,
 )
+from prooflight.detectors.likeness import Likeness
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphThreshold, combined_score
 from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
+from prooflight.detectors.matched_filter.page_kinds import kinds_of
 from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
@@ -109,6 +111,11 @@ class CalibratedDetector:
     trained_threshold: float
     misprint_rate: float
     """Rate of misprints of the press, before a page is seen. [-]"""
+    counted: bool = True
+    """Whether real pages that simulated ones were told apart from decide alone.
+
+    False: the press learned and was recalibrated before this was tested; its labelled scores rest on that threshold.
+    """
     told: tuple[ToldPages, ...] = ()
     """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
     recalibrated."""
@@ -125,14 +132,15 @@ class CalibratedDetector:
         false_alarm_rate: float,
         misprint_rate: float,
         real: int = 0,
+        counted: bool = True,
     ) -> Self:
         """Return the detector with a threshold for ``false_alarm_rate``, or the nearest rate with support.
 
         own: of the press's pages; references: of other presses. real: number of its own that are real; the
-        others are simulated.
+        others are simulated. counted: see the field.
         """
         count = own.worst.size
-        scores = PressScores(reference=references.by(count), own=own)
+        scores = _scores(references, own, real=real, counted=counted)
         share = _of_ranking(pages)
         rate = max(false_alarm_rate, scores.least_rate / share)
         threshold, by_count = scores.threshold(rate * share)
@@ -144,6 +152,8 @@ class CalibratedDetector:
             real=real,
             reference=0 if alone else scores.reference.worst.size,
             conformal=by_count,
+            likeness=Likeness.of(own.worst, scores.reference.worst) if real else None,
+            kinds=kinds_of(pages.page_features[:real]),
         )
         return cls(
             model=model,
@@ -157,6 +167,7 @@ class CalibratedDetector:
             trained_rate=rate,
             trained_threshold=threshold,
             misprint_rate=misprint_rate,
+            counted=counted,
         )
 
     def recalibrated(self, labelled: ToldPages) -> Self:
@@ -186,6 +197,7 @@ class CalibratedDetector:
             false_alarm_rate=self.requested_rate,
             misprint_rate=self.misprint_rate,
             real=self.real,
+            counted=self.counted,
         )
         for labelled in self.told[:-1]:
             detector = detector.recalibrated(labelled)
@@ -194,7 +206,7 @@ class CalibratedDetector:
     @property
     def scores(self) -> PressScores:
         """Scores of good pages that set the threshold."""
-        return PressScores(reference=self.references.by(self.own.worst.size), own=self.own)
+        return _scores(self.references, self.own, real=self.real, counted=self.counted)
 
     @property
     def glyphs(self) -> GlyphThreshold | None:
@@ -306,6 +318,8 @@ class CalibratedDetector:
         }
         if self.told:  # a press without recalibration keeps its old format
             facts["told"] = [labelled.facts() for labelled in self.told]
+            if self.real and self.counted:
+                facts["counted"] = True
         return facts
 
     @staticmethod
@@ -342,10 +356,18 @@ class CalibratedDetector:
             misprint_rate=facts["misprint_rate"],
             pages=GoodPages(**{name: arrays[name] for name in PAGES if name in arrays}),
             real=facts["real"],
+            counted=facts.get("counted", not facts.get("told")),
         )
         for number, pages in enumerate(facts.get("told", ())):
             detector = detector.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
         return detector
+
+
+def _scores(references: ReferenceScores, own: GoodScores, *, real: int, counted: bool) -> PressScores:
+    """Return the scores that set a threshold: real pages' alone where simulated pages were told apart from them."""
+    reference = references.by(own.worst.size)
+    apart = counted and real > 0 and Likeness.of(own.worst, reference.worst).told_apart
+    return PressScores(reference=reference, own=own, own_only=apart)
 
 
 def _of_ranking(pages: GoodPages) -> float:
@@ -360,6 +382,7 @@ class CalibratedFacts(Block):
     misprint_rate: Chance
     real: Count
     tolerance: dict[str, Any]
+    counted: bool = False
     told: Annotated[tuple[dict[str, Any], ...], Field(max_length=MAX_RECALIBRATIONS)] = ()
 
 

@@ -41,7 +41,7 @@ from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
 from prooflight.detectors.matched_filter.variation import page_variation
 from prooflight.detectors.matched_filter.zones import ZonedJudge, careful_statistics
-from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another
+from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Verdict
 from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
@@ -102,6 +102,7 @@ class MatchedFilterDetector(StationDetector):
             prior=self.calibrated.model.prior,
             zones=planned.zones,
             glyphs=self.in_full or self.calibrated.glyphs is not None,
+            screen=station.screen,
         )
         model = self.calibrated.model
         widening = 1.0 if model.residual_variance.exact else prepared.colours.widening
@@ -211,6 +212,8 @@ class MatchedFilterPage:
         )
         if decision.misprint and scan.lost is not None and not (another or analysis.found.found):
             verdict = Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
+        elif analysis.found.unplaced:
+            verdict = Verdict.skipped(page.name, unplaced_reason(analysis.found), detector=calibrated.name)
         if analysis.blind_columns and not decision.misprint:
             numbers = ", ".join(map(str, analysis.blind_columns))
             verdict = Verdict.skipped(page.name, BLIND.format(numbers), detector=calibrated.name)

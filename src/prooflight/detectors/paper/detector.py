@@ -95,6 +95,8 @@ class PaperPage:
             detector=test.name,
             reason=placed.reason,
         )
+        if placed.unplaced:
+            verdict = Verdict.skipped(page.name, placed.unplaced, detector=test.name)
         return Inspection(
             verdict=verdict,
             placement=placed.placement,

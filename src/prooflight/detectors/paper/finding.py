@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.placing import inside, place_reason, shift_of, shows_another
+from prooflight.detectors.placing import inside, place_reason, shift_of, shows_another, unplaced_reason
 from prooflight.prediction.predict import relit
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
@@ -44,6 +44,8 @@ class PlacedPage:
     """Whether the scan shows another page, or this one where no good print is."""
     reason: str
     """Why it is a wrong page, in words; empty: it is not."""
+    unplaced: str
+    """Why the page is not inspected, as its place is not known; empty: it is known."""
     shift_mm: tuple[float, float] | None
     """Shift of the page; None: the page could not be found in the scan."""
 
@@ -101,6 +103,7 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> Plac
         area=inside(page, station.geometry, placement, lines=scan.shape[1]) if moved else sought.area,
         wrong_page=another,
         reason=place_reason(where) if another else "",
+        unplaced=unplaced_reason(where) if where.unplaced else "",
         shift_mm=shift_of(replace(where, placement=placement)),
     )
 

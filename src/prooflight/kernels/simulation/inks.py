@@ -39,6 +39,17 @@ class PrintedInks(NamedTuple):
     """Places of specks as from ``speck_pixels``, (n, 2)."""
     speck_words: NDArray[np.uint32]
     """Recipes of the specks, (n,)."""
+    gain_field: NDArray[np.float32]
+    """Gain of each ink from place to place, besides, (4, nodes down, nodes across)."""
+    dot_field: NDArray[np.float32]
+    """Dot gain of each ink from place to place, besides, likewise."""
+    field_pitch: np.float32
+    """Pitch of their nodes. [raster pixels]"""
+
+
+def no_fields() -> tuple[NDArray[np.float32], NDArray[np.float32], np.float32]:
+    """Return the last three of ``PrintedInks`` for inks that are the same at every place."""
+    return np.zeros((4, 2, 2), np.float32), np.zeros((4, 2, 2), np.float32), np.float32(1e9)
 
 
 class TrueTable(NamedTuple):
@@ -60,6 +71,36 @@ def node_place(byte, gain, dot_gain):  # type: ignore[no-untyped-def]
     area = byte * np.float32(1 / 255)
     printed = area * (np.float32(1) + gain + np.float32(4) * dot_gain * (np.float32(1) - area))
     return min(max(printed * np.float32(255 / NODE_STEP), np.float32(0)), LAST_PLACE)
+
+
+@inner_kernel()
+def fields_of_row(inks, row, of_row):  # type: ignore[no-untyped-def]
+    """Compute gain and dot gain of each ink at a row's nodes, of_row (2, 4, nodes across), linear between rows."""
+    place = np.float32(row) / inks.field_pitch
+    cell = min(int(place), inks.gain_field.shape[1] - 2)
+    share = place - np.float32(cell)
+    for ink in range(4):
+        for j in range(of_row.shape[2]):
+            one, other = inks.gain_field[ink, cell, j], inks.gain_field[ink, cell + 1, j]
+            of_row[0, ink, j] = one + share * (other - one)
+            one, other = inks.dot_field[ink, cell, j], inks.dot_field[ink, cell + 1, j]
+            of_row[1, ink, j] = one + share * (other - one)
+
+
+@inner_kernel()
+def place_inks(word, column, u, v, inks, of_row, places):  # type: ignore[no-untyped-def]
+    """Compute the positions in the true tables of the four inks of a pixel, from its four bytes (float32, (4,)).
+
+    u, v: position on the page, -1 to 1; of_row: of ``fields_of_row``.
+    """
+    place = np.float32(column) / inks.field_pitch
+    cell = min(int(place), of_row.shape[2] - 2)
+    share = place - np.float32(cell)
+    for ink in range(4):
+        gain = inks.gains[ink, 0] + inks.gains[ink, 1] * u + inks.gains[ink, 2] * v
+        gain += of_row[0, ink, cell] + share * (of_row[0, ink, cell + 1] - of_row[0, ink, cell])
+        dots = of_row[1, ink, cell] + share * (of_row[1, ink, cell + 1] - of_row[1, ink, cell])
+        places[ink] = node_place(word[ink], gain, inks.dot_gains[ink] + dots)
 
 
 @inner_kernel()
@@ -115,16 +156,16 @@ def alike(one, two, three, four):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[no-untyped-def]
+def look_up_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: ignore[no-untyped-def]
     """Look up two printed raster rows in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
 
-    v: position of the rows on the page, -1 top .. 1 bottom. Squares of one colour are looked up once, and so
-    are runs of them.
+    v: position of the rows on the page, -1 top .. 1 bottom; of_row: of ``fields_of_row``.
+    Squares of one colour are looked up once, and so are runs of them.
     """
-    gains, dot_gains = inks.gains, inks.dot_gains
     nodes, bends, paper = table.nodes, table.bends, table.white
     columns = upper.size
     places = np.empty(4, np.float32)
+    printed = np.empty(4, np.float32)
     last = np.uint32(0)
     longest = max(columns // (2 * RUNS), 1)
     run = longest
@@ -142,8 +183,8 @@ def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[
                 s = np.uint32(8 * ink)
                 total = ((one >> s) & np.uint32(255)) + ((two >> s) & np.uint32(255))
                 total += ((three >> s) & np.uint32(255)) + ((four >> s) & np.uint32(255))
-                gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                places[ink] = node_place(np.float32(total) * np.float32(0.25), gain, dot_gains[ink])
+                printed[ink] = np.float32(total) * np.float32(0.25)
+            place_inks(printed, left, u, v, inks, of_row, places)
             square_light, square_texture = look_up(nodes, bends, places)
             square_light *= paper
             square_texture *= paper * paper
@@ -157,9 +198,8 @@ def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[
                 at = right if corner & 1 else left
                 # A square at a letter's edge has two colours, and often the last but one is repeated.
                 for ink in range(4):
-                    byte = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
-                    gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                    places[ink] = node_place(byte, gain, dot_gains[ink])
+                    printed[ink] = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
+                place_inks(printed, left, u, v, inks, of_row, places)
                 corner_light, corner_texture = look_up(nodes, bends, places)
                 light[corner >> 1, at] = corner_light * paper
                 texture[corner >> 1, at] = corner_texture * paper * paper
@@ -172,34 +212,34 @@ def look_up_rows(upper, lower, v, inks, table, light, texture):  # type: ignore[
 
 
 @inner_kernel()
-def add_specks(inks, top, v, table, lights, textures):  # type: ignore[no-untyped-def]
+def add_specks(inks, top, v, of_row, table, lights, textures):  # type: ignore[no-untyped-def]
     """Set light and texture (2, columns) of the rows from ``top`` on at specks, each pixel as in ``look_up_rows``.
 
     v: position of these rows on the page, -1 top to 1 bottom.
     """
-    places, packed, gains, dot_gains = inks.speck_places, inks.speck_words, inks.gains, inks.dot_gains
+    places, packed = inks.speck_places, inks.speck_words
     nodes, bends, paper = table.nodes, table.bends, table.white
     place = np.empty(4, np.float32)
+    printed = np.empty(4, np.float32)
     columns = lights.shape[1]
     for n in range(packed.size):
         row = places[n, 0] - top
         if row == 0 or row == 1:
             u = np.float32((2 * places[n, 1] + 1) / columns - 1)
             for ink in range(4):
-                byte = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
-                gain = gains[ink, 0] + gains[ink, 1] * u + gains[ink, 2] * v
-                place[ink] = node_place(byte, gain, dot_gains[ink])
+                printed[ink] = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
+            place_inks(printed, places[n, 1], u, v, inks, of_row, place)
             light, texture = look_up(nodes, bends, place)
             lights[row, places[n, 1]] = light * paper
             textures[row, places[n, 1]] = texture * paper * paper
 
 
 @inner_kernel()
-def look_up_pair(packed, top, inks, table, printed, lights, textures):  # type: ignore[no-untyped-def]
+def look_up_pair(packed, top, inks, table, printed, of_row, lights, textures):  # type: ignore[no-untyped-def]
     """Compute light above the backing's and texture (2, columns) of rows ``top`` and the next as printed.
 
-    Arguments as in ``scan_lines``. A last row without a next one is repeated. printed (2, columns): working
-    space.
+    Arguments as in ``scan_lines``. A last row without a next one is repeated. printed (2, columns) and
+    of_row (2, 4, nodes across): working space.
     """
     rows = packed.shape[0]
     v = np.float32((2 * top + 2) / rows - 1)
@@ -209,6 +249,7 @@ def look_up_pair(packed, top, inks, table, printed, lights, textures):  # type: 
         compose_row(packed, top + 1, inks.planes, lower)
     else:
         lower[:] = upper
-    look_up_rows(upper, lower, v, inks, table, lights, textures)
-    add_specks(inks, top, v, table, lights, textures)
+    fields_of_row(inks, top, of_row)
+    look_up_rows(upper, lower, v, inks, of_row, table, lights, textures)
+    add_specks(inks, top, v, of_row, table, lights, textures)
     lights -= table.backing

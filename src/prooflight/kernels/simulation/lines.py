@@ -120,12 +120,13 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 @kernel(
     "packed (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
-    "inks.speck_words (N), table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
+    "inks.speck_words (N), inks.gain_field (4, F, G), inks.dot_field (4, F, G), inks.field_pitch, "
+    "table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
     "across.segment, across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), depth, above_backing (L, P), texture_variance (L, P)",
     where=(
         "(I - 1) * across.pitch >= H, (J - 1) * across.segment >= P, (K - 1) * along.pitch >= L, "
-        "(M - 1) * along.segment >= P"
+        "(M - 1) * along.segment >= P, F >= 2, G >= 2, (F - 1) * inks.field_pitch + 0.5 >= H"
     ),
 )
 def scan_lines(  # type: ignore[no-untyped-def]
@@ -144,6 +145,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
     across_table = weights_at_phases(across.cumulative, across.step, PHASES, taps)
     along_table = np.ascontiguousarray(weights_at_phases(along.cumulative, along.step, PHASES, taps).T)
     printed = np.empty((2, columns), np.uint32)
+    of_row = np.empty((2, 4, inks.gain_field.shape[2]), np.float32)
     light = np.zeros((2, columns + 2 * taps), np.float32)
     texture = np.zeros((2, columns + 2 * taps), np.float32)
     lights, textures = light[:, taps : taps + columns], texture[:, taps : taps + columns]
@@ -166,7 +168,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                look_up_pair(packed, 2 * pair, inks, table, printed, lights, textures)
+                look_up_pair(packed, 2 * pair, inks, table, printed, of_row, lights, textures)
             place_row(across.places, across.pitch, next_row, x_places)
             begin_at(x_places, across.segment, reach, x_first, x_phase)
             slot = next_row % depth

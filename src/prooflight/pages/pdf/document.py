@@ -21,13 +21,14 @@ from prooflight.pages.pdf import external
 from prooflight.pages.pdf.boxes import BoxError, deciding_box, printed_box
 from prooflight.pages.pdf.colour_management import address
 from prooflight.pages.pdf.corrections import PageContents, correct_page
-from prooflight.pages.pdf.drawing import PageDrawing, PlateError, icc_space, output_intent
+from prooflight.pages.pdf.drawing import PageDrawing, PlateError, edges_of, icc_space, output_intent
 from prooflight.pages.pdf.fonts import draw_colours_directly, substituted
 from prooflight.pages.pdf.images import SHORT, lost
 from prooflight.pages.pdf.layers import PrintedLayers
 from prooflight.pages.pdf.marks import page_marks
 from prooflight.pages.pdf.opening import AGAIN, open_document
 from prooflight.pages.pdf.resources import shown_name
+from prooflight.pages.pdf.rip_model import UNSTATED, grown, growth_margin
 from prooflight.pages.pdf.tints import TintSpaces
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
@@ -40,10 +41,13 @@ if TYPE_CHECKING:
 
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.images import ImageFault
+    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
 """Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
+GROWN_ROWS: Final = 64
+"""Rows of a raster whose device pixels grow at once."""
 BAND_PIXELS: Final = 2**24
 """Pixels that are drawn at once of a page finer than its raster: a page of A4 at 960 dpi in six bands."""
 PIXELS_MAX: Final = 2**28 - 1  # four bytes each: beyond 2^30 bytes MuPDF leaves pictures out and only warns
@@ -184,11 +188,13 @@ class PdfFile:
         *,
         drawn_dpi: float | None = None,
         light: InkLight | None = None,
+        rip: RipModel = UNSTATED,
     ) -> NDArray[np.uint8]:
         """Draw page ``number`` into the empty array that ``raster`` gives for its shape, (rows, columns, 4).
 
         The second argument of ``raster`` is the number of pixels drawn at once. With ``drawn_dpi``, the page
-        is drawn at another resolution than its raster's, and ``taken_together`` by ``light``. RequestError:
+        is drawn at another resolution than its raster's, by the parameters of ``rip``, and ``taken_together`` by
+        ``light``. RequestError:
         there is no such page; JobError: it cannot be ripped; MemoryError: not within its limit.
         """
         with self._listening(f"page {number} is damaged", number):
@@ -197,9 +203,15 @@ class PdfFile:
             box, scale = self._box(page, number), dpi / POINTS_PER_INCH
             rows, columns = (max(1, round(side * scale)) for side in (box.y1 - box.y0, box.x1 - box.x0))
             step = 1.0 if drawn_dpi is None else drawn_dpi / dpi
-            wide = columns if drawn_dpi is None else math.ceil(columns * step)
+            # The first pixel of the device's grid covers the page's corner, and begins so far before it.
+            by_grid = (0.0, 0.0) if drawn_dpi is None else rip.offset_pixels(drawn_dpi)
+            left, lag = ((1.0 - pixels) % 1.0 for pixels in by_grid)
+            growth = UNSTATED.growth_pixels(1.0) if drawn_dpi is None else rip.growth_pixels(drawn_dpi)
+            margin = growth_margin(growth)
+            edges = edges_of(UNSTATED if drawn_dpi is None else rip, step * dpi)
+            wide = columns if drawn_dpi is None else math.ceil(columns * step + left)
             band_rows = rows if drawn_dpi is None else max(min(int(BAND_PIXELS / step / wide), rows), 1)
-            fine_rows = math.ceil(band_rows * step) + 1
+            fine_rows = math.ceil(band_rows * step + lag) + 1 + 2 * margin
             drawn = fine_rows * wide
             self._refuse_oversize(number, dpi, rows, columns, drawn=drawn)
             cmyk = raster((rows, columns, 4), drawn)
@@ -207,21 +219,22 @@ class PdfFile:
             drawn_on = None if drawn_dpi is None else np.empty((fine_rows, wide, 4), np.uint8)
             for top in range(0, rows, band_rows):
                 band = cmyk[top : top + band_rows]
-                above = math.floor(top * step)
-                high = math.ceil((top + len(band)) * step) - above
+                above = math.floor(top * step + lag) - margin
+                high = math.ceil((top + len(band)) * step + lag) + margin - above
                 fine = band
                 if drawn_on is not None:
                     fine = drawn_on[:high]
                     fine.fill(0)
                 by = step * scale
                 draw_colours_directly(self._pdf(), contents.fonts)
-                ctm = mupdf.FzMatrix(by, 0, 0, by, -box.x0 * by, -box.y0 * by - above)
-                drawing.draw(ctm, fine)
+                ctm = mupdf.FzMatrix(by, 0, 0, by, left - box.x0 * by, lag - box.y0 * by - above)
+                drawing.draw(ctm, fine, edges)
                 self._refuse_faults(number, drawing.observed.faults, contents, (box.x0, box.y0))
                 if drawn_dpi is not None:
                     from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
 
-                    taken_together(fine, band, light, step=step, first=top * step - above)
+                    fine = grown(fine, growth, light)
+                    taken_together(fine, band, light, step=step, first=top * step + lag - above, left=left)
             self._warn_of(number, drawing, contents)
         return cmyk
 
@@ -236,11 +249,12 @@ class PdfFile:
         room_bytes: float,
         drawn_dpi: float | None = None,
         light: InkLight | None = None,
+        rip: RipModel = UNSTATED,
     ) -> NDArray[np.uint8]:
         """Draw page ``number`` by another engine, at once and not in bands; otherwise as ``draw``.
 
         ``folder`` is where the engine writes. ``room_bytes`` is the memory that it may take in addition to
-        its raster.
+        its raster. Of ``rip`` only growth is applied: the engine fills pixels by its own rule.
         """
         with self._listening(f"page {number} is damaged", number):
             page = self._load(number)
@@ -268,9 +282,7 @@ class PdfFile:
         if drawn_dpi is None:
             cmyk[:] = drawn.cmyk
         else:
-            from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
-
-            taken_together(drawn.cmyk, cmyk, light, step=step)
+            _grown_together(drawn.cmyk, cmyk, light, step=step, growth=rip.growth_pixels(drawn_dpi))
         self._warnings |= dict.fromkeys(drawn.warnings)
         return cmyk
 
@@ -434,3 +446,26 @@ class PdfFile:
     def _warn(self, page: int, kind: str, messages: Iterable[str], name: str = "") -> None:
         for message in messages:
             self._warnings[PageWarning(page=page, kind=kind, message=message, object_name=name)] = None
+
+
+def _grown_together(
+    fine: NDArray[np.uint8],
+    cmyk: NDArray[np.uint8],
+    light: InkLight | None,
+    *,
+    step: float,
+    growth: tuple[float, float, float, float],
+) -> None:
+    """Take a whole page's device pixels together after their growth, in bands: copies of all would not fit."""
+    from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+
+    if not any(growth):
+        taken_together(fine, cmyk, light, step=step)
+        return
+    margin = growth_margin(growth)
+    for top in range(0, len(cmyk), GROWN_ROWS):
+        band = cmyk[top : top + GROWN_ROWS]
+        above = max(math.floor(top * step) - margin, 0)
+        below = math.ceil((top + len(band)) * step) + margin
+        wider = grown(fine[above:below], growth, light)
+        taken_together(wider, band, light, step=step, first=top * step - above)

@@ -24,16 +24,22 @@ from prooflight.pages.pdf.device import Observed, PressDevice
 from prooflight.pages.pdf.images import ConvertedImages, Raster
 from prooflight.pages.pdf.resources import get, items, name_of
 from prooflight.pages.pdf.tints import COLOURS_MAX, Tinted, TintSpaces
+from prooflight.pages.raster import MM_PER_INCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from prooflight.pages.pdf.rip_model import RipModel
+
 PLATES_MAX = COLOURS_MAX - 4
 """Most plates that are drawn at once, in addition to the process inks."""
-_SHARP = {"hscale": 1, "vscale": 1, "scale": 0xFF00, "bits": 1, "text_bits": 0, "min_line_width": 1.0}
+Edges = dict[str, float]
+SHARP: Edges = {"hscale": 1, "vscale": 1, "scale": 0xFF00, "bits": 1, "text_bits": 0, "min_line_width": 1.0}
 """Fields of ``fz_aa_context``: samples of a pixel in either direction, the weight of one of them (of
 0xFF00), bits of coverage of paths (0 would choose level 0) and of glyphs, and the width of the thinnest
 line. [pixels]"""
+_BY_AREA: Edges = {"hscale": 17, "vscale": 15, "scale": 256, "bits": 8, "text_bits": 8}
+"""What the rule of areas changes, as ``fz_set_aa_level`` sets it for level 8: 255 samples of a pixel."""
 BAND_ROWS = 64  # plates are merged in bands: that of an A4 page at 600 dpi stays in the processor's cache
 
 
@@ -91,6 +97,7 @@ class PageDrawing:
         self.observed = Observed()
         self._page, self._tints, self._text_knockout = page, tints, text_knockout
         self._rgb = icc_space(intent) if intent[16:20] == b"RGB " else mupdf.fz_device_rgb()
+        self._edges = SHARP
         self._images, self._curves = ConvertedImages(self.inks), dict[str, NDArray[np.uint8]]()
         group = get(page.obj(), "Group")
         self._group_is_ours, knockout = get(group, "CS") is None, get(group, "K")
@@ -116,8 +123,9 @@ class PageDrawing:
         painted = list(dict.fromkeys(painted)) or ["none"]
         self._passes = [painted[i : i + PLATES_MAX] for i in range(0, len(painted), PLATES_MAX)]
 
-    def draw(self, ctm: Any, cmyk: NDArray[np.uint8]) -> None:
-        """Draw without anti-aliasing into the empty ``cmyk``, (rows, columns, 4); ``ctm`` maps the page to pixels."""
+    def draw(self, ctm: Any, cmyk: NDArray[np.uint8], edges: Edges = SHARP) -> None:
+        """Draw into the empty ``cmyk``, (rows, columns, 4); ``ctm`` maps the page to pixels."""
+        self._edges = edges
         for number, plates in enumerate(self._passes):
             if not plates:
                 self._run(ctm, cmyk, [])
@@ -144,7 +152,7 @@ class PageDrawing:
             drawn.strides[0],
             mupdf.python_mutable_buffer_data(drawn),
         )
-        with sharp_edges():
+        with drawn_by(self._edges):
             drawing = mupdf.fz_new_draw_device(ctm, pixmap)
             device = PressDevice(
                 drawing,
@@ -192,17 +200,24 @@ def merge_plates(plates: NDArray[np.uint8], curves: list[NDArray[np.uint8]], cmy
                 band[printed] = np.minimum(sums, 255)
 
 
+def edges_of(rip: RipModel, dpi: float) -> Edges:
+    """Return the fields of ``fz_aa_context`` by which a RIP of ``dpi`` fills pixels and draws thin lines."""
+    by_rule = _BY_AREA if rip.fill == "area" else {}
+    thinnest = 1.0 if rip.least_line_um is None else rip.least_line_um * 1e-3 * dpi / MM_PER_INCH
+    return SHARP | by_rule | {"min_line_width": thinnest}
+
+
 @contextlib.contextmanager
-def sharp_edges() -> Iterator[None]:
-    """Draw without anti-aliasing: a pixel is inside a shape if its centre is.
+def drawn_by(edges: Edges) -> Iterator[None]:
+    """Draw with these fields of ``fz_aa_context``; by ``SHARP`` a pixel is inside a shape if its centre is.
 
     MuPDF's own level 0 paints transparent objects solid (the opacity of groups that are not isolated is 1
     there). Its anti-aliasing therefore takes one sample of each pixel here, which no level of it does, and
     paints by the same rule.
     """
     settings = mupdf.internal_context_get().aa
-    kept = {name: getattr(settings, name) for name in _SHARP}
-    for name, value in _SHARP.items():
+    kept = {name: getattr(settings, name) for name in edges}
+    for name, value in edges.items():
         setattr(settings, name, value)
     try:
         yield

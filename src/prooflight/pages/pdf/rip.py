@@ -18,7 +18,7 @@ Opening and ripping take place in a process of their own, within limits: ``rip_p
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -28,6 +28,7 @@ from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
 from prooflight.pages.pdf.facts import PageFacts
+from prooflight.pages.pdf.rip_model import UNSTATED
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 from prooflight.pages.warnings import PageWarning
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.pages.pdf.engine import RipEngine
+    from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.pdf.taking_together import InkLight
 
 SWATCHES_A_PAGE: Final = 16
@@ -118,11 +120,18 @@ class PdfJob:
         return tuple((width * scale, height * scale) for width, height in sizes)
 
     def page(
-        self, number: int, dpi: float, *, drawn_dpi: float | None = None, light: InkLight | None = None
+        self,
+        number: int,
+        dpi: float,
+        *,
+        drawn_dpi: float | None = None,
+        light: InkLight | None = None,
+        rip: RipModel = UNSTATED,
     ) -> Page:
         """Rip page ``number`` (from 1) at ``dpi``; RequestError if there is none, JobError if it cannot be ripped.
 
-        For ``drawn_dpi`` see the top of this file; None: as ``dpi``. By ``light``, pixels are then combined.
+        For ``drawn_dpi`` see the top of this file; None: as ``dpi``. By ``light``, pixels are then
+        combined, after shapes were drawn by the parameters of ``rip``.
         """
         check_dpi(self.path, dpi)
         if not 1 <= number <= len(self):
@@ -130,7 +139,7 @@ class PdfJob:
             raise RequestError(self.path, f"there is no page {number}", remedy=remedy)
         engine = self._engine
         named = None if engine is None or engine.name == "mupdf" else (engine.name, engine.command)
-        how = {"drawn_dpi": drawn_dpi, "light": light, "engine": named}
+        how = {"drawn_dpi": drawn_dpi, "light": light, "engine": named, "rip": asdict(rip)}
         cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
         warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)

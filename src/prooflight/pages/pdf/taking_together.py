@@ -33,14 +33,15 @@ def taken_together(
     *,
     step: float,
     first: float = 0.0,
+    left: float = 0.0,
 ) -> None:
     """Write ``fine`` (n, m, 4) into ``out`` (rows, columns, 4); with ``light`` None, inks are averaged.
 
     ``step`` is the number of fine pixels that a pixel covers in either direction, weighted by area. ``first``
-    is the row of ``fine`` at which ``out`` begins.
+    is the row of ``fine`` at which ``out`` begins, ``left`` the column.
     """
     takes, needs = _tables(_EVEN if light is None else light)
-    take_together(fine, first, step, NEVER if light is None else FLAT, takes, needs, out)
+    take_together(fine, first, left, step, NEVER if light is None else FLAT, takes, needs, out)
 
 
 @lru_cache(maxsize=4)

@@ -29,6 +29,7 @@ from prooflight.pages.heap import keep_memory
 from prooflight.pages.memory import file_stamp
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip_model import RipModel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -112,7 +113,8 @@ class Worker:
             return self._raster(shape)
 
         light = request["light"] and tuple(map(tuple, request["light"]))
-        how: dict[str, Any] = {"drawn_dpi": request["drawn_dpi"], "light": light}
+        stated = {name: _tuple(value) for name, value in request["rip"].items()}
+        how: dict[str, Any] = {"drawn_dpi": request["drawn_dpi"], "light": light, "rip": RipModel(**stated)}
         if request["engine"] is None:
             shape = file.draw(request["number"], request["dpi"], raster, **how).shape
         else:
@@ -175,6 +177,10 @@ class Worker:
             raise JobError(shown, what, remedy="leave it alone until the job is done")
         icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
         return PdfFile(path, shown, icc)
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _plain(warnings: list[PageWarning]) -> list[dict[str, Any]]:

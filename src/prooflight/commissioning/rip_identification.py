@@ -1,0 +1,277 @@
+"""Identification of a press's RIP: where its edges lie beside those that are drawn in its place, by ink.
+
+An edge is sought in the expected image where a run of pixels goes from one level to another. Its place in both
+images is the mean place of the step between the levels at its ends, so that neither gain nor blur moves it.
+All edges of an ink that lie further out have grown; those that lie further right have moved; what remains is
+how surely single edges lie.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.cmyk import INK_NAMES, INKS
+from prooflight.pages.pdf.rip_model import FILL_RULES, RipModel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.pdf.rip_model import FillRule
+
+HALF: Final = 3
+"""Pixels that are looked at to either side of an edge of a raster: growth up to two of them is seen."""
+TILE: Final = 32
+"""Side of the tiles in which the edges of one direction count as one: neighbours lie off alike. [pixels]"""
+BAND: Final = 256
+"""Rows in which edges are sought at once, a tile's whole multiple."""
+ENOUGH: Final = 40_000
+"""Edges of one ink after which no more are sought."""
+FEWEST_TILES: Final = 12
+"""Fewest tiles by which an ink's growth is stated."""
+LEAST_STEP: Final = 0.25
+"""Least step of an edge, as a share of the range."""
+PLATEAU: Final = 0.1
+"""Largest change from the first to the second pixel of a run, as a share of its step."""
+SAME_STEP: Final = 0.4
+"""Largest difference of the steps of both images, as a share; others are no edges of the same shape."""
+BETTER: Final = 0.9
+"""Largest ratio of an identified rule's residual to the next best one's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InkEdges:
+    """How the edges of one ink lie beside the expected ones; standard errors are of means over tiles."""
+
+    growth_pixels: float
+    growth_sd: float
+    offset_pixels: tuple[float, float]
+    """To the right and down."""
+    offset_sd: float
+    edge_sd: float
+    """Standard deviation of a tile's edges after growth and offset. [pixels]"""
+    tiles: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identified:
+    """Parameters that were identified, and sentences that say so."""
+
+    model: RipModel
+    sentences: tuple[str, ...]
+
+
+def ink_edges(
+    expected: Sequence[NDArray[np.floating | np.uint8]],
+    seen: Sequence[NDArray[np.floating | np.uint8]],
+    *,
+    span: float,
+    half: int = HALF,
+    alone: Sequence[NDArray[np.bool_]] | None = None,
+) -> InkEdges | None:
+    """Return how the edges of one ink lie in pages as they were printed, beside pages as expected.
+
+    Parameters
+    ----------
+    expected, seen
+        Pages (rows, columns) of one ink, in the same place; more is more ink.
+    span
+        Range of full ink.
+    half
+        Pixels that are looked at to either side of an edge.
+    alone
+        Where the ink is alone (rows, columns); None: everywhere.
+
+    Returns
+    -------
+    InkEdges or None
+        None: fewer than ``FEWEST_TILES`` tiles of edges.
+    """
+    found: list[NDArray[np.float64]] = []
+    for page, (there, printed) in enumerate(zip(expected, seen, strict=True)):
+        tops = range(0, there.shape[0], BAND)
+        order = [
+            top for start in range(4) for top in tops[start::4]
+        ]  # all over the page before any part of it in full
+        for top in order:
+            if sum(map(len, found)) > ENOUGH:
+                break
+            rows = slice(top, top + BAND)
+            clear = None if alone is None else alone[page][rows]
+            for axis in (0, 1):
+                one = _edges(there[rows], printed[rows], span, half, axis, clear)
+                one[:, 0] += top
+                one[:, 0] = page * 1e6 + one[:, 0] // TILE
+                found.append(one)
+    return _fitted(np.concatenate(found)) if found else None
+
+
+def _edges(
+    expected: NDArray[np.generic],
+    seen: NDArray[np.generic],
+    span: float,
+    half: int,
+    axis: int,
+    clear: NDArray[np.bool_] | None,
+) -> NDArray[np.float64]:
+    """Return row, column in tiles, direction right and down (0, 1 or -1), and outward displacement; (n, 5)."""
+    there, printed = (np.asarray(image, np.float32) for image in (expected, seen))
+    if axis == 0:
+        there, printed = there.T, printed.T
+        clear = None if clear is None else clear.T
+    count = there.shape[1] - 2 * half + 1
+    if count < 1:
+        return np.zeros((0, 5))
+    first, last = there[:, :count], there[:, 2 * half - 1 :]
+    before, after = there[:, half - 1 : half - 1 + count], there[:, half : half + count]
+    step, middle = last - first, (first + last) / 2
+    edge = (
+        (np.abs(step) > LEAST_STEP * span) & ((before - middle) * (after - middle) <= 0) & (before != after)
+    )
+    # Straight for three pixels: the steps of a slanted edge end within the window.
+    rising, straight = step > 0, np.zeros_like(edge)
+    for up in (True, False):
+        alike = edge & (rising == up)
+        straight[1:-1] |= alike[1:-1] & alike[:-2] & alike[2:]
+    edge = straight
+    if clear is not None:
+        for at in range(0, 2 * half):
+            edge &= clear[:, at : at + count]
+    lines, places = np.nonzero(edge)
+    window = places[:, None] + np.arange(2 * half)
+    a, b = there[lines[:, None], window], printed[lines[:, None], window]
+    of_a, of_b = a[:, -1] - a[:, 0], b[:, -1] - b[:, 0]
+    sound = np.abs(of_b / of_a - 1) < SAME_STEP
+    for image, of in ((a, of_a), (b, of_b)):
+        flat = np.maximum(np.abs(image[:, 1] - image[:, 0]), np.abs(image[:, -1] - image[:, -2]))
+        sound &= flat < PLATEAU * np.abs(of)
+    a, b, of_a, of_b = a[sound], b[sound], of_a[sound], of_b[sound]
+    place_a = ((a[:, -1:] - a) / of_a[:, None]).sum(axis=1)
+    place_b = ((b[:, -1:] - b) / of_b[:, None]).sum(axis=1)
+    towards = np.where(of_a < 0, 1.0, -1.0)  # less ink beyond: the shape's edge to the right or below
+    moved = towards * (place_b - place_a)
+    lines, at = lines[sound], places[sound] + half
+    none = np.zeros(len(at))
+    if axis == 0:
+        return np.column_stack([at, lines // TILE, none, towards, moved])
+    return np.column_stack([lines, at // TILE, towards, none, moved])
+
+
+def _fitted(edges: NDArray[np.float64]) -> InkEdges | None:
+    """Fit growth and offset to the means of tiles; None: too few, or none of opposite directions."""
+    if not len(edges):
+        return None
+    keys, of = np.unique(edges[:, :4], axis=0, return_inverse=True)
+    of = of.ravel()
+    means = np.bincount(of, edges[:, 4]) / np.bincount(of)
+    if len(means) < FEWEST_TILES or len(np.unique(keys[:, 2:], axis=0)) < 2:
+        return None
+    design = np.column_stack([np.ones(len(means)), keys[:, 2], keys[:, 3]])
+    inverse = np.linalg.pinv(design.T @ design)
+    amounts = inverse @ design.T @ means
+    left = means - design @ amounts
+    variance = float((left**2).sum() / max(len(means) - 3, 1))
+    sd = np.sqrt(variance * np.diag(inverse))
+    return InkEdges(
+        growth_pixels=float(amounts[0]),
+        growth_sd=float(sd[0]),
+        offset_pixels=(float(amounts[1]), float(amounts[2])),
+        offset_sd=float(max(sd[1:])),
+        edge_sd=float(np.sqrt(variance)),
+        tiles=len(means),
+    )
+
+
+def identified_from_rasters(
+    rasters: Sequence[NDArray[np.uint8]],
+    drawn: Callable[[RipModel], Sequence[NDArray[np.uint8]]],
+    *,
+    dpi: float,
+    engine_is_ours: bool = True,
+) -> Identified:
+    """Identify a RIP from its rasters of pages.
+
+    Parameters
+    ----------
+    rasters
+        Pages (rows, columns, 4) as the press's front end makes them.
+    drawn
+        Draws the same pages by parameters, at the same resolution and of the same sizes.
+    dpi
+        Of the rasters. [pixels/inch]
+    engine_is_ours
+        Whether fill rules can be tried, since MuPDF draws.
+    """
+    rules: tuple[FillRule | None, ...] = FILL_RULES if engine_is_ours else (None,)
+    tried = {}
+    for rule in rules:
+        expected = drawn(RipModel(fill=rule))
+        inks = [
+            ink_edges([page[..., ink] for page in expected], [page[..., ink] for page in rasters], span=255)
+            for ink in range(INKS)
+        ]
+        tried[rule] = inks, _residual(inks)
+    order = sorted(tried, key=lambda rule: tried[rule][1])
+    best = order[0]
+    fill: FillRule | None = best
+    if len(order) > 1 and not tried[best][1] < BETTER * tried[order[1]][1]:
+        fill = None
+        best = "centre"
+    sentences = []
+    if fill is not None:
+        sentences.append(
+            f"The RIP fills pixels by the rule {fill}: edges then lie within {tried[fill][1]:.2f} pixels of those "
+            f"that are drawn, by {order[1]} within {tried[order[1]][1]:.2f}."
+        )
+    elif engine_is_ours:
+        sentences.append("These pages do not show by which rule the RIP fills pixels: rules fit them alike.")
+    more = _stated(tried[best][0], 25400 / dpi)
+    return Identified(model=RipModel(fill=fill, **more[0]), sentences=(*sentences, *more[1]))
+
+
+def identified_from_edges(inks: Sequence[InkEdges | None], pixel_um: float) -> Identified:
+    """Identify growth and residual from edges of scans, whose offset is registration's own."""
+    fields, sentences = _stated(inks, pixel_um)
+    return Identified(model=RipModel(**fields), sentences=tuple(sentences))
+
+
+def _residual(inks: Sequence[InkEdges | None]) -> float:
+    """Return how far edges lie off in all, growth included: a rule that needs none explains more. [pixels]"""
+    known = [one for one in inks if one is not None]
+    if not known:
+        return 0.0
+    tiles = np.array([one.tiles for one in known], float)
+    squares = [one.edge_sd**2 + one.growth_pixels**2 for one in known]
+    return float(np.sqrt(np.average(squares, weights=tiles)))
+
+
+def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str, Any], list[str]]:
+    """Return fields of ``RipModel``, and sentences of what was found of each ink."""
+    known = {ink: one for ink, one in enumerate(inks) if one is not None}
+    sentences = [
+        f"{INK_NAMES[ink].capitalize()} has no edges by which its growth could be told: taken as 0, within a pixel."
+        for ink in range(INKS)
+        if ink not in known
+    ]
+    if not known:
+        return {}, sentences
+    growth, sd = [0.0] * INKS, [pixel_um / 12**0.5] * INKS
+    for ink, one in known.items():
+        growth[ink], sd[ink] = pixel_um * one.growth_pixels, pixel_um * one.growth_sd
+        verb = "grows" if growth[ink] >= 0 else "shrinks"
+        sentences.append(
+            f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
+            f"its edges lie within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
+        )
+    tiles = np.array([one.tiles for one in known.values()], float)
+    edge = float(np.sqrt(np.average([one.edge_sd**2 for one in known.values()], weights=tiles)))
+    fields: dict[str, Any] = {
+        "growth_um": tuple(round(one, 2) for one in growth),
+        "growth_sd_um": tuple(round(one, 2) for one in sd),
+        "edge_sd_um": round(pixel_um * edge, 2),
+    }
+    return fields, sentences

@@ -1,0 +1,55 @@
+"""Identification of a press's RIP from scans of good pages: growth of each ink, and how surely edges lie."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.cmyk import INKS
+from prooflight.commissioning.rip_identification import Identified, identified_from_edges, ink_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.base import Inspection
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+HALF: Final = 4
+"""Pixels that are looked at to either side of an edge: the lens blurs it over some two."""
+ALONE: Final = 0.02
+"""Largest difference, as a share of paper white, that other inks may make where an ink counts as alone."""
+
+
+def identified_from_scans(inspected: Iterable[tuple[Page, Inspection]], press: Press) -> Identified:
+    """Identify growth and residual of each ink from good pages of a press, as they enter it, and their inspections."""
+    expected: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
+    seen: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
+    alone: list[list[NDArray[np.bool_]]] = [[] for _ in range(INKS)]
+    station, white = press.station(), press.sensors[0].white_dn
+    for page, inspection in inspected:
+        if inspection.verdict.kind == "wrong-page":
+            continue  # not placed
+        all_inks = inspection.expect().expected_dn[0]
+        measured = inspection.measured_dn[0].astype(np.float32)
+        for ink in range(INKS):
+            if not page.cmyk[..., ink].any():
+                continue
+            single = np.zeros_like(page.cmyk)
+            single[..., ink] = page.cmyk[..., ink]
+            prediction = station.predict(replace(page, cmyk=single), inspection.placement)
+            only = prediction.expected_dn[0][inspection.area]
+            expected[ink].append(-all_inks)
+            seen[ink].append(-measured)
+            alone[ink].append(np.abs(only - all_inks) < ALONE * white)
+    levels = press.sensors[0].mean_dn
+    inks = []
+    for ink in range(INKS):
+        solid = tuple(levels.shape[0] - 1 if other == ink else 0 for other in range(INKS))
+        span = float(levels[0, 0, 0, 0] - levels[solid])
+        inks.append(ink_edges(expected[ink], seen[ink], span=span, half=HALF, alone=alone[ink]))
+    return identified_from_edges(inks, 1e3 * press.geometry.pixel_pitch_mm)

@@ -1,0 +1,67 @@
+"""The test page of ``press rip-model``: edges at parts of pixels, hairlines and tints of every ink."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from prooflight.cmyk import INKS
+
+SIDE_POINTS: Final = (420.0, 320.0)
+PITCH_POINTS: Final = 24.37
+"""Pitch of the squares: no multiple of a pixel of any usual resolution, so that edges lie at all parts of pixels."""
+SQUARE_POINTS: Final = 11.13
+SQUARES: Final = (8, 2)
+"""Squares of each ink, across and down."""
+HAIRLINES_POINTS: Final = (0.0, 0.06, 0.12, 0.25, 0.5)
+TINTS: Final = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
+
+
+def test_pdf() -> bytes:
+    """Return the page as a PDF."""
+    paints = []
+    for ink in range(INKS):
+        top = SIDE_POINTS[1] - 14 - 74 * ink
+        paints.append(_colour(ink, 1.0))
+        for row in range(SQUARES[1]):
+            for column in range(SQUARES[0]):
+                x, y = 12.31 + PITCH_POINTS * column, top - 25.43 * row - SQUARE_POINTS
+                paints.append(
+                    f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS:.3f} re f"
+                )
+                # A triangle beside it, whose edges cut pixels at all angles.
+                paints.append(
+                    f"{x + 13:.3f} {y:.3f} m {x + 22:.3f} {y + 3.1:.3f} l {x + 15:.3f} {y + 11:.3f} l f"
+                )
+        for line, width in enumerate(HAIRLINES_POINTS):
+            x, y = 222.3 + 7.77 * line, top - 36
+            paints.append(f"{width:g} w {x:.3f} {y:.3f} m {x:.3f} {y + 36:.3f} l S")
+            paints.append(f"{264.0:.3f} {y + 7.13 * line:.3f} m {300.0:.3f} {y + 7.13 * line:.3f} l S")
+        for patch, tint in enumerate(TINTS):
+            paints += [_colour(ink, tint), f"{308 + 18 * patch} {top - 36} 16 36 re f"]
+    content = "\n".join(paints).encode()
+    return _document(content)
+
+
+def _colour(ink: int, amount: float) -> str:
+    amounts = ["0"] * INKS
+    amounts[ink] = f"{amount:g}"
+    return f"{' '.join(amounts)} k {' '.join(amounts)} K"
+
+
+def _document(content: bytes) -> bytes:
+    width, height = SIDE_POINTS
+    page = f"<</Type/Page/Parent 2 0 R/Contents 4 0 R/Resources<<>>/MediaBox[0 0 {width:g} {height:g}]>>"
+    objects = [
+        b"<</Type/Catalog/Pages 2 0 R>>",
+        b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
+        page.encode(),
+        b"<</Length %d>>stream\n%s\nendstream" % (len(content), content),
+    ]
+    out, places = bytearray(b"%PDF-1.6\n"), list[int]()
+    for number, body in enumerate(objects, 1):
+        places.append(len(out))
+        out += b"%d 0 obj\n%s\nendobj\n" % (number, body)
+    table = b"".join(b"%010d 00000 n \n" % place for place in places)
+    start, count = len(out), len(objects) + 1
+    out += b"xref\n0 %d\n0000000000 65535 f \n%s" % (count, table)
+    return bytes(out) + b"trailer<</Size %d/Root 1 0 R>>\nstartxref\n%d\n%%%%EOF\n" % (count, start)

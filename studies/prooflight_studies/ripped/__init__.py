@@ -1,0 +1,1 @@
+"""Presses that rip PDFs themselves, and what a promise is worth there."""

@@ -1,0 +1,273 @@
+"""Prints of presses that rip a PDF themselves, each judged under what the press file states of its RIP."""
+
+from __future__ import annotations
+
+import subprocess
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.errors import InputError, JobError, RequestError
+from prooflight.files.atomic import whole_file
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.job import in_full
+from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip import PdfJob
+from prooflight.pages.screen import Screen, screened
+from prooflight.press.artefact import Press
+from prooflight.press.pages import open_job
+from prooflight.rng import stream
+from prooflight.simulation.halftone import dot_gain_factor, together
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight.simulation.scans import MisprintRequest, scan_page
+from prooflight.simulation.session import Session
+from prooflight.simulation.worlds import amounts_of
+
+if TYPE_CHECKING:
+    from prooflight.detectors.base import Inspection
+    from prooflight.pages.raster import Page
+    from prooflight.simulation.worlds import World
+    from prooflight_studies.harness.result_cache import Rows
+
+PAGES_A_DAY: Final = 4
+"""Pages of a press day; each copy of a page is of another day."""
+SECONDS_MAX: Final = 300.0
+OTHER_PAGES: Final = ("wrong-page",)
+"""Kinds that need another page; each job here has only one."""
+STATEMENTS: Final = ("nothing", "stated")
+"""What the press file says of the press's RIP: nothing, or resolution and screen, drawn by MuPDF."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnRip:
+    """RIP of a press, which draws the PDF itself."""
+
+    name: str
+    title: str
+    dpi: float
+    engine: str = "ghostscript"
+    screen: Screen | None = None
+    """None: continuous tone."""
+
+
+OUR_RASTER: Final = "own"
+RIPS: Final = (
+    OwnRip(name=OUR_RASTER, title="our own raster", dpi=0.0, engine=""),
+    OwnRip(name="contone-1200", title="Ghostscript, 1200 dpi, continuous tone", dpi=1200.0),
+    OwnRip(
+        name="am-1200",
+        title="the same, 1-bit AM screens, 175 lpi, C15 M75 Y0 K45",
+        dpi=1200.0,
+        screen=Screen(kind="am", dpi=1200.0, lpi=175.0),
+    ),
+    OwnRip(name="contone-600", title="Ghostscript, 600 dpi, continuous tone", dpi=600.0),
+    OwnRip(
+        name="diffusion-1200",
+        title="Ghostscript, 1200 dpi, 1-bit error diffusion",
+        dpi=1200.0,
+        screen=Screen(kind="error-diffusion", dpi=1200.0),
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintPiece:
+    """Copies of one page by one RIP in one world."""
+
+    page: str
+    number: int
+    """Number of the page, from which days, prints and kinds of misprints are drawn."""
+    rip: str
+    world: str
+    copies: int
+    """Good prints, each of another day."""
+    misprints: int
+    """Misprints, on the days of the first copies."""
+    judged: bool
+    """Whether its prints are judged; others are learned, on days of their own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintWork:
+    """Print and inspect the copies of a piece; a row for each print and statement.
+
+    Columns: page, rip, world, judged, copy, statement, kind ("" where good), severity, alarm, uninspected, p_value, and
+    what a press learns from: score, values, features, another, glyphs, floor_mm2.
+    """
+
+    press: Path
+    pages: Path
+    folder: Path
+    """Where PDFs are kept after their colours have been converted."""
+    seed: int
+
+    def __call__(self, piece: PrintPiece, /) -> Rows:
+        """Return the rows of a piece."""
+        rip = rip_of(piece.rip)
+        press = _press(self.press)
+        pdf = device_cmyk(self.pages / f"{piece.page}.pdf", self.folder)
+        printed = as_printed(pdf, press, rip)
+        ready = {}
+        for name, stated in statements(press, rip).items():
+            inspector = _inspector(stated)
+            ready[name] = (inspector, inspector.prepare(_expected(pdf, stated)))
+        columns: dict[str, list[Any]] = defaultdict(list)
+        for copy in range(max(piece.copies, piece.misprints)):
+            session = self._session(press, piece, rip, copy)
+            for request in self._requests(piece, copy):
+                kind = "" if request is None else request.kind
+                # The same day, print and misprint in every row, so that rows compare.
+                rng = stream(self.seed, "rip-print", int(piece.judged), piece.number, copy, int(bool(kind)))
+                try:
+                    scan = scan_page(
+                        printed,
+                        press=press,
+                        request=request,
+                        others=(),
+                        fetch=_none,
+                        rng=rng,
+                        session=session,
+                    )
+                except RequestError:
+                    continue  # nothing of that kind can be seen on this page
+                for name, (inspector, prepared) in ready.items():
+                    row = _row(inspector.inspect(prepared, scan.dn))
+                    severity = 0.0 if scan.misprint is None else scan.misprint.severity
+                    facts = {
+                        "page": piece.page,
+                        "rip": piece.rip,
+                        "world": piece.world,
+                        "judged": piece.judged,
+                    }
+                    facts |= {"copy": copy, "statement": name, "kind": kind, "severity": severity}
+                    for column, value in (facts | row).items():
+                        columns[column].append(value)
+        labels = {"page", "rip", "world", "statement", "kind"}
+        return {
+            name: np.array(values, "U32") if name in labels else np.array(values)
+            for name, values in columns.items()
+        }
+
+    def _session(self, press: Press, piece: PrintPiece, rip: OwnRip, copy: int) -> Session:
+        day = piece.number // PAGES_A_DAY
+        rng = stream(self.seed, "rip-day", int(piece.judged), day, copy)
+        session = Session.draw(amounts_of(press, _world(piece.world)), press, rng)
+        # The row says how pages are screened, in every world.
+        dots = 1.0 if rip.screen is None else dot_gain_factor(rip.screen, press.ink_light)
+        return replace(session, screen=None, dots=dots)
+
+    def _requests(self, piece: PrintPiece, copy: int) -> list[MisprintRequest | None]:
+        requests: list[MisprintRequest | None] = [None] if copy < piece.copies else []
+        if copy < piece.misprints:
+            kinds = [kind for kind in KINDS if kind not in OTHER_PAGES]
+            requests.append(MisprintRequest(kind=kinds[(piece.number + copy * 5) % len(kinds)]))
+        return requests
+
+
+def rip_of(name: str) -> OwnRip:
+    """Return the RIP of a name."""
+    (rip,) = (one for one in RIPS if one.name == name)
+    return rip
+
+
+def statements(press: Press, rip: OwnRip) -> dict[str, Press]:
+    """Return the press under each statement about its RIP; its engine stays MuPDF, whatever the press draws by."""
+    if rip.name == OUR_RASTER:
+        return {"nothing": press}
+    return {"nothing": press, "stated": replace(press, rip_dpi=rip.dpi)}
+
+
+def as_printed(pdf: Path, press: Press, rip: OwnRip) -> Page:
+    """Return the first page of a PDF as a press prints it, in its place; errors as ``PdfJob`` and ``lay``."""
+    if rip.name == OUR_RASTER:
+        return _expected(pdf, press)
+    light = press.ink_light
+    with PdfJob(pdf, engine=RipEngine(name=rip.engine)) as job:  # type: ignore[arg-type]
+        page = job.page(1, rip.dpi)
+    plates = page.cmyk
+    if rip.screen is not None:
+        plates = screened(plates, rip.screen, tone=light)
+    cmyk, dpi = together(plates, rip.dpi, light)
+    return press.geometry.lay(replace(page, cmyk=cmyk, dpi=dpi))
+
+
+def _expected(pdf: Path, press: Press) -> Page:
+    with open_job(pdf, press) as job:
+        return job.page(1)
+
+
+def device_cmyk(pdf: Path, folder: Path) -> Path:
+    """Return a copy of a PDF whose colours are DeviceCMYK, so that no two engines convert them otherwise.
+
+    JobError: Ghostscript fails on it.
+    """
+    path = folder / pdf.name
+    if path.exists():
+        return path
+    with whole_file(path) as unfinished:
+        command = [
+            "gs",
+            "-q",
+            "-dSAFER",
+            "-dBATCH",
+            "-dNOPAUSE",
+            "-sDEVICE=pdfwrite",
+            "-dAutoRotatePages=/None",
+        ]
+        command += ["-sColorConversionStrategy=CMYK", "-dProcessColorModel=/DeviceCMYK"]
+        command += ["-dFirstPage=1", "-dLastPage=1", f"-sOutputFile={unfinished}", str(pdf)]
+        done = subprocess.run(command, capture_output=True, timeout=SECONDS_MAX, check=False)
+        if done.returncode or not unfinished.stat().st_size:
+            raise JobError(pdf, "Ghostscript cannot convert its colours", remedy="leave the page out")
+    return path
+
+
+def fits(pdf: Path, press: Press, folder: Path) -> str:
+    """Return why a page cannot be a row of this press; empty: it can."""
+    try:
+        converted = device_cmyk(pdf, folder)
+        for engine in ("mupdf", "ghostscript"):
+            with PdfJob(converted, engine=RipEngine(name=engine)) as job:
+                press.geometry.lay(job.page(1, 50.0))
+    except InputError as error:
+        return error.what
+    return ""
+
+
+def _row(inspection: Inspection) -> dict[str, Any]:
+    verdict, kept = inspection.verdict, inspection.kept
+    return {
+        "alarm": verdict.verdict == "misprint",
+        "uninspected": verdict.verdict == "not-inspected",
+        "p_value": 1.0 if verdict.p_value is None else verdict.p_value,
+        "score": verdict.score or 0.0,
+        "values": kept["values"],
+        "features": kept["portrait"],
+        "another": bool(kept["wrong_page"]),
+        "glyphs": float(kept["glyphs"]),
+        "floor_mm2": float(kept["floor_mm2"]),
+    }
+
+
+def _none(number: int) -> Page:
+    raise RequestError(
+        f"page {number}", "is not printed here", remedy="ask for a kind that takes no other page"
+    )
+
+
+def _world(name: str) -> World:
+    return "measured" if name == "measured" else "press"
+
+
+@lru_cache(maxsize=1)
+def _press(path: Path) -> Press:
+    return Press.load(path)
+
+
+@lru_cache(maxsize=4)
+def _inspector(press: Press) -> Inspector:
+    return in_full(Inspector(press)).with_threads(1)

@@ -1,0 +1,283 @@
+"""Whether a promise holds on a press that rips PDFs itself, prints dots, and varies as real sheets do.
+
+Good prints that alarm and misprints that are caught, by RIP, world, and what the press file states; as built, and after
+the press has learned good prints of other pages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
+from prooflight.detectors.matched_filter.calibrated import ScannedPage, score_of
+from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.errors import RequestError
+from prooflight.press.artefact import Press
+from prooflight.simulation.worlds import measured_digest, worlds_digest
+from prooflight_studies.harness.operating import counted
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.ripped.printing import RIPS, STATEMENTS, PrintPiece, PrintWork, fits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight_studies.harness.result_cache import Rows
+
+WORLDS: Final = ("press", "measured")
+PAGE: Final = "ripped"
+GOOD_A_MISPRINT: Final = 4
+"""Good prints of a page for each misprint of it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromisePlan:
+    """What is printed."""
+
+    seed: int
+    prints: int = 320
+    """Least number of good prints that are judged in each row, each page equally often."""
+    learned: int = 40
+    """Good prints of pages of development that a press learns, one of each page; 0: none learns."""
+    rips: tuple[str, ...] = tuple(rip.name for rip in RIPS)
+    worlds: tuple[str, ...] = WORLDS
+
+    def __post_init__(self) -> None:
+        """Check the numbers; RequestError."""
+        if 0 < self.learned < FEWEST_REAL:
+            what = f"a press cannot learn from {self.learned} pages"
+            raise RequestError("learned", what, remedy=f"give 0, or {FEWEST_REAL} or more")
+        for given, known, of in (
+            (self.rips, [rip.name for rip in RIPS], "rip"),
+            (self.worlds, WORLDS, "world"),
+        ):
+            for name in given:
+                if name not in known:
+                    raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
+
+    def pieces(self, judged: Sequence[str], taught_by: Sequence[str]) -> list[PrintPiece]:
+        """Return the pieces, those that are judged first."""
+        pages = spread(judged, self.prints)
+        copies = -(-self.prints // len(pages))
+        sets = [(page, True, copies, max(copies // GOOD_A_MISPRINT, 1)) for page in pages]
+        sets += [(page, False, 1, 0) for page in spread(taught_by, self.learned)]
+        return [
+            PrintPiece(
+                page=page,
+                number=_number(page),
+                rip=rip,
+                world=world,
+                copies=of_page,
+                misprints=misprints,
+                judged=is_judged,
+            )
+            for is_judged_first in (True, False)
+            for page, is_judged, of_page, misprints in sets
+            if is_judged == is_judged_first
+            for world in self.worlds
+            for rip in self.rips
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromiseRow:
+    """Counts of one RIP in one world under one statement."""
+
+    world: str
+    rip: str
+    title: str
+    statement: str
+    learned: int
+    """Good pages that were learned; 0: as built."""
+    good: int
+    alarms: int
+    uninspected: int
+    false_alarms: str
+    misprints: int
+    caught: int
+    pages_with_alarms: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromiseResults:
+    """Figures of the page."""
+
+    seed: int
+    press: str
+    promise: float
+    pages: int
+    """Pages that were judged."""
+    left_out: tuple[str, ...]
+    """Pages that no row has, and why."""
+    minutes: float
+    worlds_sha256: str
+    measured_sha256: str
+    rows: tuple[PromiseRow, ...]
+
+
+def run_promise_study(
+    press: Path,
+    pages: Path,
+    out: Path,
+    *,
+    cache: Path,
+    plan: PromisePlan,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> PromiseResults:
+    """Print and judge the pages of a folder, and write ripped.md.
+
+    Pages of odd numbers are judged; those of even numbers are of development, and learned. RequestError: the press has
+    no detector of ours, or too few pages fit it.
+    """
+    loaded = Press.load(press)
+    if loaded.ours is None:
+        raise RequestError(
+            "press", "was not taught our detector", remedy="give one of `prooflight press build`"
+        )
+    folder = cache / "device-cmyk"
+    folder.mkdir(parents=True, exist_ok=True)
+    usable, left_out = list[str](), list[str]()
+    for pdf in sorted(pages.glob("*.pdf")):
+        progress(f"looking at {pdf.stem}")
+        why = fits(pdf, loaded, folder)
+        if why:
+            left_out.append(f"{pdf.stem}: {why}")
+        else:
+            usable.append(pdf.stem)
+    judged = [page for page in usable if _number(page) % 2]
+    taught_by = [page for page in usable if not _number(page) % 2]
+    if not judged or len(taught_by) < plan.learned:
+        what = f"holds {len(judged)} pages of odd and {len(taught_by)} of even numbers that fit this press"
+        raise RequestError(pages, what, remedy=f"give one or more, and {plan.learned} or more")
+    pieces = plan.pieces(judged, taught_by)
+    digest = digest_of(
+        {
+            "seed": plan.seed,
+            "press": loaded.digest,
+            "worlds": [worlds_digest(), measured_digest()],
+            "algorithms": ALGORITHMS,
+        }
+    )
+    rows = run_pieces(
+        PrintWork(press=press, pages=pages, folder=folder, seed=plan.seed),
+        pieces,
+        cache,
+        digest=digest,
+        processes=processes,
+        progress=lambda done, total: progress(f"{done} of {total} pages printed and judged"),
+    )
+    results = PromiseResults(
+        seed=plan.seed,
+        press=loaded.name,
+        promise=loaded.ours.promise.rate,
+        pages=len({piece.page for piece in pieces if piece.judged}),
+        left_out=tuple(left_out),
+        minutes=minutes_spent(pieces, cache, digest=digest),
+        worlds_sha256=worlds_digest(),
+        measured_sha256=measured_digest(),
+        rows=tuple(counts(rows, loaded, plan)),
+    )
+    write_page(out / f"{PAGE}.md", PAGE, results)
+    return results
+
+
+def counts(rows: Rows, press: Press, plan: PromisePlan) -> list[PromiseRow]:
+    """Return the counts of every RIP, world and statement, as built and after learning."""
+    table = []
+    for world in plan.worlds:
+        for rip in RIPS:
+            for statement in STATEMENTS:
+                of_row = (
+                    (rows["world"] == world) & (rows["rip"] == rip.name) & (rows["statement"] == statement)
+                )
+                judged = of_row & rows["judged"]
+                if not judged.any():
+                    continue
+                verdicts = [(0, rows["alarm"][judged])]
+                if plan.learned:
+                    learned, count = _learned(rows, of_row & ~rows["judged"], judged, press)
+                    verdicts.append((count, learned))
+                for count, alarm in verdicts:
+                    facts = {"world": world, "rip": rip.name, "title": rip.title, "statement": statement}
+                    table.append(_counted(rows, judged, alarm, learned=count, facts=facts))
+    return table
+
+
+def _counted(
+    rows: Rows, judged: NDArray[np.bool_], alarm: NDArray[np.bool_], *, learned: int, facts: dict[str, str]
+) -> PromiseRow:
+    good = rows["kind"][judged] == ""
+    alarms, count = int((alarm & good).sum()), int(good.sum())
+    return PromiseRow(
+        **facts,
+        learned=learned,
+        good=count,
+        alarms=alarms,
+        uninspected=int((rows["uninspected"][judged] & good).sum()),
+        false_alarms=counted(alarms, count),
+        misprints=int((~good).sum()),
+        caught=int((alarm & ~good).sum()),
+        pages_with_alarms=tuple(np.unique(rows["page"][judged][alarm & good]).tolist()),
+    )
+
+
+def _learned(
+    rows: Rows, taught_by: NDArray[np.bool_], judged: NDArray[np.bool_], press: Press
+) -> tuple[NDArray[np.bool_], int]:
+    """Return whether each judged print alarms once the press has learned others, and how many those are.
+
+    What was not inspected before stays so, and prints of another page are not learned, as `press learn` does.
+    """
+    places = np.flatnonzero(taught_by & ~rows["another"] & ~rows["uninspected"])
+    good = [_scanned(rows, int(place)) for place in places]
+    promised = 0.0 if press.ours is None else press.ours.promise.rate
+    detector = recalibrated(
+        press, good, {one.name: one.digest for one in good}, false_alarm_rate=promised
+    ).ours
+    assert detector is not None
+    alarms = []
+    for place in np.flatnonzero(judged):
+        scanned = _scanned(rows, int(place))
+        score = score_of(detector.model, scanned.values, scanned.page_features, another=scanned.another)
+        decision = detector.decide(score, scanned.glyphs, scanned.floor_mm2)
+        alarms.append(decision.misprint and not rows["uninspected"][place])
+    return np.array(alarms, bool), len(good)
+
+
+def _scanned(rows: Rows, place: int) -> ScannedPage:
+    name = str(rows["page"][place])
+    of_row: dict[str, Any] = {column: rows[column][place] for column in ("values", "another")}
+    return ScannedPage(
+        name=name,
+        score=float(rows["score"][place]),
+        values=of_row["values"],
+        page_features=rows["features"][place],
+        another=bool(of_row["another"]),
+        digest=name,
+        variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
+        glyphs=float(rows["glyphs"][place]),
+        floor_mm2=float(rows["floor_mm2"][place]),
+        design=name,
+    )
+
+
+def spread(pages: Sequence[str], count: int) -> list[str]:
+    """Return at most ``count`` of the pages, spread evenly over them."""
+    if count >= len(pages):
+        return list(pages)
+    return [pages[(2 * place + 1) * len(pages) // (2 * count)] for place in range(count)]
+
+
+def _number(page: str) -> int:
+    digits = "".join(letter for letter in page if letter.isdecimal())
+    if not digits:
+        raise RequestError(page, "has no number", remedy="name pages like d007.pdf: odd ones are judged")
+    return int(digits)

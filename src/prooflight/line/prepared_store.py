@@ -78,7 +78,7 @@ class PreparedStore:
         """
         if not isinstance(inspector.detector, MatchedFilterDetector) or inspector.zones is not None:
             return None
-        if job.engine is not None:
+        if job.engine is not None and job.engine.program:
             return None
         parts = [
             program_digest(),

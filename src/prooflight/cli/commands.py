@@ -38,7 +38,7 @@ LISTED: Final = {
     "rip": Listed("jobs.command", "Write each page as a CMYK TIFF, as the press prints it."),
     "simulate": Listed("jobs.command", "Print and scan a job on the simulated press."),
     "inspect": Listed("jobs.command", "Compare scans with the job, and give one verdict a page."),
-    "job": Listed("jobs.zones", "Check a job before it is printed; make zones from its marks."),
+    "job": Listed("jobs.zones", "Check and prepare a job before it is printed; make zones from its marks."),
     "zones": Listed("jobs.zones", "Price zones before they are in force; draw them."),
     "codes": Listed("jobs.codes", "List a job's bar codes as this press's camera will read them."),
     "watch": Listed("watch.command", "Inspect a press while it runs."),

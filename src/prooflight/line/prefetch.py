@@ -84,12 +84,21 @@ class DesignPrefetcher(Generic[Ready]):
         size: Callable[[Ready], int] = size_bytes,
         made: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
+        stored: Callable[[Hashable], Ready | None] = lambda _design: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """made, failed: called with every design when it is ready, or with its sheet and the error if it failed."""
+        """Begin with an empty cache.
+
+        Parameters
+        ----------
+        made, failed
+            Called with every design when it is ready, or with its sheet and the error if it failed.
+        stored
+            Returns a design that was prepared before the run; None: it was not.
+        """
         self._book, self._prepare = book, prepare
         self._took, self._size, self._on_ready = took, size, made
-        self._on_failed, self._clock = failed, clock
+        self._on_failed, self._stored, self._clock = failed, stored, clock
         self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
         self._cached: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
@@ -208,7 +217,8 @@ class DesignPrefetcher(Generic[Ready]):
         with self._guard:
             self._queued.pop(design, None)
         try:
-            ready = self._timed(sheet)
+            stored = self._stored(design)
+            ready = self._timed(sheet) if stored is None else stored
             self._on_ready(design, ready)
         except BaseException as error:
             with self._guard:

@@ -102,6 +102,7 @@ class Running:
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
         flaws: Mapping[int, Exception] = MappingProxyType({}),
         durable: Callable[[], int] = lambda: 0,
+        stored: Callable[[Hashable], Known | None] = lambda _design: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Store the parts of a run.
@@ -122,11 +123,14 @@ class Running:
             Sheets whose pages are known to be unusable, and why.
         durable
             Returns the number of pages in the journal.
+        stored
+            Returns a design that was prepared before the run for the press as it was then; None: it was not.
         """
         self._press, self._source, self._make_pager, self._book = press, source, pager, book
         self._inspector, self._watch, self._settings = inspector, watch, settings
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
+        self._stored = stored
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = ThumbnailCache(book)
@@ -143,6 +147,7 @@ class Running:
             size=lambda made: size_bytes(made[1]),
             made=self._design_ready,
             failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
+            stored=self._taken,
             clock=clock,
         )
         first = range(min(len(book), MOST_DESIGNS))
@@ -530,6 +535,14 @@ class Running:
         adapting = self._watch.adapting
         used = None if adapting is None else adapting.used.copy()
         return lambda page: (inspector, inspector.prepare(page), used)
+
+    def _taken(self, design: Hashable) -> ReadyDesign | None:
+        """Return a stored design, adapted to the press as it is followed now; None: none is stored."""
+        known, inspector, adapting = self._stored(design), self._inspector, self._watch.adapting
+        if known is None:
+            return None
+        used = None if adapting is None else adapting.used.copy()
+        return inspector, inspector.renewed(known), used
 
     def _fault(self, error: Exception) -> None:
         if not isinstance(error, (ProoflightError, OSError)):

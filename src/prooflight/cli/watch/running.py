@@ -5,25 +5,26 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
 from prooflight.reporting.wording import suspended
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Hashable, Iterator, Mapping
 
     from prooflight.cli.watch.plant import Plant
     from prooflight.cli.watch.sources import Opened
     from prooflight.cli.watch.view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
+    from prooflight.line.book import JobBook
     from prooflight.line.outcomes import Outcome
     from prooflight.line.pager import PageStart
     from prooflight.line.recording import Recorder
     from prooflight.line.settings import Settings
-    from prooflight.line.sheet_inspector import Keep
+    from prooflight.line.sheet_inspector import Keep, Known
     from prooflight.line.status import Status
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -65,6 +66,21 @@ class PlannedRun:
         """Number of sheets that pass."""
         assert self.facts.sheets is not None  # a run on a press always says
         return self.facts.sheets
+
+
+def _prepared_before(planned: PlannedRun, book: JobBook) -> Callable[[Hashable], Known | None]:
+    """Return the function that reads the designs of a job that `job prepare` has prepared."""
+    from prooflight.line.prepared_store import PreparedStore
+
+    store = PreparedStore.of(planned.inspector, planned.job)
+
+    def load(design: Hashable) -> Known | None:
+        known = None if store is None else store.load(cast("int", design))
+        if known is not None and book.warnings is not None:
+            book.warnings.add(known.prepared.page.warnings)
+        return known
+
+    return load
 
 
 def run_until_ended(
@@ -115,6 +131,7 @@ def run_until_ended(
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
+            stored=_prepared_before(planned, job_book),
         )
         if given.camera is not None:
             console.cameras = given.camera.healths

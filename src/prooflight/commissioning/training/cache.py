@@ -10,13 +10,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.training.train import DEFAULT_RATE, trained
 from prooflight.errors import ProoflightError
+from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
 from prooflight.press.artefact import Press
 from prooflight.simulation.corpus.corpus import Corpus
@@ -35,8 +34,6 @@ MOST_PRESSES: Final = 8
 
 The least recently used one is removed first.
 """
-CALCULATING: Final = ("numpy", "scipy", "numba", "opencv-python-headless")
-"""Libraries whose versions may change the last digits of what training measures."""
 
 
 def trained_once(
@@ -88,7 +85,7 @@ def cached_press(
 
     key: text of everything that the press depends on, apart from the program.
     """
-    digest = hashlib.sha256(f"{key} {_program_digest()}".encode()).hexdigest()
+    digest = hashlib.sha256(f"{key} {program_digest()}".encode()).hexdigest()
     path = cache_folder() / f"{digest}.press"
     cached = _load(path)
     if cached is not None:
@@ -129,15 +126,3 @@ def _save(press: Press, path: Path) -> None:
             old.unlink(missing_ok=True)
     except (OSError, ProoflightError) as error:
         _log.debug("%s: trained presses cannot be kept (%s)", path.parent, error)
-
-
-@cache
-def _program_digest() -> str:
-    """Return the SHA-256 of this program's files and of the versions of the libraries that it calculates with."""
-    root = Path(__file__).resolve().parents[2]
-    sha = hashlib.sha256("".join(f"{name} {version(name)}\n" for name in CALCULATING).encode())
-    for path in sorted(root.rglob("*")):
-        if path.is_file() and path.suffix in {".py", ".toml", ".safetensors", ".json"}:
-            sha.update(path.relative_to(root).as_posix().encode())
-            sha.update(path.read_bytes())
-    return sha.hexdigest()

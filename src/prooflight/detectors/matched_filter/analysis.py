@@ -138,13 +138,29 @@ class PreparedPage:
         Landmarks stay as well: other gains would hardly change their choice.
         """
         landmarks = replace(self.landmarks, sensors=tuple(sensors))
-        return replace(self, landmarks=landmarks, binned_sensors=_binned(sensors, landmarks.geometry))
+        return replace(self, landmarks=landmarks, binned_sensors=mode_sensors(sensors, landmarks.geometry))
 
 
-def _binned(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
+def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tuple[SensorModel, ...]:
     """Return the sensors in pixels binned by ``bins_of``."""
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
+
+
+def mode_images(
+    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, of: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], AddedInks]:
+    """Return ``PreparedPage.images`` and ``PreparedPage.added`` of a design that was prepared before.
+
+    of: the images; where there are none they are computed again.
+    """
+    bins = bins_of(geometry)
+    at, taken_as = binned_geometry(geometry, bins), mode_sensors(sensors, geometry)
+    added = AddedInks(page, sensors=taken_as, geometry=at, bins=bins)
+    if not of.size:
+        of = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at).images
+        of = first_lines(of, at.lines(page.height_mm))
+    return of, added
 
 
 def prepare_page(
@@ -174,7 +190,7 @@ def prepare_page(
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
-    taken_as = _binned(sensors, geometry)
+    taken_as = mode_sensors(sensors, geometry)
     thin = thinned(page, bins)
     modes = prepare_modes(thin, sensors=taken_as, geometry=at)
     inside = pixel_map(page, at, IN_PLACE).inside

@@ -1,0 +1,238 @@
+"""Store of prepared designs: prepared once for a job on a press, and read by every later run of both.
+
+One file a design, in a folder whose name is a digest of job, press and program: whatever else could change a
+prepared design changes that name. A file states the digest of its content; one that is damaged is removed, and
+its design is prepared again. What the press already holds (its sensors, its detector) is not stored.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import os
+import pickle
+import shutil
+import zlib
+from dataclasses import dataclass, is_dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.analysis import mode_images, mode_sensors
+from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
+from prooflight.files.atomic import whole_file
+from prooflight.files.program import program_digest
+from prooflight.files.user_folders import user_folder
+from prooflight.journal.journal import content_digest
+from prooflight.prediction.tables import SensorModel
+
+if TYPE_CHECKING:
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.line.sheet_inspector import Known
+    from prooflight.pages.job import JobSource
+
+_log = logging.getLogger(__name__)
+
+MAGIC: Final = b"prooflight prepared design 1\n"
+DIGEST_BYTES: Final = 32
+MOST_BYTES: Final = 10_000_000_000
+"""Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
+EMPTY_SHARE: Final = 0.7
+"""Least share of zeros from which mode images are stored; those of other designs take less time to compute again
+than to read."""
+LEVEL: Final = 1
+"""Level of compression: higher ones take ten times as long for a tenth less."""
+READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
+"""Libraries whose versions may change what is drawn of a page, or which codes are read on it."""
+OF_NUMPY: Final = frozenset(
+    {
+        ("numpy", "dtype"),
+        ("numpy", "ndarray"),
+        ("numpy._core.numeric", "_frombuffer"),
+        ("numpy._core.multiarray", "_reconstruct"),
+        ("numpy._core.multiarray", "scalar"),
+    }
+)
+"""What is read besides the program's own classes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreparedStore:
+    """Prepared designs of one job on one press."""
+
+    folder: Path
+    """Folder of this job, within that of all jobs."""
+    inspector: Inspector
+
+    @classmethod
+    def of(cls, inspector: Inspector, job: JobSource, *, folder: Path | None = None) -> Self | None:
+        """Return the store of a job; None if nothing can be stored.
+
+        That is so of pages with zones, of another detector than ours, and of a press whose own RIP draws, since
+        nothing here tells its versions apart.
+
+        folder: of all jobs; None: in the user's cache.
+        """
+        if not isinstance(inspector.detector, MatchedFilterDetector) or inspector.zones is not None:
+            return None
+        if job.engine is not None and job.engine.program:
+            return None
+        parts = [
+            program_digest(),
+            *(f"{name} {_version(name)}" for name in READING),
+            inspector.press.digest,
+            content_digest(job.path),
+            "" if job.profile is None else content_digest(job.profile),
+            repr((job.dpi, job.drawn_dpi, job.layout)),
+        ]
+        name = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        return cls(folder=(folder or prepared_folder()) / name, inspector=inspector)
+
+    def load(self, design: int) -> Known | None:
+        """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
+        path = self._path(design)
+        try:
+            known = self._decoded(path.read_bytes())
+            os.utime(self.folder)  # by which the least recently used job is found
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # pickle raises whatever the bytes make it raise
+            _log.warning("%s cannot be used (%s); the design is prepared again", path, error)
+            path.unlink(missing_ok=True)
+            return None
+        return known
+
+    def save(self, design: int, known: Known) -> None:
+        """Store a prepared design, whole or not at all; OSError: it cannot be written."""
+        with whole_file(self._path(design)) as unfinished:
+            unfinished.write_bytes(self._encoded(known))
+
+    def _path(self, design: int) -> Path:
+        return self.folder / f"{design:06d}.design"
+
+    def _encoded(self, known: Known) -> bytes:
+        page, file = known.prepared.known, io.BytesIO()
+        arrays: list[bytes] = []
+        if not isinstance(page, MatchedFilterPage):
+            raise TypeError(f"{type(page).__name__} cannot be stored")
+        images = page.known.images
+        if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
+            images = images[:0]
+        bare: Any = replace(page.known, images=images, added=None)  # type: ignore[arg-type] # both come back
+        prepared: Any = replace(known.prepared, known=None)  # type: ignore[arg-type]
+        _Pickler(file, self.inspector, bare, arrays).dump(
+            (prepared, known.thumbnail, bare, page.inks, page.widening)
+        )
+        pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
+        sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()
+        content = b"".join([sizes, *pieces])
+        return b"".join([MAGIC, hashlib.sha256(content).digest(), content])
+
+    def _decoded(self, data: bytes) -> Known:
+        from prooflight.line.sheet_inspector import Known  # which imports what this module reads
+
+        content = memoryview(data)[len(MAGIC) + DIGEST_BYTES :]
+        if data[: len(MAGIC) + DIGEST_BYTES] != MAGIC + hashlib.sha256(content).digest():
+            raise ValueError("its digest does not match its content")
+        count = int(np.frombuffer(content[:8], "<u8")[0])
+        sizes = np.frombuffer(content[8 : 8 + 8 * count], "<u8").astype(np.int64)
+        ends = 8 + 8 * count + np.cumsum(sizes)
+        pieces = [content[end - size : end] for end, size in zip(ends.tolist(), sizes.tolist(), strict=True)]
+        stream = io.BytesIO(zlib.decompress(pieces[0]))
+        arrays = [
+            bytearray(zlib.decompress(one)) for one in pieces[1:]
+        ]  # kernels take arrays that can be written
+        return self._restored(Known, *_Unpickler(stream, self.inspector, arrays).load())
+
+    def _restored(
+        self, made: type[Known], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
+    ) -> Known:
+        """Return a design with what is not stored of it."""
+        detector = self.inspector.detector
+        assert isinstance(detector, MatchedFilterDetector)  # see ``of``
+        station = detector.station
+        images, added = mode_images(
+            bare.page, sensors=station.sensors, geometry=station.geometry, of=bare.images
+        )
+        page = MatchedFilterPage(
+            detector=detector,
+            known=replace(bare, images=images, added=added),
+            inks=inks,
+            model=detector.calibrated.model.widened(widening),
+            widening=widening,
+        )
+        return made(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+
+
+def _version(library: str) -> str:
+    """Return the version of a library; empty if it is not installed."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""
+
+
+def prepared_folder() -> Path:
+    """Return the folder of prepared jobs in the user's cache."""
+    return user_folder("cache") / "prepared"
+
+
+def clean(folder: Path, *, most_bytes: int, keep: Path | None = None) -> int:
+    """Remove the least recently used jobs until the others take at most ``most_bytes``; return what they take.
+
+    keep: a job that stays.
+    """
+    jobs = sorted((one for one in folder.iterdir() if one.is_dir()), key=lambda one: one.stat().st_mtime)
+    sizes = {job: sum(file.stat().st_size for file in job.iterdir()) for job in jobs}
+    total = sum(sizes.values())
+    for job in jobs:
+        if total > most_bytes and job != keep:
+            shutil.rmtree(job, ignore_errors=True)
+            total -= sizes[job]
+    return total
+
+
+class _Pickler(pickle.Pickler):
+    """Writes a design without what its press holds, and large arrays apart."""
+
+    def __init__(self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes]) -> None:
+        super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw().tobytes()))
+        own = inspector.detector.station.sensors
+        self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
+        self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
+        self._held |= {id(one): ("binned", index) for index, one in enumerate(bare.binned_sensors)}
+
+    def persistent_id(self, one: Any) -> tuple[str, int] | None:
+        """Return which of the press's parts an object is; None: none."""
+        if id(one) in self._held:
+            return self._held[id(one)]
+        if isinstance(one, SensorModel):
+            raise TypeError("a sensor that the press does not hold")
+        return None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads designs, and makes no other objects than a design consists of."""
+
+    def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[bytearray]) -> None:
+        super().__init__(file, buffers=arrays)
+        station = inspector.detector.station
+        self._parts = {"camera": station.sensors, "binned": mode_sensors(station.sensors, station.geometry)}
+
+    def persistent_load(self, name: Any) -> SensorModel:
+        """Return a part of the press."""
+        kind, index = name
+        return self._parts[kind][index]
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return a class of which designs consist; UnpicklingError: it is no such class."""
+        if (module, name) in OF_NUMPY:
+            return super().find_class(module, name)
+        if module.startswith("prooflight."):
+            found = super().find_class(module, name)
+            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
+                return found
+        raise pickle.UnpicklingError(f"{module}.{name} is no part of a design")

@@ -53,7 +53,9 @@ def screen_by_threshold(plates, tile, shift, starts, steps, low, share, levels, 
 
 @kernel("plates (H, W, 4), low (4, 256), share (4, 256), levels (_), out (H, W, 4)")
 def diffuse_error(plates, low, share, levels, out):  # type: ignore[no-untyped-def]
-    """Screen bytes by error diffusion (Floyd and Steinberg 1976), rows to and fro; ``out`` may be ``plates``.
+    """Screen bytes by error diffusion (Floyd and Steinberg 1976), every other row backwards.
+
+    ``out`` may be ``plates``.
 
     Paper and solids are printed as they are, and no error is carried across them, so that neither gets specks.
     """

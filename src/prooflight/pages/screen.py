@@ -21,6 +21,7 @@ from prooflight.kernels.screening import (
     most_crowded,
     screen_by_threshold,
 )
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -187,7 +188,7 @@ def blue_noise() -> NDArray[np.uint16]:
     dots = np.zeros((NOISE_TILE, NOISE_TILE), np.uint8)
     crowded = np.zeros(dots.shape)
     count = int(_FIRST_DOTS * dots.size)
-    for place in np.random.default_rng(1).choice(dots.size, count, replace=False):
+    for place in stream(None, "blue-noise").choice(dots.size, count, replace=False):
         _put(dots, crowded, blur, divmod(int(place), NOISE_TILE), 1)
     for _ in range(dots.size):  # until the most crowded dot is what fills the largest void
         cluster = most_crowded(crowded, dots, 1)

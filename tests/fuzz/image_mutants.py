@@ -12,6 +12,7 @@ import zlib
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pymupdf
 import tifffile
 from PIL import Image
 from tests.stand_ins import write_jpeg
@@ -22,6 +23,7 @@ from prooflight.pages.job import JobSource
 from prooflight.pages.raster import Page
 from prooflight.scans.pictures import picture_files
 from prooflight.scans.recorded import recorded_scans, write_scan
+from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +36,7 @@ SENSORS: Final = 2
 KINDS: Final = (
     *("job.tif", "tiles-job.tif", "jpeg-job.tif", "big-job.tif", "job.jpg", "job.pdf", "scan.tif"),
     *("picture.tif", "picture.png", "picture.jpg", "chart.tif", "chart.png", "chart.jpg"),
+    *("scanned.tif", "scanned.png", "scanned.jpg", "scanned.pdf"),
 )
 """Names of ``samples``: what reads them, and their suffix."""
 
@@ -62,6 +65,10 @@ def samples(folder: Path) -> dict[str, bytes]:
     made["chart.png"] = _pillow(Image.fromarray(rgb), "PNG")
     made["chart.jpg"] = _pillow(Image.fromarray(grey), "JPEG")
     made["job.pdf"] = _pdf(rgb)
+    made["scanned.tif"] = _tiff(wide, photometric="minisblack", resolution=(300, 300))
+    made["scanned.png"] = _pillow(Image.fromarray(rgb), "PNG")
+    made["scanned.jpg"] = _pillow(Image.fromarray(grey), "JPEG")
+    made["scanned.pdf"] = _scanned_pdf(grey)
     return made
 
 
@@ -76,6 +83,9 @@ def read(kind: str, path: Path) -> None:
     elif thing == "scan":
         for scan in recorded_scans(path, sensors=SENSORS)[:3]:
             assert scan.read().ndim == 3
+    elif thing == "scanned":
+        for page in scanned_pages(path)[:3]:
+            assert np.isfinite(page.read(ScannerSettings(dpi=300.0)).light).all()
     elif thing == "picture":
         for picture in picture_files(path)[:3]:
             assert np.isfinite(picture.read().light).all()
@@ -237,6 +247,15 @@ def _pillow(image: Image.Image, form: str) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, form, dpi=(300, 300))
     return buffer.getvalue()
+
+
+def _scanned_pdf(grey: np.ndarray) -> bytes:
+    """One page that is a picture, as scanners write it."""
+    document, stream = pymupdf.open(), io.BytesIO()
+    Image.fromarray(grey).save(stream, "PNG")
+    page = document.new_page(width=72 * grey.shape[1] / 300, height=72 * grey.shape[0] / 300)
+    page.insert_image(page.rect, stream=stream.getvalue())
+    return bytes(document.tobytes())
 
 
 def _pdf(rgb: np.ndarray) -> bytes:

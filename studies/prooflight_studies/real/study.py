@@ -56,7 +56,7 @@ TRIES: Final = 10_000
 class SheetRow:
     """One real sheet."""
 
-    copy: str
+    scans: str
     page: int
     verdict: str
     reason: str
@@ -79,7 +79,7 @@ class MarkRow:
 class ChainRow:
     """Chain fitted to all sheets of one copy."""
 
-    copy: str
+    scans: str
     growth_um: float
     growth_sd_um: float
     kernel: tuple[float, ...]
@@ -136,7 +136,7 @@ def run_real_study(
 
 def _chain_row(copy: str, chain: SignalChain) -> ChainRow:
     return ChainRow(
-        copy=copy,
+        scans=copy,
         growth_um=round(chain.growth_um, 1),
         growth_sd_um=round(chain.growth_sd_um, 1),
         kernel=tuple(round(float(weight), 3) for weight in chain.kernels[0]),
@@ -187,7 +187,7 @@ def _of_copy(
             ]
         boxes = tuple((one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in verdict.regions)
         row = SheetRow(
-            copy=scans.stem,
+            scans=scans.stem,
             page=number,
             verdict=verdict.verdict,
             reason=verdict.reason,

@@ -26,7 +26,7 @@ def real(
     if json:
         show.print_json(asdict(results))
         return
-    cells = ((row.copy, str(row.page), row.verdict, row.reason) for row in results.sheets)
+    cells = ((row.scans, str(row.page), row.verdict, row.reason) for row in results.sheets)
     show_table("Real sheets", ("copy", "page", "verdict", "why"), cells)
     show_table(
         "Marks", ("mark", "laid", "caught"), ((m.name, str(m.laid), str(m.caught)) for m in results.marks)

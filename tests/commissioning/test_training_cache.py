@@ -58,7 +58,7 @@ def test_another_press_and_another_program_are_trained(
 ) -> None:
     cache.trained_once(press, designs=24, seed=1)
     cache.trained_once(replace(press, name="another"), designs=24, seed=1)
-    monkeypatch.setattr(cache, "_program_digest", lambda: "changed")
+    monkeypatch.setattr(cache, "program_digest", lambda: "changed")
     cache.trained_once(press, designs=24, seed=1)
     assert len(trainings) == 3
 

@@ -34,7 +34,7 @@ def ends(kind: str, field: str) -> tuple[float, float]:
 
 def test_the_packages_copy_is_the_file_that_published_figures_name() -> None:
     assert worlds_digest() == hashlib.sha256(worlds_text()).hexdigest()
-    pages = {page.stem: page.read_text(encoding="utf-8") for page in RESULTS.glob("*.md")}
+    pages = {page.stem: page.read_text(encoding="utf-8") for page in RESULTS.rglob("*.md")}
     named = {
         name: re.findall(r"worlds\.toml\W+(?:SHA-256\W+)?([0-9a-f]{12,64})", text)
         for name, text in pages.items()

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from prooflight.detectors.base import Device
 from prooflight.inspection.registry import names
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -35,7 +34,7 @@ Detector = Annotated[
     ),
 ]
 OnDevice = Annotated[
-    Device,
+    Literal["cpu", "gpu"],  # detectors.base.Device, which would load numpy for --help
     typer.Option(
         "--device",
         help="Where our detector computes the images of a scan: cpu, or gpu, an NVIDIA card (prooflight[gpu]).",

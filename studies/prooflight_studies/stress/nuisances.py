@@ -336,6 +336,8 @@ def multiplied(amounts: Amounts, times: float) -> Amounts:
         return value * times
 
     def of_block(block: Any) -> Any:
+        if block is None:  # not of this world
+            return None
         return replace(
             block, **{each.name: more(each.name, getattr(block, each.name)) for each in fields(block)}
         )

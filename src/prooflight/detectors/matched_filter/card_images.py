@@ -46,7 +46,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 )
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.kernels.gpu import prediction, residuals, sums
-from prooflight.kernels.prediction.aiming import weights_at_phases
+from prooflight.kernels.prediction.aiming import phase_weights
 from prooflight.kernels.prediction.lens_correction import FAR_BLOCK, FARTHER_BLOCK, NEAR_REACH
 from prooflight.kernels.residuals.fit import SHAPES, SUMS
 from prooflight.prediction.predict import Prediction, levels_of, raster_and_planes, shot_slope
@@ -126,7 +126,7 @@ class DesignOnCard:
     seen_by: tuple[SensorModel, ...]
     sensors: tuple[SensorOnCard, ...]
     weights: dict[tuple[Any, ...], Any]
-    """``weights_at_phases`` by footprint."""
+    """``phase_weights`` by footprint."""
 
     @classmethod
     def of(cls, design: DesignImages, runner: Runner) -> DesignOnCard:
@@ -277,7 +277,7 @@ class CardImages:
         taps = math.ceil((one.cumulative.size - 1) / one.step) + 1
         key = id(one.cumulative), one.step, bits
         if key not in self._design.weights:
-            table = weights_at_phases(one.cumulative, one.step, 1 << bits, taps)
+            table = phase_weights(one.cumulative, one.step, 1 << bits, taps)
             self._design.weights[key] = self._runner.put(table), one.cumulative
         return self._design.weights[key][0]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from prooflight.kernels.compiled import inner_kernel
+from prooflight.kernels.compiled import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,6 +98,12 @@ def weights_at_phases(cumulative, step, count, taps):  # type: ignore[no-untyped
     for phase in range(count + 1):
         footprint_weights(-phase / count * step, step, cumulative, table[phase])
     return table
+
+
+@kernel("cumulative (_), step, count, taps")
+def phase_weights(cumulative, step, count, taps):  # type: ignore[no-untyped-def]
+    """Return ``weights_at_phases``, for callers that are not compiled."""
+    return weights_at_phases(cumulative, step, count, taps)
 
 
 @inner_kernel(error_model="numpy")

@@ -6,6 +6,7 @@ import csv
 import re
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,9 @@ FLAGS: Final = (
 )
 PASSWORD: Final = "a password of this study"
 PATIENCE_MS: Final = 60_000
+FOLLOWS_S: Final = 10.0
+"""Time within which Now must show what other pages do; assumed: its thread reads the journal once a second, and a busy
+machine makes it late."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,9 +61,6 @@ class Visitor:
 
     def read(self, run: int, *, needed: int, last: bool) -> Shown:
         """Return the counts of a run that is over. last: whether it is the one that Now shows."""
-        now = None
-        if last:
-            now = _number(self.goto("/").inner_text(f"a.row-link[href='/runs/{run}/reprint'] b"))
         page = self.goto(f"/runs/{run}/reprint")
         total = _number(page.inner_text(".total"))
         listed = set[int]()
@@ -77,7 +78,16 @@ class Visitor:
         with Path(expected.value.path()).open(encoding="utf-8-sig", newline="") as file:
             rows = frozenset(self._place(row["copy"], row["pages"]) for row in csv.DictReader(file))
         report = _number(self.goto(f"/report/{run}").inner_text("dl.figures a[href$='/reprint']"))
+        now = self._now(run, total) if last else None
         return Shown(now=now, total=total, listed=frozenset(listed), csv=rows, report=report)
+
+    def _now(self, run: int, total: int) -> int:
+        """Return the count that Now shows of a run; it follows the journal within ``FOLLOWS_S``."""
+        shown = -1
+        until_s = time.monotonic() + FOLLOWS_S
+        while shown != total and time.monotonic() < until_s:
+            shown = _number(self.goto("/").inner_text(f"a.row-link[href='/runs/{run}/reprint'] b"))
+        return shown
 
     def _place(self, copy: str, page: str) -> int:
         return (int(copy) - 1) * self._job_pages + int(page) - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from prooflight.cmyk import INKS
+from prooflight.pages.pdf.engine_check import pdf_of
 
 SIDE_POINTS: Final = (420.0, 320.0)
 PITCH_POINTS: Final = 24.37
@@ -51,17 +52,11 @@ def _colour(ink: int, amount: float) -> str:
 def _document(content: bytes) -> bytes:
     width, height = SIDE_POINTS
     page = f"<</Type/Page/Parent 2 0 R/Contents 4 0 R/Resources<<>>/MediaBox[0 0 {width:g} {height:g}]>>"
-    objects = [
-        b"<</Type/Catalog/Pages 2 0 R>>",
-        b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
-        page.encode(),
-        b"<</Length %d>>stream\n%s\nendstream" % (len(content), content),
-    ]
-    out, places = bytearray(b"%PDF-1.6\n"), list[int]()
-    for number, body in enumerate(objects, 1):
-        places.append(len(out))
-        out += b"%d 0 obj\n%s\nendobj\n" % (number, body)
-    table = b"".join(b"%010d 00000 n \n" % place for place in places)
-    start, count = len(out), len(objects) + 1
-    out += b"xref\n0 %d\n0000000000 65535 f \n%s" % (count, table)
-    return bytes(out) + b"trailer<</Size %d/Root 1 0 R>>\nstartxref\n%d\n%%%%EOF\n" % (count, start)
+    return pdf_of(
+        [
+            b"<</Type/Catalog/Pages 2 0 R>>",
+            b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
+            page.encode(),
+            b"<</Length %d>>stream\n%s\nendstream" % (len(content), content),
+        ]
+    )

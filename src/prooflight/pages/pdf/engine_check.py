@@ -137,7 +137,7 @@ def check_page() -> bytes:
         f"/{name}[{' '.join(f'{side:g}' for side in box)}]"
         for name, box in (("MediaBox", MEDIA), ("TrimBox", TRIM))
     )
-    return _pdf(
+    return pdf_of(
         [
             b"<</Type/Catalog/Pages 2 0 R>>",
             b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
@@ -147,7 +147,8 @@ def check_page() -> bytes:
     )
 
 
-def _pdf(objects: list[bytes]) -> bytes:
+def pdf_of(objects: list[bytes]) -> bytes:
+    """Return a PDF of these objects, numbered from 1, of which the first is the catalogue."""
     out, places = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"), list[int]()
     for number, body in enumerate(objects, 1):
         places.append(len(out))

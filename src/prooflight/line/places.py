@@ -15,7 +15,9 @@ DOWN: Final = ("top", "middle", "bottom")
 ACROSS: Final = ("left", "centre", "right")
 
 
-def in_words(box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, float] | None = None) -> str:
+def place_text(
+    box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, float] | None = None
+) -> str:
     """Return a description of a box's place on the sheet.
 
     column: only the position across counts, as for a streak. size_mm: of the sheet, if known.

@@ -31,7 +31,7 @@ from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
     from prooflight.inspection.inspector import Inspector
-    from prooflight.line.sheet_inspector import Known
+    from prooflight.line.sheet_inspector import ReadyPage
     from prooflight.pages.job import JobSource
 
 _log = logging.getLogger(__name__)
@@ -91,11 +91,11 @@ class PreparedStore:
         name = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         return cls(folder=(folder or prepared_folder()) / name, inspector=inspector)
 
-    def load(self, design: int) -> Known | None:
+    def load(self, design: int) -> ReadyPage | None:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
         path = self._path(design)
         try:
-            known = self._decoded(path.read_bytes())
+            ready = self._decoded(path.read_bytes())
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None
@@ -103,36 +103,36 @@ class PreparedStore:
             _log.warning("%s cannot be used (%s); the design is prepared again", path, error)
             path.unlink(missing_ok=True)
             return None
-        return known
+        return ready
 
-    def save(self, design: int, known: Known) -> None:
+    def save(self, design: int, ready: ReadyPage) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
         with whole_file(self._path(design)) as unfinished:
-            unfinished.write_bytes(self._encoded(known))
+            unfinished.write_bytes(self._encoded(ready))
 
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
 
-    def _encoded(self, known: Known) -> bytes:
-        page, file = known.prepared.known, io.BytesIO()
+    def _encoded(self, ready: ReadyPage) -> bytes:
+        page, file = ready.prepared.prepared_page, io.BytesIO()
         arrays: list[bytes] = []
         if not isinstance(page, MatchedFilterPage):
             raise TypeError(f"{type(page).__name__} cannot be stored")
-        images = page.known.images
+        images = page.prepared_page.images
         if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
             images = images[:0]
-        bare: Any = replace(page.known, images=images, added=None)  # type: ignore[arg-type] # both come back
-        prepared: Any = replace(known.prepared, known=None)  # type: ignore[arg-type]
+        bare: Any = replace(page.prepared_page, images=images, added=None)  # type: ignore[arg-type] # both come back
+        prepared: Any = replace(ready.prepared, prepared_page=None)  # type: ignore[arg-type]
         _Pickler(file, self.inspector, bare, arrays).dump(
-            (prepared, known.thumbnail, bare, page.inks, page.widening)
+            (prepared, ready.thumbnail, bare, page.inks, page.widening)
         )
         pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
         sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()
         content = b"".join([sizes, *pieces])
         return b"".join([MAGIC, hashlib.sha256(content).digest(), content])
 
-    def _decoded(self, data: bytes) -> Known:
-        from prooflight.line.sheet_inspector import Known  # which imports what this module reads
+    def _decoded(self, data: bytes) -> ReadyPage:
+        from prooflight.line.sheet_inspector import ReadyPage  # which imports what this module reads
 
         content = memoryview(data)[len(MAGIC) + DIGEST_BYTES :]
         if data[: len(MAGIC) + DIGEST_BYTES] != MAGIC + hashlib.sha256(content).digest():
@@ -145,26 +145,26 @@ class PreparedStore:
         arrays = [
             bytearray(zlib.decompress(one)) for one in pieces[1:]
         ]  # kernels take arrays that can be written
-        return self._restored(Known, *_Unpickler(stream, self.inspector, arrays).load())
+        return self._restored(ReadyPage, *_Unpickler(stream, self.inspector, arrays).load())
 
     def _restored(
-        self, made: type[Known], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
-    ) -> Known:
+        self, ready_type: type[ReadyPage], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
+    ) -> ReadyPage:
         """Return a design with what is not stored of it."""
         detector = self.inspector.detector
         assert isinstance(detector, MatchedFilterDetector)  # see ``of``
-        station = detector.station
+        press_context = detector.press_context
         images, added = mode_images(
-            bare.page, sensors=station.sensors, geometry=station.geometry, of=bare.images
+            bare.page, sensors=press_context.sensors, geometry=press_context.geometry, of=bare.images
         )
         page = MatchedFilterPage(
             detector=detector,
-            known=replace(bare, images=images, added=added),
+            prepared_page=replace(bare, images=images, added=added),
             inks=inks,
             model=detector.calibrated.model.widened(widening),
             widening=widening,
         )
-        return made(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+        return ready_type(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
 
 
 def _version(library: str) -> str:
@@ -200,7 +200,7 @@ class _Pickler(pickle.Pickler):
 
     def __init__(self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes]) -> None:
         super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw().tobytes()))
-        own = inspector.detector.station.sensors
+        own = inspector.detector.press_context.sensors
         self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
         self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
         self._held |= {id(one): ("binned", index) for index, one in enumerate(bare.binned_sensors)}
@@ -219,8 +219,11 @@ class _Unpickler(pickle.Unpickler):
 
     def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[bytearray]) -> None:
         super().__init__(file, buffers=arrays)
-        station = inspector.detector.station
-        self._parts = {"camera": station.sensors, "binned": mode_sensors(station.sensors, station.geometry)}
+        press_context = inspector.detector.press_context
+        self._parts = {
+            "camera": press_context.sensors,
+            "binned": mode_sensors(press_context.sensors, press_context.geometry),
+        }
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""
@@ -232,7 +235,7 @@ class _Unpickler(pickle.Unpickler):
         if (module, name) in OF_NUMPY:
             return super().find_class(module, name)
         if module.startswith("prooflight."):
-            found = super().find_class(module, name)
-            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
-                return found
+            loaded = super().find_class(module, name)
+            if isinstance(loaded, type) and (is_dataclass(loaded) or issubclass(loaded, tuple)):
+                return loaded
         raise pickle.UnpicklingError(f"{module}.{name} is no part of a design")

@@ -26,7 +26,6 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.errors import ProoflightError
 from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN, unseen_share
 from prooflight.inspection.reasons import reason_of
-from prooflight.line.book import ThumbnailCache
 from prooflight.line.notices import Notice, Silence, Unusable
 from prooflight.line.outcomes import (
     InOrder,
@@ -39,6 +38,7 @@ from prooflight.line.outcomes import (
     unknown_sheet,
 )
 from prooflight.line.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
+from prooflight.line.page_store import ThumbnailCache
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.sheets.records import MissingPage, SeenPage
@@ -55,15 +55,15 @@ if TYPE_CHECKING:
 
     from prooflight.line.outcomes import RunWatch
     from prooflight.line.pager import Pager
-    from prooflight.line.prefetch import PageBook
+    from prooflight.line.prefetch import PageStore
     from prooflight.line.settings import Settings
-    from prooflight.line.sheet_inspector import Known, SheetInspector, SheetResult
+    from prooflight.line.sheet_inspector import ReadyPage, SheetInspector, SheetResult
     from prooflight.line.sheets.following import Expected
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock, LineSource
 
-    ReadyDesign = tuple[SheetInspector, Known, NDArray[np.float64] | None]
+    ReadyDesign = tuple[SheetInspector, ReadyPage, NDArray[np.float64] | None]
     """A design, who made it ready, and what was followed of the press then."""
 
 _log = logging.getLogger(__name__)
@@ -92,7 +92,7 @@ class Running:
         press: Press,
         source: LineSource,
         pager: Callable[[Expected], Pager],
-        book: PageBook,
+        page_store: PageStore,
         inspector: SheetInspector,
         watch: RunWatch,
         settings: Settings,
@@ -102,7 +102,7 @@ class Running:
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
         flaws: Mapping[int, Exception] = MappingProxyType({}),
         durable: Callable[[], int] = lambda: 0,
-        stored: Callable[[Hashable], Known | None] = lambda _design: None,
+        stored: Callable[[Hashable], ReadyPage | None] = lambda _design: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Store the parts of a run.
@@ -126,32 +126,32 @@ class Running:
         stored
             Returns a design that was prepared before the run for the press as it was then; None: it was not.
         """
-        self._press, self._source, self._make_pager, self._book = press, source, pager, book
+        self._press, self._source, self._make_pager, self._page_store = press, source, pager, page_store
         self._inspector, self._watch, self._settings = inspector, watch, settings
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self._stored = stored
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
-        self._thumbnails = ThumbnailCache(book)
+        self._thumbnails = ThumbnailCache(page_store)
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
         self._prefetcher: DesignPrefetcher[ReadyDesign] = DesignPrefetcher(
-            book,
+            page_store,
             self._maker(inspector),
             depth=settings.ahead,
             room_bytes=settings.ahead_bytes,
             threads=settings.preparers,
             took=lambda seconds: self.tally.took("prepare", seconds),
-            size=lambda made: size_bytes(made[1]),
-            made=self._design_ready,
+            size=lambda ready: size_bytes(ready[1]),
+            on_ready=self._design_ready,
             failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
             stored=self._taken,
             clock=clock,
         )
-        first = range(min(len(book), MOST_DESIGNS))
-        self._come_again = len({book.design(sheet) for sheet in first}) < len(first)
+        first = range(min(len(page_store), MOST_DESIGNS))
+        self._come_again = len({page_store.design(sheet) for sheet in first}) < len(first)
         self._order = InOrder()
         self._sheets = self._finished = 0
         self._noted: list[str] = []
@@ -232,7 +232,7 @@ class Running:
         """Prepare the job's designs, as many as fit into memory, and compile everything, before the first line."""
         self.tally.phase = Phase.PREPARING
         for sheet, flaw in self._flaws.items():
-            self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
+            self._unusable.add(self._page_store.design(sheet), self._name(sheet), flaw)
         first = self._first_of_designs()
         self.tally.to_prepare = len(first)
         for count, sheet in enumerate(first):
@@ -267,8 +267,8 @@ class Running:
         """
         if self._settings.start_at_once:
             return [0]
-        sheets = range(max(min(MOST_DESIGNS, len(self._book)), 1))
-        first = list({self._book.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
+        sheets = range(max(min(MOST_DESIGNS, len(self._page_store)), 1))
+        first = list({self._page_store.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
         return first[: self._settings.ahead] if self._settings.source_waits else first
 
     def _read_all(self) -> None:
@@ -312,12 +312,12 @@ class Running:
 
     def _unknown(self, sheet: int) -> bool:
         """Return whether a sheet's design has not been prepared."""
-        return sheet < len(self._book) and self._thumbnails[sheet] is None
+        return sheet < len(self._page_store) and self._thumbnails[sheet] is None
 
     def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
         """Wait for a sheet's design; a failure is reported as soon as it is known, and ends the wait."""
         begun_s = self._clock()
-        while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
+        while sheet < len(self._page_store) and not self._unusable[self._page_store.design(sheet)]:
             left_s = within_s - (self._clock() - begun_s)
             try:
                 self._prefetcher.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
@@ -328,10 +328,10 @@ class Running:
                 _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has reported it
             return
 
-    def _design_ready(self, design: Hashable, made: ReadyDesign) -> None:
+    def _design_ready(self, design: Hashable, ready: ReadyDesign) -> None:
         if self._come_again:
-            made[0].complete(made[1])
-        self._thumbnails.add(design, made[1].thumbnail)
+            ready[0].complete(ready[1])
+        self._thumbnails.add(design, ready[1].thumbnail)
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
@@ -392,7 +392,7 @@ class Running:
 
     def _why_unusable(self, sheet: int) -> str:
         """Return why a sheet's page cannot be used; empty: no failure is recorded."""
-        return self._unusable[self._book.design(sheet)] if sheet < len(self._book) else ""
+        return self._unusable[self._page_store.design(sheet)] if sheet < len(self._page_store) else ""
 
     def _doubt(self, next_page: int) -> str:
         """Return why a sheet may show a page that cannot be used; empty: no page that may come is such."""
@@ -404,7 +404,7 @@ class Running:
     def _inspect_all(self) -> None:
         while True:
             sheet, dropped = self._waiting.take(
-                lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
+                lambda: self._clock() + self._inspect_s(), is_late=lambda: self._behind
             )
             for late in dropped:
                 self._pass(late, TOO_LATE)
@@ -462,7 +462,7 @@ class Running:
             late=decided_s > sheet.deadline_s,
             latency_s=decided_s - sheet.arrived_s,
             evidence=evidence,
-            kept=result.kept,
+            stored_evidence=result.stored_evidence,
             asked=result.asked,
         )
 
@@ -517,7 +517,7 @@ class Running:
             self._inspector = inspector = self._inspector.following(press)
             used = adapting.used.copy()
             self._prefetcher.renew(
-                self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
+                self._maker(inspector), again=lambda ready: (inspector, inspector.renewed(ready[1]), used)
             )
         self._tell(finished)
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from prooflight.detectors.base import MadeReadyInTwo
+from prooflight.detectors.base import PreparedInTwoSteps
 from prooflight.inspection.lost_lines import inspect_where_seen
-from prooflight.inspection.redeciding import kept_evidence
-from prooflight.line.asking import Asking
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
+from prooflight.line.sampling import Sampling
 from prooflight.line.sheets.thumbnails import thumbnail_of
 
 if TYPE_CHECKING:
@@ -39,13 +39,13 @@ class SheetResult:
 
     verdict: Verdict
     evidence: PageEvidence = field(default_factory=PageEvidence)
-    kept: Mapping[str, NDArray[Any]] | None = None
+    stored_evidence: Mapping[str, NDArray[Any]] | None = None
     asked: float | None = None
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Known:
+class ReadyPage:
     """A design prepared for its sheets."""
 
     prepared: Prepared
@@ -60,25 +60,27 @@ class SheetInspector:
     inspector: Inspector
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
-    asking: Asking = field(default_factory=Asking)
+    sampling: Sampling = field(default_factory=Sampling)
 
-    def prepare(self, page: Page) -> Known:
+    def prepare(self, page: Page) -> ReadyPage:
         """Prepare a design ahead of its sheets.
 
         It runs in this thread alone, since it must not delay the sheets that come meanwhile.
         """
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
-        return Known(prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press))
+        return ReadyPage(
+            prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press)
+        )
 
-    def complete(self, ready: Known) -> None:
+    def complete(self, ready: ReadyPage) -> None:
         """Complete the preparation that pays only if many sheets of a design come."""
-        if isinstance(ready.prepared.known, MadeReadyInTwo):
-            ready.prepared.known.complete()
+        if isinstance(ready.prepared.prepared_page, PreparedInTwoSteps):
+            ready.prepared.prepared_page.complete()
 
     def inspect(
         self,
-        ready: Known,
+        ready: ReadyPage,
         scan: NDArray[np.uint16],
         *,
         name: str,
@@ -114,17 +116,19 @@ class SheetInspector:
         )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         misprint = inspection.verdict.verdict == "misprint"
-        asked = self.asking.probability(inspection.verdict, sheet)
+        asked = self.sampling.probability(inspection.verdict, sheet)
         drawn = asked is not None and not misprint
-        kept = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
+        is_stored = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
         return SheetResult(
             verdict=inspection.verdict,
             evidence=evidence,
-            kept=kept_evidence(inspection, prepared.page, press, whole=drawn) if kept else None,
+            stored_evidence=evidence_to_store(inspection, prepared.page, press, whole=drawn)
+            if is_stored
+            else None,
             asked=asked,
         )
 
-    def warm_up(self, ready: Known) -> None:
+    def warm_up(self, ready: ReadyPage) -> None:
         """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.
 
         The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
@@ -142,10 +146,10 @@ class SheetInspector:
         """Return the same inspector for a press whose light has changed a little."""
         return replace(self, inspector=self.inspector.under(press))
 
-    def renewed(self, ready: Known) -> Known:
+    def renewed(self, ready: ReadyPage) -> ReadyPage:
         """Return a prepared design under the press as it is now; cheap if the detector can adapt it."""
-        context = self.inspector.detector.station
-        adapted = ready.prepared.known.under(context)
+        context = self.inspector.detector.press_context
+        adapted = ready.prepared.prepared_page.under(context)
         if adapted is None:
             return self.prepare(ready.prepared.page)
-        return replace(ready, prepared=replace(ready.prepared, known=adapted))
+        return replace(ready, prepared=replace(ready.prepared, prepared_page=adapted))

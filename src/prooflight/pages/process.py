@@ -24,7 +24,7 @@ SWITCH_S: Final = 5e-4
 calls a thousand kernels, and needs the interpreter again after each; with this time, two threads inspect a
 tenth more pages."""
 TOUCHED_BYTES: Final = 1_500_000_000
-"""Largest memory that is touched: well below ``heap.KEPT_BYTES``, beyond which freed memory is returned;
+"""Largest memory that is touched: well below ``heap.RETAINED_BYTES``, beyond which freed memory is returned;
 two seconds of work."""
 LOWEST: Final = 19
 """Priority, of nice(2), of threads that prepare pages, so that they use only the time that inspection leaves."""

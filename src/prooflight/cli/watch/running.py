@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from prooflight.cli.watch.view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
-    from prooflight.line.book import JobBook
     from prooflight.line.outcomes import Outcome
+    from prooflight.line.page_store import JobPageStore
     from prooflight.line.pager import PageStart
     from prooflight.line.recording import Recorder
     from prooflight.line.settings import Settings
-    from prooflight.line.sheet_inspector import Keep, Known
+    from prooflight.line.sheet_inspector import Keep, ReadyPage
     from prooflight.line.status import Status
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
 
-Told = TypeVar("Told")
+Event = TypeVar("Event")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,17 +68,17 @@ class PlannedRun:
         return self.facts.sheets
 
 
-def _prepared_before(planned: PlannedRun, book: JobBook) -> Callable[[Hashable], Known | None]:
+def _prepared_before(planned: PlannedRun, page_store: JobPageStore) -> Callable[[Hashable], ReadyPage | None]:
     """Return the function that reads the designs of a job that `job prepare` has prepared."""
     from prooflight.line.prepared_store import PreparedStore
 
     store = PreparedStore.of(planned.inspector, planned.job)
 
-    def load(design: Hashable) -> Known | None:
-        known = None if store is None else store.load(cast("int", design))
-        if known is not None and book.warnings is not None:
-            book.warnings.add(known.prepared.page.warnings)
-        return known
+    def load(design: Hashable) -> ReadyPage | None:
+        ready = None if store is None else store.load(cast("int", design))
+        if ready is not None and page_store.warnings is not None:
+            page_store.warnings.add(ready.prepared.page.warnings)
+        return ready
 
     return load
 
@@ -87,8 +87,8 @@ def run_until_ended(
     planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
 ) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
-    from prooflight.line.book import JobBook
     from prooflight.line.notices import Notice, PageWarnings
+    from prooflight.line.page_store import JobPageStore
     from prooflight.line.recording import ending_of
     from prooflight.line.watching import watched
 
@@ -104,7 +104,7 @@ def run_until_ended(
         progress=show.steps(quiet=console.json),
     ) as served:
         console.phase, console.too_late = served.phase, served.too_late
-        job_book = JobBook(
+        page_store = JobPageStore(
             job=planned.job,
             press=press,
             pages=planned.pages,
@@ -115,23 +115,24 @@ def run_until_ended(
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
-            book=job_book,
+            page_store=page_store,
             start=planned.start,
             settings=planned.settings,
             keep=planned.keep,
             follow=planned.follow,
             false_alarms=planned.false_alarms,
             tell=_decided_first(
-                served.gate_told, _each(partial(console.told, recorder=recorder), served.stream_told)
+                served.gate_observer,
+                _each(partial(console.observe, recorder=recorder), served.stream_observer),
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
-            name=job_book.name,
+            name=page_store.name,
             flaws={
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
-            stored=_prepared_before(planned, job_book),
+            stored=_prepared_before(planned, page_store),
         )
         if given.camera is not None:
             console.cameras = given.camera.healths
@@ -157,23 +158,23 @@ def _decided_first(
     if decide is None:
         return tell
 
-    def told(outcome: Outcome) -> None:
+    def observe(outcome: Outcome) -> None:
         decided = replace(outcome, record=replace(outcome.record, gate="hold"))
         try:
             decided = decide(outcome)
         finally:
             tell(decided)
 
-    return told
+    return observe
 
 
-def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
+def _each(*tells: Callable[[Event], None] | None) -> Callable[[Event], None]:
     """Return a function that calls all given ones in order; an error of one does not keep the others from
     being called.
     """
     there = [one for one in reversed(tells) if one is not None]
 
-    def tell(what: Told) -> None:
+    def tell(what: Event) -> None:
         with ExitStack() as stack:
             for one in there:
                 stack.callback(one, what)
@@ -187,9 +188,9 @@ def exit_code(status: Status, lacks: str) -> int:
 
     broke_off = status.phase is Phase.FAULT
     if status.promise_suspended:
-        faults.told(suspended(status.promise_suspended))
+        faults.report(suspended(status.promise_suspended))
     if broke_off or lacks:
-        faults.told("; ".join(filter(None, (status.detail, lacks))))
+        faults.report("; ".join(filter(None, (status.detail, lacks))))
     if broke_off and not status.good + status.misprints:
         return UNUSABLE_INPUT
     complete = not (broke_off or lacks)
@@ -234,7 +235,7 @@ def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | Non
         Recorder(opened, opened.begin_run(facts)) as recorder,
     ):
         if (aside := set_aside(opened.path, recorder.run_id)) is not None:
-            faults.told(
+            faults.report(
                 f"{aside} is the gate's log of a run that this journal does not know; it was put aside"
             )
         yield recorder

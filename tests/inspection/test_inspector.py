@@ -161,7 +161,7 @@ class Fixed:
     name: str = "fixed"
     guarantee: str = "none"
 
-    def kept(self, evidence: Evidence) -> dict[str, np.ndarray]:
+    def stored_arrays(self, evidence: Evidence) -> dict[str, np.ndarray]:
         return {"block_z": evidence.block_z}
 
     def evidence_of(self, kept: StoredArrays, *, sensors: int) -> Evidence:

@@ -96,8 +96,8 @@ def watched(
     inspector: SheetInspector | None = None,
     source: Source | None = None,
     clock: Clock | None = None,
-    book: Book | None = None,
-    promise: GuaranteeMonitor | None = None,
+    page_store: Book | None = None,
+    guarantee: GuaranteeMonitor | None = None,
     notice: Callable[[Notice], None] = lambda _notice: None,
     **settings: Any,
 ) -> tuple[Running, list[Outcome]]:
@@ -108,10 +108,10 @@ def watched(
         press=None,  # type: ignore[arg-type]
         source=source or Source(script),
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
-        page_store=book or Book(len(script)),
+        page_store=page_store or Book(len(script)),
         inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(
-            monitor=monitor, adapting=None, sheets=len(script), guarantee=promise or GuaranteeMonitor()
+            monitor=monitor, adapting=None, sheets=len(script), guarantee=guarantee or GuaranteeMonitor()
         ),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,

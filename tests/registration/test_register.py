@@ -486,7 +486,7 @@ def test_print_that_lies_nowhere_is_unplaced_but_a_sheet_without_print_is_judged
     ("change", "unplaced"),
     [
         ({}, True),
-        ({"found": True, "reason": ""}, False),
+        ({"located": True, "reason": ""}, False),
         ({"foreign": True}, False),
         ({"reason": register_module.TOO_LITTLE}, False),
         ({"reason": register_module.IN_PARTS}, False),

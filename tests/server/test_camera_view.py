@@ -137,7 +137,7 @@ def test_nothing_is_written_until_somebody_looks(tmp_path: Path, press: Press) -
     class Exchange(CameraExchange):
         asking = False
 
-        def asked(self) -> bool:
+        def is_requested(self) -> bool:
             looks.release()
             return self.asking
 

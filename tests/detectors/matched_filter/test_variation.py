@@ -58,7 +58,7 @@ def test_planes_scatter_about_their_own_mean() -> None:
     rows = np.zeros((PAGES, len(AMOUNTS), 2))
     for row in rows:
         planes = 0.048 * rng.standard_normal((4, 2))
-        found: dict[str, Any] = {"found": True, "placement": Placement(), "plane_parts": parts}
+        found: dict[str, Any] = {"located": True, "placement": Placement(), "plane_parts": parts}
         found["planes_mm"] = planes - np.einsum("ai,ia->a", parts, planes)
         told = _of_place(SimpleNamespace(registration=SimpleNamespace(**found)))  # type: ignore[arg-type]
         row[[names == ("register.plane_um",) for names in AMOUNTS]] = told["register.plane_um"]

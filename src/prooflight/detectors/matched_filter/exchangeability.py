@@ -57,7 +57,7 @@ OF_SCORE: Final = 0.5
 
 def groups_of(model: DetectorModel) -> tuple[str, ...]:
     """Return the names of the summaries: ``SCORE``, and first words of the statistics that every page has."""
-    return (SCORE, *dict.fromkeys(model.statistics[index].word for index in of_every_page(model)))
+    return (SCORE, *dict.fromkeys(model.statistics[index].label for index in of_every_page(model)))
 
 
 def summaries(
@@ -69,7 +69,7 @@ def summaries(
     first word.
     """
     indices = of_every_page(model)
-    labels = [model.statistics[index].word for index in indices]
+    labels = [model.statistics[index].label for index in indices]
     number = {label: index for index, label in enumerate(dict.fromkeys(labels))}
     group = np.array([number[label] for label in labels])
     means = [deviations[:, indices[group == index]].mean(axis=1) for index in range(len(number))]

@@ -120,7 +120,7 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 @kernel(
     "packed (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
-    "inks.speck_words (N), inks.gain_field (4, F, G), inks.dot_field (4, F, G), inks.field_pitch, "
+    "inks.packed_specks (N), inks.gain_field (4, F, G), inks.dot_field (4, F, G), inks.field_pitch, "
     "table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
     "across.segment, across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), depth, above_backing (L, P), texture_variance (L, P)",

@@ -36,7 +36,7 @@ async def posting(*, tls: ssl.SSLContext | None, timeout_s: float) -> AsyncItera
 def answer_text(answer: httpx.Response) -> str:
     """Describe a receiver's answer.
 
-    >>> said(httpx.Response(503))
+    >>> answer_text(httpx.Response(503))
     'answers 503 Service Unavailable'
     """
     return f"answers {answer.status_code} {answer.reason_phrase}".rstrip()

@@ -48,6 +48,7 @@ from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
+from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
@@ -200,7 +201,13 @@ def prepare_page(
         images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
         inside = inside & (images.images[0] < 0.5)
     landmarks = prepare(
-        page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place, ignored=ignored
+        page,
+        expected,
+        sensors=sensors,
+        geometry=geometry,
+        prior=prior.of_place,
+        halftone=HALFTONE if screen is None else max(HALFTONE, _contrast(screen, sensors, geometry)),
+        ignored=ignored,
     )
     overlaps = None
     if fringes:
@@ -231,6 +238,15 @@ def _beat(
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, bins_of(geometry)) for sensor in sensors]
     return np.asarray(np.max(beats, axis=0))
+
+
+def _contrast(
+    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> float:
+    """Return the contrast of a screen's tints in single camera pixels, the greatest of all inks and tints."""
+    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, correlated=False) for sensor in sensors]
+    return float(np.sqrt(np.max(beats)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -46,9 +46,9 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction
+from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
-from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 

@@ -17,7 +17,6 @@ from prooflight.commissioning.training.learn import (
     with_threshold,
 )
 from prooflight.commissioning.training.ranking import fitted_forest
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
@@ -26,6 +25,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Scatter,
     assumed_light,
 )
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight_studies.harness.operating import Scored, area_under_roc
 
 if TYPE_CHECKING:

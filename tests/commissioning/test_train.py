@@ -26,13 +26,15 @@ from prooflight.commissioning.training.simulated_days import (
 )
 from prooflight.commissioning.training.train import FEWEST, Plan
 from prooflight.detectors.matched_filter.calibrated import FLOOR_SHARE_OF_RATE
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.glyphs.promise import SHARE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.detectors.paper.bayes import window_statistics
 from prooflight.detectors.paper.detector import page_evidence
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -65,18 +67,18 @@ def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path:
     assert trained_press.save(path) == trained_press.digest
     again = Press.load(path)
     assert again.digest == trained_press.digest
-    assert again.ours is not None
-    assert trained_press.ours is not None
-    assert again.ours.promise == trained_press.ours.promise
-    assert again.ours.threshold == trained_press.ours.threshold
-    assert again.bayes is None
-    assert again.ours.promise.simulated == len(Plan.of(24).calibrate)
-    assert again.ours.promise.rate == 0.1
-    np.testing.assert_array_equal(again.ours.pages.values, trained_press.ours.pages.values)
+    assert "matched_filter" in again.detectors
+    assert "matched_filter" in trained_press.detectors
+    assert model_of(again).promise == model_of(trained_press).promise
+    assert model_of(again).threshold == model_of(trained_press).threshold
+    assert "bayes" not in again.detectors
+    assert model_of(again).promise.simulated == len(Plan.of(24).calibrate)
+    assert model_of(again).promise.rate == 0.1
+    np.testing.assert_array_equal(model_of(again).pages.values, model_of(trained_press).pages.values)
 
 
 def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_press: Press) -> None:
-    ours, shipped = trained_press.ours, shipped_ranking()
+    ours, shipped = model_of(trained_press), shipped_ranking()
     assert ours is not None
     reference = shipped.references.by(ours.scores.own.worst.size)
     assert ours.scores.reference.worst.tolist() == reference.worst.tolist()
@@ -95,7 +97,7 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
 
 
 def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
-    ours, shipped = trained_press.ours, shipped_ranking()
+    ours, shipped = model_of(trained_press), shipped_ranking()
     assert ours is not None
     share = (shipped.misprints > ours.threshold).mean()
     assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in catches(ours)
@@ -111,14 +113,16 @@ def test_only_the_papers_network_is_taught_by_misprints(
         for paper in (False, True)
     }
     for paper, found in made.items():
-        assert found.ours is not None
-        assert found.ours.scores.own.worst.size == 42
-        assert (found.bayes is not None) == paper
+        assert "matched_filter" in found.detectors
+        assert model_of(found).scores.own.worst.size == 42
+        assert ("bayes" in found.detectors) == paper
         found.check()
-    assert made[False].ours is not None
-    assert made[True].ours is not None
-    assert made[True].ours.threshold == made[False].ours.threshold
-    assert made[True].ours.promise.rate == train.DEFAULT_RATE == 0.01
+    assert "matched_filter" in made[False].detectors
+    assert "matched_filter" in made[True].detectors
+    assert (
+        made[True].detectors["matched_filter"].threshold == made[False].detectors["matched_filter"].threshold
+    )
+    assert made[True].detectors["matched_filter"].promise.rate == train.DEFAULT_RATE == 0.01
     taught = made[True].bayes
     assert taught is not None
     assert taught.network.types == ("correct", "global", "local")
@@ -218,12 +222,12 @@ def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press
 
 
 def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tmp_path: Path) -> None:
-    ours = trained_press.ours
+    ours = model_of(trained_press)
     assert ours is not None
     prior = PrintPrior(gain=0.05, most_plane_mm=0.2)
-    own = replace(trained_press, ours=replace(ours, model=replace(ours.model, prior=prior)))
+    own = trained_press.with_detector("matched_filter", replace(ours, model=replace(ours.model, prior=prior)))
     own.save(tmp_path / "own.press")
-    again = Press.load(tmp_path / "own.press").ours
+    again = Press.load(tmp_path / "own.press").detectors["matched_filter"]
     assert again is not None
     assert again.model.prior == prior
     assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests

@@ -9,6 +9,7 @@ import tifffile
 
 from prooflight.detectors.matched_filter.calibrated import score_of
 from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.errors import ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, ScanPage, paired
@@ -144,9 +145,9 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
         folder = scans / name
         folder.mkdir()
         ScanToFile(job=source, press=trained_press, out=folder, request=None, seed=seed, job_pages=PAGES)(1)
-    ours = trained_press.ours
+    ours = model_of(trained_press)
     assert ours is not None
-    inspector = Inspector.of(trained_press, "ours")
+    inspector = Inspector.of(trained_press, "matched_filter")
     look = pickle.loads(pickle.dumps(ScanPage(InspectPage(job=source, inspector=inspector))))
     with source.open() as job:
         first, again, other = (

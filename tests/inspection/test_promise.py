@@ -148,7 +148,7 @@ def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: Cal
 def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
     trained_press: Press, page: Page, make_page: Callable[..., Page]
 ) -> None:
-    inspector = Inspector.of(trained_press, "ours")
+    inspector = Inspector.of(trained_press, "matched_filter")
     watch = PromiseWatch.of(inspector.detector)
     assert isinstance(watch.test, PressRunTest)
     prepared = inspector.prepare(page)

@@ -27,14 +27,14 @@ WRONG = Verdict(
     score=2.0,
     threshold=1.0,
     regions=(SPOT,),
-    detector="ours",
+    detector="matched_filter",
 )
 SKIPPED = Verdict.skipped("p0001", "no time")
 SAMPLE = 0.25
 
 
 def asked(sheet: int, verdict: Verdict, probability: float | None) -> PageRecord:
-    page = record(sheet, kept=False, verdict=replace(verdict, detector="ours"))
+    page = record(sheet, kept=False, verdict=replace(verdict, detector="matched_filter"))
     return replace(page, asked=probability)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from prooflight.inspection.registry import names
+from prooflight.detectors.registry import names
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Profile = Annotated[

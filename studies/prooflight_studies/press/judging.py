@@ -37,7 +37,7 @@ EVERY: Final = -1
 """Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
-OURS: Final = "ours"
+OURS: Final = "matched_filter"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
 """Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {

@@ -137,7 +137,7 @@ def test_a_careful_zone_alarms_by_itself_and_is_named(
     (region, *_) = found.verdict.regions
     assert abs(region.x_mm + region.width_mm / 2 - spot[0] - 1) < 3
     assert abs(region.y_mm + region.height_mm / 2 - spot[1] - 1) < 3
-    again = inspector.detector.decided_again(KeptArrays(found.kept, "ours"))
+    again = inspector.detector.decided_again(KeptArrays(found.kept, "matched_filter"))
     assert (again.misprint, again.score, again.threshold) == (
         True,
         pytest.approx(found.verdict.score),

@@ -377,7 +377,7 @@ def inspect(
             job,
             picture,
             profile=profile,
-            train=detector == "ours",
+            train=detector == "matched_filter",
             as_fine=drawn_way,
             progress=say,
             shown=lambda days, total, what: _shown(days, total, what, quiet=json),

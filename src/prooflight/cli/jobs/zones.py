@@ -32,16 +32,19 @@ def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None
     """Return the zones of a run, and report overlaps; None without zones. JobError, RequestError: see ``JobZones``."""
     if path is None:
         return None
+    from prooflight.detectors.optional import Recalibrates
+    from prooflight.detectors.registry import default_name
     from prooflight.pages.zones.zones_file import JobZones
 
     zones_of_job = JobZones.read(path, job.page_sizes_mm)
-    zones_of_job.refuse_unpriced(press.digest, where=path)
+    zones_of_job.refuse_unpriced(press.has_digest, where=path)
     for line in zones_of_job.contested():
         faults.told(line)
+    model = press.detectors.get(default_name(press))
     if (
-        press.ours is not None
-        and press.ours.told
-        and not press.ours.told[-1].rests_on(zones_of_job.zones_digest)
+        isinstance(model, Recalibrates)
+        and model.told
+        and not model.told[-1].rests_on(zones_of_job.zones_digest)
     ):
         faults.told(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "

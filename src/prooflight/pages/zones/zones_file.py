@@ -20,7 +20,7 @@ from prooflight.pages.job import parse_pages
 from prooflight.pages.zones.zone import Calibration, Kind, PageZones, Zone, contested, share_ignored
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from prooflight.pages.raster import Page
@@ -155,6 +155,11 @@ class JobZones:
         """SHA-256 of all content: equal digests, equal verdicts."""
         return _digest(self.document.model_dump(mode="json", by_alias=True))
 
+    @property
+    def kinds(self) -> frozenset[Kind]:
+        """Kinds of its zones."""
+        return frozenset(zone.kind for zone in self.document.zones)
+
     def page(self, page: Page) -> PageZones | None:
         """Return the zones of a page as it enters the press, turned or not, as they were priced; None if it
         has none.
@@ -192,8 +197,8 @@ class JobZones:
             for (one, other), number in pairs.items()
         ]
 
-    def refuse_unpriced(self, press_digest: str, *, where: object) -> None:
-        """Raise RequestError if the zones were not priced on this press.
+    def refuse_unpriced(self, is_of_press: Callable[[str], bool], *, where: object) -> None:
+        """Raise RequestError if the zones were not priced on this press, by the digest that ``is_of_press`` knows.
 
         Without a price that was shown, no false-alarm rate is guaranteed.
         """
@@ -203,7 +208,7 @@ class JobZones:
         )
         if price is None:
             raise RequestError(where, "its zones have not been priced", remedy=remedy)
-        if price.press != press_digest:
+        if not is_of_press(price.press):
             raise RequestError(where, "its zones were priced on another press", remedy=remedy)
         if price.zones != self.zones_digest:
             raise RequestError(where, "its zones were changed after they had been priced", remedy=remedy)

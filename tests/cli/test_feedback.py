@@ -210,4 +210,4 @@ def test_an_artefact_that_promises_more_than_its_pages_is_refused(
         with pytest.raises(PressError, match=field):
             bad.save(tmp_path / "bad.press")
     with safe_open(new, "np") as file:
-        assert {name for name in file.keys() if ".told0." in name}  # noqa: SIM118
+        assert {name for name in file.keys() if ".labelled0." in name}  # noqa: SIM118

@@ -18,9 +18,10 @@ from prooflight.commissioning.training.real_pages import (
     new_scans,
     recalibrated,
 )
-from prooflight.detectors.matched_filter.calibrated import ScannedPage
 from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.matched_filter.glyphs.weighing import NONE
 from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import PressError, RequestError
 
 if TYPE_CHECKING:
@@ -43,9 +44,12 @@ def seen(
             ScannedPage(
                 name=f"p{number + 1:04d}",
                 score=0.0,
-                values=(like.values[row] * noise * times).astype(np.float32),
-                page_features=like.page_features[row],
-                another=number < another,
+                evidence={
+                    "values": (like.values[row] * noise * times).astype(np.float32),
+                    "page_features": like.page_features[row],
+                    "wrong_page": np.array(number < another),
+                    "glyphs": np.array(NONE),
+                },
                 digest=f"{seed}-{number}",
                 variation=np.full((len(AMOUNTS), 2), number + 1, np.float32),
             )
@@ -59,8 +63,8 @@ def digests(pages: list[ScannedPage]) -> dict[str, str]:
 
 def rows_of(pages: list[ScannedPage]) -> Pages:
     return Pages(
-        values=np.stack([page.values for page in pages]),
-        page_features=np.stack([page.page_features for page in pages]),
+        values=np.stack([page.evidence["values"] for page in pages]),
+        page_features=np.stack([page.evidence["page_features"] for page in pages]),
         design=np.arange(len(pages)),
         kind=np.full(len(pages), ""),
         press=np.zeros(len(pages), np.int64),
@@ -134,7 +138,7 @@ def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> N
     known = {page.name: page.digest for page in enough[: FEWEST_REAL - 1]}
     with pytest.raises(RequestError, match=f"{FEWEST_REAL - 1} good pages"):
         recalibrated(trained_press, enough, known, false_alarm_rate=0.1)
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
         recalibrated(press, enough, digests(enough), false_alarm_rate=0.1)
 
 

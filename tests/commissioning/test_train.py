@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.cli.press import catches
 from prooflight.commissioning.training import train
 from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
@@ -100,7 +99,7 @@ def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Pres
     ours, shipped = model_of(trained_press), shipped_ranking()
     assert ours is not None
     share = (shipped.misprints > ours.threshold).mean()
-    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in catches(ours)
+    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in ours.trials
 
 
 def test_only_the_papers_network_is_taught_by_misprints(
@@ -123,7 +122,7 @@ def test_only_the_papers_network_is_taught_by_misprints(
         made[True].detectors["matched_filter"].threshold == made[False].detectors["matched_filter"].threshold
     )
     assert made[True].detectors["matched_filter"].promise.rate == train.DEFAULT_RATE == 0.01
-    taught = made[True].bayes
+    taught = made[True].detectors["bayes"]
     assert taught is not None
     assert taught.network.types == ("correct", "global", "local")
     assert taught.unit.tolist() == [3.5]  # the pilot's, 1 to 6

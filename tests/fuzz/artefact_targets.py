@@ -23,7 +23,7 @@ INK_MODELS = ("log-linear", "local-linear")
 
 
 def press_samples() -> list[bytes]:
-    """A press of 42 mm with the learned detectors; what they learned is noise, the matched filter of a few statistics."""
+    """A press of 42 mm with the learned detectors; what they learned is noise, and of a few statistics."""
     from prooflight.commissioning.build import build_press
     from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
     from prooflight.press.press_file import PressFile

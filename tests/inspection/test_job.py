@@ -157,9 +157,10 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
     assert isinstance(known, MatchedFilterPage)
     assert first.name == "p0001"
     assert not first.another
-    assert first.values.shape == (len(ours.model.statistics),)
-    assert np.isfinite(first.values).all()
-    asked = score_of(known.model, first.values, first.page_features, another=False)
+    values = first.evidence["values"]
+    assert values.shape == (len(ours.model.statistics),)
+    assert np.isfinite(values).all()
+    asked = score_of(known.model, values, first.evidence["page_features"], another=False)
     assert first.score == pytest.approx(asked, rel=1e-5)
     assert first.digest == again.digest != other.digest
 

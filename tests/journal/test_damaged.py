@@ -334,7 +334,7 @@ def test_evidence_of_no_page_cannot_be_decided_again(
 
 def test_evidence_that_is_no_number_gives_no_verdict(kept: tuple[dict[str, Any], Press, str]) -> None:
     arrays, press, name = kept
-    spoilt = {"portrait": np.nan} if name == "matched_filter" else {"tile_histogram": 0}
+    spoilt = {"page_features": np.nan} if name == "matched_filter" else {"tile_histogram": 0}
     for of, value in spoilt.items():
         with pytest.raises(RequestError):
             decided_again(arrays | {of: np.full_like(arrays[of], value)}, press, name)

@@ -119,7 +119,7 @@ class Inspection(Shown):
     """State of the print, for the run's control charts."""
     summary: NDArray[np.float64] | None = None
     """Summary by which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector
-    has no such test."""
+    has no such test. A running press counts it where ``verdict.shift_mm`` says where the page lies."""
     variation: Callable[[], NDArray[np.float32]] | None = None
     """How good prints vary, as determined from the page; None: its detector
     does not measure it."""

@@ -292,7 +292,7 @@ def _row(inspection: Inspection) -> dict[str, Any]:
         "p_value": 1.0 if verdict.p_value is None else verdict.p_value,
         "score": verdict.score or 0.0,
         "values": kept["values"],
-        "features": kept["portrait"],
+        "features": kept["page_features"],
         "another": bool(kept["wrong_page"]),
         "glyphs": float(kept["glyphs"]),
         "floor_mm2": float(kept["floor_mm2"]),

@@ -14,7 +14,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
 from prooflight.commissioning.zones.defects import SORTS, Area, areas_of
 from prooflight.commissioning.zones.price import PRINTS, TRIALS, ZonePrints, price_of
-from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.registry import detector
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.pages.parallel import in_order
@@ -127,7 +127,9 @@ def run_zones_study(
     for done, one in enumerate(in_order(work, range(pages), fewest=2), start=1):
         rows.append(one)
         progress(f"page {done} of {pages}")
-    results = zones_results(rows, seed=seed, promised=model_of(press).promise.rate, quick=quick)
+    promised = detector(None, press).false_alarm_rate
+    assert promised is not None
+    results = zones_results(rows, seed=seed, promised=promised, quick=quick)
     write_page(out / "zones.md", "zones", results)
     return results
 

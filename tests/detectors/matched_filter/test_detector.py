@@ -146,7 +146,7 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
     assert ours is not None
     assert ours.model.widened(1.0) is ours.model
     wide = replace(ours.model, scale=times * ours.model.scale)
-    score = wide.score(found.kept["values"][None], found.kept["portrait"][None])[0]
+    score = wide.score(found.kept["values"][None], found.kept["page_features"][None])[0]
     assert found.verdict.score == score
     kept = KeptArrays(dict(found.kept), "matched_filter")
     assert detector("matched_filter", bench.day.day.press).decided_again(kept).score == score
@@ -157,7 +157,9 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
         .decided_again(KeptArrays(before, "matched_filter"))
         .score
     )
-    assert plain == ours.model.score(found.kept["values"][None], found.kept["portrait"][None])[0] != score
+    assert (
+        plain == ours.model.score(found.kept["values"][None], found.kept["page_features"][None])[0] != score
+    )
 
 
 def test_what_people_look_at_is_there_when_asked_for(bench: Bench) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.cost import floor_in_words
 from prooflight.detectors.matched_filter.detector import MatchedFilterPage
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.ranking import (
@@ -24,12 +25,12 @@ from prooflight.detectors.matched_filter.statistics.marks import PLACE_CLASSES, 
 from prooflight.detectors.matched_filter.visibility import (
     ExpectedPage,
     Mark,
-    VisibleMarks,
-    floor_in_words,
     least_sizes,
     limits,
     on_tint,
 )
+from prooflight.detectors.optional import ShowsVisibleMarks
+from prooflight.detectors.visible_marks import VisibleMarks
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, SIZES, WINDOWS
 from prooflight.pages.raster import Page
@@ -223,6 +224,11 @@ class Designs:
         return page_of(design())
 
 
+def _marks(inspector: Inspector) -> VisibleMarks:
+    assert isinstance(inspector.detector, ShowsVisibleMarks)
+    return inspector.detector.visible_marks(inspector.planned(page_of(design())))
+
+
 @pytest.mark.parametrize("where", TRIED)
 def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: Press, where: str) -> None:
     """Prints of one press day, seed 5, noise of seeds 0 and 1: the map says which spots alarm by marks or the floor."""
@@ -230,7 +236,7 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
     inspector = Inspector.of(trained_press)
     prepared = inspector.prepare(page_of(design()))
     assert isinstance(prepared.known, MatchedFilterPage)
-    marks, model = VisibleMarks.of(prepared.known), prepared.known.model
+    marks, model = _marks(inspector), prepared.known.model
     assert model.screen is not None
     x, y = TRIED[where]
     place = int((y - marks.top_mm) / marks.line_mm), int((x - marks.left_mm) / marks.pixel_mm)
@@ -243,7 +249,7 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
             rng = np.random.default_rng([seed, 3])
             scan = day.recorded(day.seen_in_press(spotted(x, y, times * size), rng, IN_PLACE), rng)
             found = inspector.inspect(prepared, scan)
-            deviations = model.deviations(found.kept["values"][None], found.kept["portrait"][None])
+            deviations = model.deviations(found.kept["values"][None], found.kept["page_features"][None])
             by_marks = model.screen.evidence(deviations)[0, of_marks].max() > limit
             by_floor = found.kept["floor_mm2"] > 0.1
             assert (by_marks or by_floor) == (times > 1), (times, seed)
@@ -252,9 +258,7 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
 
 
 def test_rows_are_of_the_places_that_a_page_has(trained_press: Press) -> None:
-    known = Inspector.of(trained_press).prepare(page_of(design())).known
-    assert isinstance(known, MatchedFilterPage)
-    marks = VisibleMarks.of(known)
+    marks = _marks(Inspector.of(trained_press))
     rows = {row.place: row for row in marks.rows()}
     assert sum(row.share for row in rows.values()) == pytest.approx(1)
     assert rows["bare paper"].spot_mm < rows["text or hard edge"].spot_mm

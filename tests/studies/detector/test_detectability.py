@@ -234,7 +234,7 @@ def test_the_study_writes_its_page_and_pictures(
     text = (tmp_path / "out" / "detectability.md").read_text()
     assert "| p0001 |" in text
     assert (tmp_path / "out" / "detectability-p0001.png").stat().st_size > 10_000
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
         run_detectability_study(job, press, tmp_path / "none")
     always = trained_press.with_detector(
         "matched_filter", replace(model_of(trained_press), threshold=-np.inf)

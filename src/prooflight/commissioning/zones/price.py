@@ -232,7 +232,12 @@ def price_of(
     good: list[GoodPrint] = _page_by_page(work, range(prints), pages, processes, shown, "printing good pages")
     calibration = pricing.calibration(good)
     entry = PriceEntry(
-        press=press.digest, zones=zones.zones_digest, prints=prints, seed=seed, **asdict(calibration)
+        press=press.digest,
+        zones=zones.zones_digest,
+        prints=prints,
+        seed=seed,
+        detector=found.name,
+        **asdict(calibration),
     )
     calibrated = bare.priced(entry)
     scored, careful_rate = pricing.alarmed(good, calibration, bare.document.careful_share)

@@ -59,6 +59,10 @@ class ZoneEntry(Block):
     """Polygon as corners in order. [mm]"""
 
 
+FIRST_PRICED: Final = "matched_filter"
+"""The detector of prices that name none, as all did that were made before others could be priced."""
+
+
 class PriceEntry(Block):
     """Good prints by which the zones were calibrated, and the price that was shown."""
 
@@ -72,6 +76,8 @@ class PriceEntry(Block):
     careful_scores: tuple[Number, ...]
     careful_mean: tuple[Number, ...]
     careful_sd: tuple[Positive, ...]
+    detector: Annotated[Name, Field(exclude_if=lambda name: name == FIRST_PRICED)] = FIRST_PRICED
+    """Name of the detector that they calibrate, whose scores are on a scale of its own."""
     told: tuple[dict[str, Any], ...] = ()
     """The price as it was shown, one row a zone."""
 
@@ -197,8 +203,9 @@ class JobZones:
             for (one, other), number in pairs.items()
         ]
 
-    def refuse_unpriced(self, is_of_press: Callable[[str], bool], *, where: object) -> None:
-        """Raise RequestError if the zones were not priced on this press, by the digest that ``is_of_press`` knows.
+    def refuse_unpriced(self, is_of_press: Callable[[str], bool], detector: str, *, where: object) -> None:
+        """Raise RequestError if the zones were not priced on this press, whose digests ``is_of_press`` knows, and for
+        this detector.
 
         Without a price that was shown, no false-alarm rate is guaranteed.
         """
@@ -210,6 +217,9 @@ class JobZones:
             raise RequestError(where, "its zones have not been priced", remedy=remedy)
         if not is_of_press(price.press):
             raise RequestError(where, "its zones were priced on another press", remedy=remedy)
+        if price.detector != detector:
+            what = f"its zones were priced for the detector {price.detector!r}"
+            raise RequestError(where, what, remedy=f"{remedy} --detector {detector}")
         if price.zones != self.zones_digest:
             raise RequestError(where, "its zones were changed after they had been priced", remedy=remedy)
 

@@ -110,7 +110,7 @@ def test_files_make_no_objects_but_designs() -> None:
 
     for harmful in (os.system, eval, MemoryError):
         with pytest.raises(pickle.UnpicklingError, match="is no part of a design"):
-            _Unpickler(io.BytesIO(pickle.dumps(harmful)), {}, []).load()
+            _Unpickler(io.BytesIO(pickle.dumps(harmful)), {}, [], "prooflight").load()
 
 
 def test_the_least_recently_used_jobs_are_removed(tmp_path: Path) -> None:

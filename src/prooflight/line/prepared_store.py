@@ -144,7 +144,8 @@ class PreparedStore:
             bytearray(zlib.decompress(one)) for one in pieces[1:]
         ]  # kernels take arrays that can be written
         parts = {**self._detector.sensors_held(), "own": self.inspector.detector.station.sensors}
-        prepared, thumbnail, stored = _Unpickler(stream, parts, arrays).load()
+        package = type(self.inspector.detector).__module__.partition(".")[0]
+        prepared, thumbnail, stored = _Unpickler(stream, parts, arrays, package).load()
         known = self._detector.restored(stored)
         return Known(prepared=replace(prepared, known=known), thumbnail=thumbnail)
 
@@ -199,10 +200,14 @@ class _Unpickler(pickle.Unpickler):
     """Reads designs, and makes no other objects than a design consists of."""
 
     def __init__(
-        self, file: io.BytesIO, parts: Mapping[str, Sequence[SensorModel]], arrays: list[bytearray]
+        self,
+        file: io.BytesIO,
+        parts: Mapping[str, Sequence[SensorModel]],
+        arrays: list[bytearray],
+        package: str,
     ) -> None:
         super().__init__(file, buffers=arrays)
-        self._parts = parts
+        self._parts, self._packages = parts, {"prooflight", package}
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""
@@ -213,7 +218,7 @@ class _Unpickler(pickle.Unpickler):
         """Return a class of which designs consist; UnpicklingError: it is no such class."""
         if (module, name) in OF_NUMPY:
             return super().find_class(module, name)
-        if module.startswith("prooflight."):
+        if module.partition(".")[0] in self._packages:
             found = super().find_class(module, name)
             if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
                 return found

@@ -284,7 +284,7 @@ def test_a_press_shows_its_report_card(press: pf.Press, trained_press: pf.Press)
     assert "<b>mine" not in html
     for word in ("mono", "400 pixels", f"{press.dpi:.0f} dpi", "Detector chi-square", "built-in"):
         assert word in html
-    assert "Detector ours" not in html
+    assert "Detector matched_filter" not in html
     assert (
         pf.Inspector.of(trained_press, "matched_filter").promise.split(";")[0] in trained_press._repr_html_()
     )

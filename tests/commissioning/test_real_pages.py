@@ -73,16 +73,16 @@ def rows_of(pages: list[ScannedPage]) -> Pages:
 
 def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_press: Press) -> None:
     """This press's pages are three times as far out in everything: as such they are good."""
-    ours = model_of(trained_press)
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     pages = seen(trained_press, 40, times=3.0)
     learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.05)
     assert "matched_filter" in learned.detectors
     rows, none = rows_of(pages), np.zeros(40, bool)
-    assert model_of(learned).model.shift == pytest.approx(adapted(ours.model, rows).shift)
-    expected = np.sort(own_scores(ours.model, rows, none, real=True))
+    assert model_of(learned).model.shift == pytest.approx(adapted(matched_filter.model, rows).shift)
+    expected = np.sort(own_scores(matched_filter.model, rows, none, real=True))
     assert model_of(learned).scores.own.worst == pytest.approx(expected)
-    assert model_of(learned).references is ours.references
+    assert model_of(learned).references is matched_filter.references
     assert (
         model_of(learned).promise.real,
         model_of(learned).promise.simulated,
@@ -90,7 +90,7 @@ def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_p
     assert model_of(learned).promise.rate == 0.05
     assert learned.digest != trained_press.digest
     later = rows_of(seen(trained_press, 40, seed=2, times=3.0))
-    before = ours.model.score(later.values, later.page_features)
+    before = matched_filter.model.score(later.values, later.page_features)
     after = model_of(learned).model.score(later.values, later.page_features)
     assert after.mean() < before.mean()
     assert (after > model_of(learned).threshold).mean() < 0.2
@@ -197,8 +197,8 @@ def test_copies_of_a_paper_add_up_until_they_suffice(trained_press: Press, tmp_p
 
 
 def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press: Press) -> None:
-    ours = model_of(trained_press)
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     pages = [page for copy in range(4) for page in copies(trained_press, copy)]
     rows, none = rows_of(pages), np.zeros(24, bool)
     of_designs = replace(rows, design=np.tile(np.arange(6), 4))
@@ -209,7 +209,7 @@ def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press
         false_alarm_rate=0.1,
     )
     assert "matched_filter" in fitted.detectors
-    expected = np.sort(own_scores(ours.model, of_designs, none, real=True))
+    expected = np.sort(own_scores(matched_filter.model, of_designs, none, real=True))
     assert model_of(fitted).scores.own.worst == pytest.approx(expected)
     assert model_of(fitted).promise.real == 24
 
@@ -253,9 +253,11 @@ def test_a_waiting_file_of_another_build_or_damaged_is_refused_and_stays(
 ) -> None:
     artefact, few = tmp_path / "x.press", copies(trained_press, 0)
     learned(artefact, trained_press, few)
-    ours = model_of(trained_press)
-    assert ours is not None
-    adapted_since = replace(ours, model=replace(ours.model, shift=ours.model.shift + 1.0))
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
+    adapted_since = replace(
+        matched_filter, model=replace(matched_filter.model, shift=matched_filter.model.shift + 1.0)
+    )
     learned(artefact, trained_press.with_detector("matched_filter", adapted_since), few)  # measures as before
     other = replace(trained_press, supersampling=trained_press.supersampling + 1)
     with pytest.raises(

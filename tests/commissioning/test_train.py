@@ -77,29 +77,31 @@ def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path:
 
 
 def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_press: Press) -> None:
-    ours, shipped = model_of(trained_press), shipped_ranking()
-    assert ours is not None
-    reference = shipped.references.by(ours.scores.own.worst.size)
-    assert ours.scores.reference.worst.tolist() == reference.worst.tolist()
-    assert ours.references.worst.tolist() == shipped.references.worst.tolist()
-    assert ours.promise.reference == reference.worst.size
-    for name, array in ours.model.arrays().items():
+    matched_filter, shipped = model_of(trained_press), shipped_ranking()
+    assert matched_filter is not None
+    reference = shipped.references.by(matched_filter.scores.own.worst.size)
+    assert matched_filter.scores.reference.worst.tolist() == reference.worst.tolist()
+    assert matched_filter.references.worst.tolist() == shipped.references.worst.tolist()
+    assert matched_filter.promise.reference == reference.worst.size
+    for name, array in matched_filter.model.arrays().items():
         same = np.array_equal(array, shipped.model.arrays()[name])
         assert same == (name not in ("shift", "scale") and not name.startswith("scatter."))
-    plain = replace(ours.model, shift=shipped.model.shift, scale=shipped.model.scale)
-    found = plain.deviations(ours.pages.values, ours.pages.page_features)
+    plain = replace(matched_filter.model, shift=shipped.model.shift, scale=shipped.model.scale)
+    found = plain.deviations(matched_filter.pages.values, matched_filter.pages.page_features)
     shift, scale = shift_and_scale(found)
-    np.testing.assert_allclose(ours.model.shift, shift)
-    np.testing.assert_allclose(ours.model.scale, scale)
+    np.testing.assert_allclose(matched_filter.model.shift, shift)
+    np.testing.assert_allclose(matched_filter.model.scale, scale)
     of_ranking = (1 - SHARE - FLOOR_SHARE_OF_RATE) * 0.1
-    assert ours.threshold == pytest.approx(reference.threshold(of_ranking / ours.scores.ratio)[0])
+    assert matched_filter.threshold == pytest.approx(
+        reference.threshold(of_ranking / matched_filter.scores.ratio)[0]
+    )
 
 
 def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
-    ours, shipped = model_of(trained_press), shipped_ranking()
-    assert ours is not None
-    share = (shipped.misprints > ours.threshold).mean()
-    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in ours.trials
+    matched_filter, shipped = model_of(trained_press), shipped_ranking()
+    assert matched_filter is not None
+    share = (shipped.misprints > matched_filter.threshold).mean()
+    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in matched_filter.trials
 
 
 def test_only_the_papers_network_is_taught_by_misprints(
@@ -221,15 +223,17 @@ def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press
 
 
 def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tmp_path: Path) -> None:
-    ours = model_of(trained_press)
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     prior = PrintPrior(gain=0.05, most_plane_mm=0.2)
-    own = trained_press.with_detector("matched_filter", replace(ours, model=replace(ours.model, prior=prior)))
+    own = trained_press.with_detector(
+        "matched_filter", replace(matched_filter, model=replace(matched_filter.model, prior=prior))
+    )
     own.save(tmp_path / "own.press")
     again = Press.load(tmp_path / "own.press").detectors["matched_filter"]
     assert again is not None
     assert again.model.prior == prior
-    assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests
+    assert "prior" not in matched_filter.model.facts()  # so that artefacts of before keep their digests
 
 
 def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(

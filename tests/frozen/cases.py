@@ -253,8 +253,8 @@ def press_taught(folder: Path) -> Figures:
     digest_saved = PRESSES.trained.save(folder / "x.press")
     press = Press.load(folder / "x.press")
     assert press.digest == digest_saved
-    ours = model_of(press)
-    assert ours is not None
+    matched_filter = model_of(press)
+    assert matched_filter is not None
     page = design(4)
     scan = scanned(press, page, "press").dn
     one, other = (
@@ -264,7 +264,7 @@ def press_taught(folder: Path) -> Figures:
         for which in (PRESSES.trained, press)
     )
     assert replace(one, milliseconds=0.0) == replace(other, milliseconds=0.0)
-    return {"tables": _of_press(press), "threshold": ours.threshold, "verdict": of_verdict(one)}
+    return {"tables": _of_press(press), "threshold": matched_filter.threshold, "verdict": of_verdict(one)}
 
 
 def chi_square_ideal() -> Figures:

@@ -145,8 +145,8 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
         folder = scans / name
         folder.mkdir()
         ScanToFile(job=source, press=trained_press, out=folder, request=None, seed=seed, job_pages=PAGES)(1)
-    ours = model_of(trained_press)
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     inspector = Inspector.of(trained_press, "matched_filter")
     look = pickle.loads(pickle.dumps(ScanPage(InspectPage(job=source, inspector=inspector))))
     with source.open() as job:
@@ -158,7 +158,7 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
     assert first.name == "p0001"
     assert not first.another
     values = first.evidence["values"]
-    assert values.shape == (len(ours.model.statistics),)
+    assert values.shape == (len(matched_filter.model.statistics),)
     assert np.isfinite(values).all()
     asked = score_of(known.model, values, first.evidence["page_features"], another=False)
     assert first.score == pytest.approx(asked, rel=1e-5)

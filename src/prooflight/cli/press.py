@@ -17,6 +17,7 @@ from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import PressFileError, RequestError
+from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,14 +85,17 @@ def build(
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.detectors.entry import Training
     from prooflight.detectors.optional import StatesTrials
-    from prooflight.detectors.registry import present, promises, training_functions
+    from prooflight.detectors.registry import names, present, promises, training_functions
     from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
-    names = TRAINED.get(detector, (present(detector),))
-    functions = training_functions(names)
-    if names:
+    if detector not in TRAINED and present(detector) not in names():
+        remedy = f"choose of {', '.join((*TRAINED, *names()))}"
+        raise RequestError("detector", f"there is no {shortly(detector)!r}", remedy=remedy)
+    wanted = TRAINED.get(detector, (present(detector),))
+    functions = training_functions(wanted)
+    if wanted:
         Plan.of(designs or TEACHING.get(detector, DESIGNS))  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)

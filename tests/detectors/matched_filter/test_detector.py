@@ -142,10 +142,10 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
     found = bench.inspector.inspect(page, bench.scan(page, rng))
     times = float(found.kept["widening"])
     assert found.verdict.widened == round(times, 2) > 1
-    ours = model_of(bench.day.day.press)
-    assert ours is not None
-    assert ours.model.widened(1.0) is ours.model
-    wide = replace(ours.model, scale=times * ours.model.scale)
+    matched_filter = model_of(bench.day.day.press)
+    assert matched_filter is not None
+    assert matched_filter.model.widened(1.0) is matched_filter.model
+    wide = replace(matched_filter.model, scale=times * matched_filter.model.scale)
     score = wide.score(found.kept["values"][None], found.kept["page_features"][None])[0]
     assert found.verdict.score == score
     kept = KeptArrays(dict(found.kept), "matched_filter")
@@ -158,7 +158,9 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
         .score
     )
     assert (
-        plain == ours.model.score(found.kept["values"][None], found.kept["page_features"][None])[0] != score
+        plain
+        == matched_filter.model.score(found.kept["values"][None], found.kept["page_features"][None])[0]
+        != score
     )
 
 

@@ -111,7 +111,7 @@ def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
     assert "promises at most one good page in 12." in page
     assert "Late of" not in page
     late = row | {"asked_pages_per_s": 5.0, "late": 2, "late_sheets": [[10, 837], [44, 501]]}
-    assert "Late of repeated designs, ours: sheet 10 (837 ms), 44 (501 ms)." in page_of(
+    assert "Late of repeated designs, matched_filter: sheet 10 (837 ms), 44 (501 ms)." in page_of(
         {"matched_filter": [late]}, cores=2
     )
 

@@ -17,7 +17,6 @@ from prooflight.commissioning.training.learn import (
     with_threshold,
 )
 from prooflight.commissioning.training.ranking import fitted_forest
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,
@@ -26,6 +25,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Scatter,
     assumed_light,
 )
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight_studies.harness.operating import Scored, area_under_roc
 
 if TYPE_CHECKING:
@@ -61,11 +61,11 @@ def found() -> DetectorModel:
 def test_a_page_is_judged_against_pages_like_it(found: DetectorModel) -> None:
     pages = drawn(400, 5)
     plain = Scored(score=pages.values.max(axis=1), bad=pages.bad, design=pages.design, day=pages.design)
-    ours = replace(
+    matched_filter = replace(
         plain, score=found.guard(found.family_evidence(found.deviations(pages.values, pages.page_features)))
     )
     ranked = replace(plain, score=found.score(pages.values, pages.page_features))
-    assert area_under_roc(ours) > 0.97 > area_under_roc(plain)
+    assert area_under_roc(matched_filter) > 0.97 > area_under_roc(plain)
     assert area_under_roc(ranked) > 0.94
 
 

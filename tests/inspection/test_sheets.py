@@ -50,7 +50,7 @@ def record(at: int, word: str, plan: SheetPlan, *, row: int | None = None, **mor
     elif word == "not-inspected":
         verdict, faults = Verdict.skipped(name, "there was no time"), ()
     else:
-        verdict = Verdict(page=name, verdict=word, detector="ours", kind="spot")  # type: ignore[arg-type]
+        verdict = Verdict(page=name, verdict=word, detector="matched_filter", kind="spot")  # type: ignore[arg-type]
         verdict, faults = replace(verdict, regions=more.pop("regions", ())), more.pop("faults", ())
     return PageRecord(
         sheet=at if row is None else row,

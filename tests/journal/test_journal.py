@@ -44,7 +44,7 @@ FULL = Verdict(
     ),
     shift_mm=(0.1, -0.2),
     milliseconds=12.5,
-    detector="ours",
+    detector="matched_filter",
     family="streak/light",
     reason="streak at x = 83 mm – “né”",
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},

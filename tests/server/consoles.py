@@ -48,7 +48,7 @@ def facts(**changes: Any) -> RunFacts:
         job_digest="",
         press="rig",
         press_digest="p" * 64,
-        detector="ours",
+        detector="matched_filter",
         source="drum:5",
         started_s=1000.0,
         sheets=40,
@@ -82,7 +82,7 @@ def misprint(sheet: int, *, kind: str = "spots-voids", kept: bool = True, **chan
         threshold=1.0,
         probability=0.97,
         milliseconds=110.0,
-        detector="ours",
+        detector="matched_filter",
     )
     cut = np.full((1, 120, 120), 3000, np.uint16)
     cut[:, 40:70, 40:70] = 400

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from prooflight.detectors.base import MadeReadyInTwo
+from prooflight.detectors.optional import MadeReadyInTwo
 from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.redeciding import kept_evidence
 from prooflight.line.asking import Asking

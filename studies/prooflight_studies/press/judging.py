@@ -37,7 +37,7 @@ EVERY: Final = -1
 """Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
-OURS: Final = "ours"
+MATCHED_FILTER: Final = "matched_filter"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
 """Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -231,7 +231,7 @@ def check_rates(
     The second list is for good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: number
     of designs by target false-alarm rate; the first of ``good`` are taken.
     """
-    pages, matched_filter = Pages.of(good), verdicts.methods[OURS]
+    pages, matched_filter = Pages.of(good), verdicts.methods[MATCHED_FILTER]
     scores = [certain_score(model, pages, good["another"]) for model in verdicts.detectors]
     tried, turn = Pages.of(trial), parts_of(trial)
     of_trial = np.choose(
@@ -297,8 +297,10 @@ def _rankings(
         return model.forest.score(every(pages))
 
     return {
-        OURS: lambda pages: certain_score(model, pages, another),
-        "ours, wrong pages by evidence alone": lambda pages: model.score(pages.values, pages.page_features),
+        MATCHED_FILTER: lambda pages: certain_score(model, pages, another),
+        "matched_filter, wrong pages by evidence alone": lambda pages: model.score(
+            pages.values, pages.page_features
+        ),
         "no misprint seen in learning": lambda pages: model.guard(evidence(pages)),
         "forest of all statistics alone": forest,
         "forests of kinds alone, the most of them": lambda pages: model.of_kinds(every(pages)).max(axis=1),

@@ -16,7 +16,7 @@ from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
     FOREST_OF_FAMILIES,
-    OURS,
+    MATCHED_FILTER,
     alarms_by_others,
 )
 
@@ -117,7 +117,7 @@ class RateRow:
 def press_results(findings: PressFindings) -> dict[str, Any]:
     """Return all figures of the page."""
     rows, verdicts, plan = findings.main, findings.verdicts, findings.plan
-    matched_filter = verdicts.methods[OURS]
+    matched_filter = verdicts.methods[MATCHED_FILTER]
     rng = stream(plan.seed, "press-bootstrap")
     return {
         "pitch_mm": findings.pitch_mm,
@@ -128,7 +128,7 @@ def press_results(findings: PressFindings) -> dict[str, Any]:
         "worlds": worlds_digest(),
         "alphas": ALPHAS,
         "thirds": THIRDS,
-        "ours": OURS,
+        "matched_filter": MATCHED_FILTER,
         "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
         "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
         "caught": [
@@ -138,8 +138,10 @@ def press_results(findings: PressFindings) -> dict[str, Any]:
         "where": _places_and_kinds(rows, matched_filter.promised, verdicts.kinds, verdicts.boxes),
         "promises": list(_rate_rows(findings)),
         "real": None if findings.real is None else _real(findings.real, matched_filter, plan.seed),
-        "ideal_days": len(np.unique(findings.ideal.methods[OURS].scored.day)),
-        "ideal": Method.of(OURS, findings.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
+        "ideal_days": len(np.unique(findings.ideal.methods[MATCHED_FILTER].scored.day)),
+        "ideal": Method.of(
+            MATCHED_FILTER, findings.ideal.methods[MATCHED_FILTER], stream(plan.seed, "press-bootstrap-ideal")
+        ),
     }
 
 
@@ -194,7 +196,7 @@ def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.
 
 
 def _rate_rows(findings: PressFindings) -> Iterator[RateRow]:
-    matched_filter, rows = findings.verdicts.methods[OURS], findings.main
+    matched_filter, rows = findings.verdicts.methods[MATCHED_FILTER], findings.main
     good = ~matched_filter.scored.bad
     setting = round(int(good.sum()) / len(np.unique(matched_filter.part))) + findings.plan.promise
     for kept in findings.kept:

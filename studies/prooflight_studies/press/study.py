@@ -30,7 +30,7 @@ from prooflight_studies.press.findings import PressFindings, PressPlan
 from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
-    OURS,
+    MATCHED_FILTER,
     MethodResult,
     check_rates,
     judged,
@@ -259,7 +259,7 @@ def _on_real(verdicts: Verdicts, main: Rows, calibration: Rows, rows: Rows) -> M
     of_tune = Scored(score=certain_score(model, tune, another), bad=tune.bad, design=tune.design, day=day)
     score = certain_score(model, pages, rows["another"])
     return MethodResult(
-        name=OURS,
+        name=MATCHED_FILTER,
         scored=Scored(score=score, bad=pages.bad, design=pages.design, day=rows["day"]),
         part=np.zeros(len(score), np.int64),
         alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),

@@ -129,7 +129,7 @@ def zones_of_scans(path: Path | None, sizes_mm: Sequence[tuple[float, float]]) -
     from prooflight.pages.zones.zones_file import JobZones
 
     zones = JobZones.read(path, sizes_mm)
-    if any(entry.kind == "careful" for entry in zones.document.zones):
+    if "careful" in zones.kinds:
         what = "holds careful zones, which this way to compare scans does not know"
-        raise RequestError(path, what, remedy="leave them out, or choose --detector ours")
+        raise RequestError(path, what, remedy="leave them out, or choose --detector matched_filter")
     return zones

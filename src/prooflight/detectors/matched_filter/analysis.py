@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -27,11 +27,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     prepare_modes,
 )
 from prooflight.detectors.matched_filter.fit.moves import corrected
-from prooflight.detectors.matched_filter.fit.nuisance import (
-    PrintPrior,
-    ResidualVariance,
-    page_colours,
-)
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance, page_colours
 from prooflight.detectors.matched_filter.fit.residuals import in_register
 from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
@@ -44,6 +40,7 @@ from prooflight.detectors.matched_filter.glyphs.weighing import (
 from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction
 from prooflight.registration.landmarks import HALFTONE
@@ -73,6 +70,9 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
+EMPTY_SHARE: Final = 0.7
+"""Least share of zeros from which a design's images are stored; those of other designs take less time to compute again
+than to read."""
 MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
@@ -148,20 +148,25 @@ def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tupl
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
 
-def mode_images(
-    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, of: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], AddedInks]:
-    """Return ``PreparedPage.images`` and ``PreparedPage.added`` of a design that was prepared before.
+def without_images(page: PreparedPage) -> PreparedPage:
+    """Return a design to be stored: without inks to be added, and without images that are sooner computed than read."""
+    images = page.images
+    if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
+        images = images[:0]
+    bare: Any = {"images": images, "added": None}  # ``with_images`` brings both back
+    return replace(page, **bare)
 
-    of: the images; where there are none they are computed again.
-    """
+
+def with_images(page: PreparedPage, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> PreparedPage:
+    """Return a design that ``without_images`` stored as it was; sensors, geometry: of the camera's own pixels."""
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), mode_sensors(sensors, geometry)
-    added = AddedInks(page, sensors=taken_as, geometry=at, bins=bins)
-    if not of.size:
-        of = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at).images
-        of = first_lines(of, at.lines(page.height_mm))
-    return of, added
+    images = page.images
+    if not images.size:
+        images = prepare_modes(thinned(page.page, bins), sensors=taken_as, geometry=at).images
+        images = first_lines(images, at.lines(page.page.height_mm))
+    added = AddedInks(page.page, sensors=taken_as, geometry=at, bins=bins)
+    return replace(page, images=images, added=added)
 
 
 def prepare_page(

@@ -52,6 +52,11 @@ class PaperDetector(StationDetector):
         """See ``Detector``."""
         return self.test.promise
 
+    @property
+    def false_alarm_rate(self) -> float | None:
+        """See ``Detector``."""
+        return self.test.false_alarm_rate
+
     def prepare(self, planned: PlannedPage) -> PaperPage:
         """See ``Detector``."""
         return PaperPage(detector=self, sought=SoughtPage.of(planned))

@@ -99,7 +99,7 @@ class Proxy:
         """End all links; refusing: new ones as well, until ``mend``."""
         self._do(self._cut(refusing))
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         self._do(self._cut(False, links=False))
 
     def hold(self) -> None:

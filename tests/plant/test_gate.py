@@ -146,7 +146,7 @@ def test_whatever_goes_away_comes_back_by_itself(failure: str, press: PlayedPres
     press.run_until(lambda: press.at_gate() >= since + 3)
     if failure == "power":
         server.call(lambda: server.plc.power(on=True))
-    relay.mend()
+    relay.repair()
     server.hung = False
     recovered(press)
 

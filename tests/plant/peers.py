@@ -96,7 +96,7 @@ class Proxy:
         self._loop.close()
 
     def cut(self, *, refusing: bool = False) -> None:
-        """End all links; refusing: new ones as well, until ``mend``."""
+        """End all links; refusing: new ones as well, until ``repair``."""
         self._do(self._cut(refusing))
 
     def repair(self) -> None:

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Code, Ink, Region, Verdict
-from prooflight.journal import lock, packs
+from prooflight.files import lock
+from prooflight.journal import packs
 from prooflight.journal.exporting import run_facts, write_csv
 from prooflight.journal.journal import Journal, content_digest
 from prooflight.journal.opening import default_journal

@@ -28,7 +28,7 @@ from prooflight.plant.gate.handshake import State
 from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, reconciled
 from prooflight.plant.simulator.server import PlcServer
-from prooflight_studies.gate.relay import Relay
+from prooflight.testing.relay import Relay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -146,7 +146,7 @@ def test_whatever_goes_away_comes_back_by_itself(failure: str, press: PlayedPres
     press.run_until(lambda: press.at_gate() >= since + 3)
     if failure == "power":
         server.call(lambda: server.plc.power(on=True))
-    relay.mend()
+    relay.repair()
     server.hung = False
     recovered(press)
 

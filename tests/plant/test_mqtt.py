@@ -135,7 +135,7 @@ def test_the_last_will_says_that_prooflight_is_gone(tmp_path: Path) -> None:
         assert (lost["running"], lost["ending"], lost["job"]) == (False, "lost", FACTS.job)
         with listening(server.port) as late:
             late.until(lambda told: states(told)[:1] == [("rig/state", False)])
-        proxy.mend()
+        proxy.repair()
         heard.until(lambda told: states(told)[-1][1] is True)
         heard.until(lambda told: [text for topic, text, _ in told if topic == "rig/online"][-1] == b"true")
         outlets.put(event(1))

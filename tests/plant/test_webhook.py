@@ -109,7 +109,7 @@ def test_a_link_that_is_cut_or_hangs_loses_nothing() -> None:
             proxy.cut(refusing=True)
             for n in range(2, 12):
                 outlets.put(event(n))
-            proxy.mend()
+            proxy.repair()
             receiver.heard.until(lambda told: numbers(told)[-1] == 11)
             proxy.hold()
             links = len(proxy.links.all)

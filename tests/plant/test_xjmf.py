@@ -231,7 +231,7 @@ def test_every_sheet_is_pushed_in_order_and_through_a_cut() -> None:
             proxy.cut(refusing=True)
             for n in range(1, 10):
                 stream.told(outcome(n, MISPRINT if n % 2 else GOOD))
-            proxy.mend()
+            proxy.repair()
             receiver.heard.until(lambda all_: sheets_of(all_)[-1] == 9)
         taken = receiver.taken
     # A sheet whose answer the cut took comes again.

@@ -81,7 +81,7 @@ def build(
     """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.line_camera.dialogue import measured_columns
+    from prooflight.commissioning.measured_columns import measured_columns
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.detectors.entry import Training
     from prooflight.detectors.optional import StatesTrials
@@ -226,17 +226,17 @@ def _alone(artefact: Path) -> Iterator[None]:
 
     RequestError: another one does.
     """
-    from prooflight.journal.lock import WriterLock
-    from prooflight.journal.schema import JournalError
+    from prooflight.files.lock import WriterLock
 
     if not artefact.is_file():  # the press is read next, and says so
         yield
         return
-    try:
-        lock = WriterLock.take(artefact)
-    except JournalError as error:
-        remedy = "wait until the other call has ended, then give these pages again"
-        raise RequestError(artefact, error.what, remedy=remedy) from error
+    lock = WriterLock.take(
+        artefact,
+        error=RequestError,
+        wait="wait until the other call has ended, then give these pages again",
+        elsewhere="give an artefact in a folder where files can be written",
+    )
     try:
         yield
     finally:

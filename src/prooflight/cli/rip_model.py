@@ -153,7 +153,7 @@ def _from_scans(job: Path, scans: Path, press_path: Path) -> Identified:
 
 def _write(settings: PressFile, model: RipModel, out: Path) -> None:
     """Write the press file with these parameters in ``[rip]``; PressFileError: it would be invalid."""
-    from prooflight.commissioning.line_camera.file_edit import Edit, edited
+    from prooflight.commissioning.file_edit import Edit, edited
     from prooflight.files.atomic import whole_file
     from prooflight.pages.pdf.rip_model import UNSTATED
     from prooflight.press.press_file import PressFile

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 from prooflight.plant.simulator.belt import Belt, BeltSheet
 from prooflight.plant.simulator.plc import SimulatedPlc
 from prooflight.plant.simulator.server import SCAN_S, PlcServer
+from prooflight.testing.relay import Relay
 from prooflight_studies.gate.plan import DELAY_S, DISTANCE_MM, LASTS_S
-from prooflight_studies.gate.relay import Relay
 from prooflight_studies.gate.stand_in import ScaledClock, settings_of
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _steps(
 
     def power(on: bool) -> None:
         server.call(lambda: server.plc.power(on=on))
-        (relay.mend if on else relay.cut)()
+        (relay.repair if on else relay.cut)()
 
     left = kills
     for begins_s, name in plan.failures:
@@ -160,7 +160,7 @@ def _steps(
                 yield ends_s, lambda: power(True)
             case "link-cut":
                 yield begins_s, relay.cut
-                yield ends_s, relay.mend
+                yield ends_s, relay.repair
             case "link-delayed":
                 yield begins_s, lambda: delay(DELAY_S)
                 yield ends_s, lambda: delay(0.0)

@@ -338,14 +338,13 @@ def drop(
     json: Json = False,
 ) -> None:
     """Remove a zone from a job's zones; the others must be priced again. A file without zones is removed."""
-    from prooflight.line.granting import without_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
     with JobSource(path=job, dpi=ANY_DPI, profile=profile).open() as opened:
         sizes = opened.page_sizes_mm
     zones_of_job = JobZones.read(zones, sizes)
-    left = without_zone(zones_of_job, name)
+    left = zones_of_job.without(name)
     if left:
         share = zones_of_job.document.careful_share
         JobZones.made(left, sizes, careful_share=share, where=zones).save(zones)

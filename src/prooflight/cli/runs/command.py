@@ -18,6 +18,7 @@ from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.cli.runs import gate as run_gate
+from prooflight.cli.runs import sheets as sheets_of_run
 from prooflight.cli.runs.gate import TraysFile
 from prooflight.cli.runs.journals import JournalUrl, RunNumber, reading, run_of, url_of
 from prooflight.errors import PressError, RequestError, visible
@@ -125,7 +126,7 @@ def show_run(
     with reading(journal) as opened:
         run_row = run_of(opened, run)
         if sheets and json:
-            laid_out.run_facts(opened, run_row, damaged=damaged.add)
+            sheets_of_run.run_facts(opened, run_row, damaged=damaged.add)
             damaged.told()
             return
         if json or csv:
@@ -142,7 +143,7 @@ def show_run(
         for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
-        assembled = laid_out.of_run(opened, run_row, damaged=damaged.add)
+        assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
     show.people.print(_facts_table(run_row))
     for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")

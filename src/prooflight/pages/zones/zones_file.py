@@ -151,6 +151,14 @@ class JobZones:
         ordered = dict(sorted(of_pages.items()))
         return cls(document=document, of_pages=ordered, sizes_mm=tuple(sizes_mm))
 
+    def without(self, name: str) -> tuple[ZoneEntry, ...]:
+        """Return the zones except the one of this name; RequestError: there is none."""
+        left = tuple(one for one in self.document.zones if one.name != name)
+        if len(left) == len(self.document.zones):
+            names = ", ".join(repr(one.name) for one in self.document.zones[:5])
+            raise RequestError("zones", f"none is called {name!r}", remedy=f"name one of {names}")
+        return left
+
     @property
     def zones_digest(self) -> str:
         """SHA-256 of the zones alone, to which their price refers."""

@@ -203,9 +203,9 @@ def _fed_otherwise(golden: NDArray[np.float32], scan: NDArray[np.float32], flat:
     for along, turn in FED_OTHERWISE:
         start = replace(flat, nodes=np.stack([-turn * down, turn * right + along * down]))
         moved = start.moved(golden, shrink=8)
-        shift, alike = _first_shifts(np.where(np.isfinite(moved), moved, scan), scan)[0]
-        found.append((alike, start.shifted((8 * shift[0], 8 * shift[1]))))
-    return max(found, key=lambda one: one[0])[1]
+        for shift, alike in _first_shifts(np.where(np.isfinite(moved), moved, scan), scan)[:1]:
+            found.append((alike, start.shifted((8 * shift[0], 8 * shift[1]))))
+    return max(found, key=lambda one: one[0], default=(0.0, flat))[1]
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:

@@ -197,8 +197,8 @@ class PressFile:
 
     @property
     def feeder(self) -> FeederPrior | None:
-        """Return the feeder of ``[scanner]``; None: the press is not seen by an office scanner."""
-        block = self._document.scanner
+        """Return the feeder of ``[geometry]``; None: the press is not seen by an office scanner."""
+        block = self._document.geometry
         return None if block is None else FeederPrior(**block.model_dump())
 
     @property

@@ -11,9 +11,6 @@ import pytest
 
 from prooflight.detectors.cost import RunningCosts
 from prooflight.press.press_file import PressFile
-from prooflight_studies.harness.operating import bill
-from prooflight_studies.paper.results import ALPHAS as STUDIED_ALPHAS
-from prooflight_studies.paper.results import PRINTED
 
 A4_HEIGHT_MM = 297.0
 
@@ -117,15 +114,3 @@ def test_slip_2770_lines_a_second_carry_one_page_a_second_and_not_five(prototype
     assert sensor.tdi_stages * abs(5 - 1) == 384
     # square pixels at that speed need five times the lines
     assert 5 * A4_HEIGHT_MM / camera.pixel_pitch_mm == pytest.approx(14_000, rel=0.01)
-
-
-def test_the_study_sets_the_same_digits_beside_ours() -> None:
-    studied = {title: printed for title, (_, printed) in PRINTED.items()}
-    assert list(studied.values()) == list(ROWS.values())
-    assert pytest.approx(ALPHAS) == STUDIED_ALPHAS
-
-
-def test_section_5_2_with_its_own_numbers_saves_two_thirds_of_what_misprints_cost() -> None:
-    told = bill(RunningCosts(), values("T1: 1 sensor")[2])
-    assert told.without == pytest.approx(10.0)  # 100 misprints of 10,000 pages at 0.1 cent
-    assert told.with_system / told.without == pytest.approx(0.334, abs=0.002)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics
 from prooflight.detectors.paper.chi_square import ChiSquare
 from prooflight.detectors.paper.evidence import Evidence, gather
-from prooflight_studies.harness.baselines import VariationModel, all_scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -74,15 +73,3 @@ def test_permuting_pages_permutes_verdicts_and_changes_no_input(
     evidence = [evidence_of(page) for page in pages(seed)]
     told = [detector.decide(one) for one in evidence]
     assert [detector.decide(evidence[place]) for place in order] == [told[place] for place in order]
-
-
-@settings(max_examples=8)
-@given(seed=st.integers(0, 1000), order=st.permutations(range(5)))
-def test_permuting_pages_permutes_the_scores_of_baselines_and_changes_no_input(
-    seed: int, order: list[int]
-) -> None:
-    model = VariationModel(floor=0.01, edge=0.1, signal=0.01)
-    scans = pages(seed)
-    scores = np.stack([all_scores(*page, variation=model, white_dn=[3000.0] * 2) for page in scans])
-    again = [all_scores(*scans[place], variation=model, white_dn=[3000.0] * 2) for place in order]
-    np.testing.assert_array_equal(np.stack(again), scores[order])

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,7 +57,7 @@ class Adapting:
     @classmethod
     def begin(cls, press: Press) -> Self:
         """Return the state before the first page: all levels are 0."""
-        prior = PrintPrior() if press.ours is None else press.ours.model.prior
+        prior = press.print_prior
         waves = np.arange(1, LAMP_WAVES + 1)
         power = np.exp(-((np.pi * prior.lamp_length * waves) ** 2) / 4)
         lamp = prior.lamp * np.sqrt(power / (0.5 * power.sum() + 0.5))

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.analysis import mode_images, mode_sensors
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
+from prooflight.detectors.optional import StoresPages
 from prooflight.files.atomic import whole_file
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
@@ -30,6 +29,8 @@ from prooflight.journal.journal import content_digest
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from prooflight.inspection.inspector import Inspector
     from prooflight.line.sheet_inspector import ReadyPage
     from prooflight.pages.job import JobSource
@@ -40,9 +41,6 @@ MAGIC: Final = b"prooflight prepared design 1\n"
 DIGEST_BYTES: Final = 32
 MOST_BYTES: Final = 10_000_000_000
 """Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
-EMPTY_SHARE: Final = 0.7
-"""Least share of zeros from which mode images are stored; those of other designs take less time to compute again
-than to read."""
 LEVEL: Final = 1
 """Level of compression: higher ones take ten times as long for a tenth less."""
 READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
@@ -71,12 +69,12 @@ class PreparedStore:
     def of(cls, inspector: Inspector, job: JobSource, *, folder: Path | None = None) -> Self | None:
         """Return the store of a job; None if nothing can be stored.
 
-        That is so of pages with zones, of another detector than ours, and of a press whose own RIP draws, since
-        nothing here tells its versions apart.
+        That is so of pages with zones, of a detector that does not store pages, and of a press whose own RIP draws,
+        since nothing here tells its versions apart.
 
         folder: of all jobs; None: in the user's cache.
         """
-        if not isinstance(inspector.detector, MatchedFilterDetector) or inspector.zones is not None:
+        if not isinstance(inspector.detector, StoresPages) or inspector.zones is not None:
             return None
         if job.engine is not None and job.engine.program:
             return None
@@ -84,6 +82,7 @@ class PreparedStore:
             program_digest(),
             *(f"{name} {_version(name)}" for name in READING),
             inspector.press.digest,
+            inspector.detector.name,
             content_digest(job.path),
             "" if job.profile is None else content_digest(job.profile),
             repr((job.dpi, job.drawn_dpi, job.layout)),
@@ -110,22 +109,21 @@ class PreparedStore:
         with whole_file(self._path(design)) as unfinished:
             unfinished.write_bytes(self._encoded(ready))
 
+    @property
+    def _detector(self) -> StoresPages:
+        detector = self.inspector.detector
+        assert isinstance(detector, StoresPages)  # see ``of``
+        return detector
+
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
 
     def _encoded(self, ready: ReadyPage) -> bytes:
-        page, file = ready.prepared.prepared_page, io.BytesIO()
-        arrays: list[bytes] = []
-        if not isinstance(page, MatchedFilterPage):
-            raise TypeError(f"{type(page).__name__} cannot be stored")
-        images = page.prepared_page.images
-        if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
-            images = images[:0]
-        bare: Any = replace(page.prepared_page, images=images, added=None)  # type: ignore[arg-type] # both come back
-        prepared: Any = replace(ready.prepared, prepared_page=None)  # type: ignore[arg-type]
-        _Pickler(file, self.inspector, bare, arrays).dump(
-            (prepared, ready.thumbnail, bare, page.inks, page.widening)
-        )
+        file, arrays = io.BytesIO(), list[bytes]()
+        stored, shared = self._detector.stored(ready.prepared.prepared_page)
+        prepared: Any = replace(ready.prepared, prepared_page=None)  # type: ignore[arg-type] # it is restored
+        pickler = _Pickler(file, {**shared, "own": self.inspector.detector.press_context.sensors}, arrays)
+        pickler.dump((prepared, ready.thumbnail, stored))
         pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
         sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()
         content = b"".join([sizes, *pieces])
@@ -145,26 +143,11 @@ class PreparedStore:
         arrays = [
             bytearray(zlib.decompress(one)) for one in pieces[1:]
         ]  # kernels take arrays that can be written
-        return self._restored(ReadyPage, *_Unpickler(stream, self.inspector, arrays).load())
-
-    def _restored(
-        self, ready_type: type[ReadyPage], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
-    ) -> ReadyPage:
-        """Return a design with what is not stored of it."""
-        detector = self.inspector.detector
-        assert isinstance(detector, MatchedFilterDetector)  # see ``of``
-        press_context = detector.press_context
-        images, added = mode_images(
-            bare.page, sensors=press_context.sensors, geometry=press_context.geometry, of=bare.images
-        )
-        page = MatchedFilterPage(
-            detector=detector,
-            prepared_page=replace(bare, images=images, added=added),
-            inks=inks,
-            model=detector.calibrated.model.widened(widening),
-            widening=widening,
-        )
-        return ready_type(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
+        parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
+        package = type(self.inspector.detector).__module__.partition(".")[0]
+        prepared, thumbnail, stored = _Unpickler(stream, parts, arrays, package).load()
+        ready = self._detector.restored(stored)
+        return ReadyPage(prepared=replace(prepared, prepared_page=ready), thumbnail=thumbnail)
 
 
 def _version(library: str) -> str:
@@ -198,17 +181,16 @@ def clean(folder: Path, *, most_bytes: int, keep: Path | None = None) -> int:
 class _Pickler(pickle.Pickler):
     """Writes a design without what its press holds, and large arrays apart."""
 
-    def __init__(self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes]) -> None:
+    def __init__(
+        self, file: io.BytesIO, shared: Mapping[str, Sequence[SensorModel]], arrays: list[bytes]
+    ) -> None:
         super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw().tobytes()))
-        own = inspector.detector.press_context.sensors
-        self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
-        self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
-        self._held |= {id(one): ("binned", index) for index, one in enumerate(bare.binned_sensors)}
+        self._shared = {id(one): (kind, at) for kind, each in shared.items() for at, one in enumerate(each)}
 
     def persistent_id(self, one: Any) -> tuple[str, int] | None:
         """Return which of the press's parts an object is; None: none."""
-        if id(one) in self._held:
-            return self._held[id(one)]
+        if id(one) in self._shared:
+            return self._shared[id(one)]
         if isinstance(one, SensorModel):
             raise TypeError("a sensor that the press does not hold")
         return None
@@ -217,13 +199,15 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Reads designs, and makes no other objects than a design consists of."""
 
-    def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[bytearray]) -> None:
+    def __init__(
+        self,
+        file: io.BytesIO,
+        parts: Mapping[str, Sequence[SensorModel]],
+        arrays: list[bytearray],
+        package: str,
+    ) -> None:
         super().__init__(file, buffers=arrays)
-        press_context = inspector.detector.press_context
-        self._parts = {
-            "camera": press_context.sensors,
-            "binned": mode_sensors(press_context.sensors, press_context.geometry),
-        }
+        self._parts, self._packages = parts, {"prooflight", package}
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""
@@ -234,7 +218,7 @@ class _Unpickler(pickle.Unpickler):
         """Return a class of which designs consist; UnpicklingError: it is no such class."""
         if (module, name) in OF_NUMPY:
             return super().find_class(module, name)
-        if module.startswith("prooflight."):
+        if module.partition(".")[0] in self._packages:
             loaded = super().find_class(module, name)
             if isinstance(loaded, type) and (is_dataclass(loaded) or issubclass(loaded, tuple)):
                 return loaded

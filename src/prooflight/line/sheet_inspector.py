@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from prooflight.detectors.base import PreparedInTwoSteps
+from prooflight.detectors.optional import PreparedInTwoSteps
 from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.line.monitor.evidence import run_evidence

@@ -10,7 +10,7 @@ import numpy as np
 
 from prooflight.detectors.base import ContextDetector, Inspection, PreparedOnly
 from prooflight.detectors.golden.chain import SignalChain, grown_light, light_of, to_numbers
-from prooflight.detectors.golden.detector import GoldenSheet, decision_of
+from prooflight.detectors.golden.detector import ZONES, GoldenSheet, decision_of
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import PlannedPage, StoredArrays
     from prooflight.detectors.verdict import Decision
+    from prooflight.pages.zones.zone import Kind
     from prooflight.prediction.tables import SensorModel
 
 NAME: Final = "drawn"
@@ -36,12 +37,17 @@ class DrawnDetector(ContextDetector):
     name: str = NAME
     guarantee: str = GUARANTEE
 
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """See ``Detector``."""
+        return ZONES
+
     def prepare(self, planned: PlannedPage) -> DrawnSheet:
         """See ``Detector``; RequestError: nothing states the chain of this page."""
         page, geometry = planned.page, self.press_context.geometry
         chain = self.chains.get(page.name) or self.chains.get("")
         if chain is None:
-            remedy = "scan more of its pages, or choose --detector ours"
+            remedy = "scan more of its pages, or choose --detector matched_filter"
             raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
         numbers = chain.numbers(grown_light(page, self.press_context), page.pixel_mm)
         ignored = None

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -27,11 +27,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     prepare_modes,
 )
 from prooflight.detectors.matched_filter.fit.moves import corrected
-from prooflight.detectors.matched_filter.fit.nuisance import (
-    PrintPrior,
-    ResidualVariance,
-    page_colours,
-)
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance, page_colours
 from prooflight.detectors.matched_filter.fit.residuals import in_register
 from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
@@ -44,8 +40,10 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
 from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction
+from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
 from prooflight.registration.register import prepare, register
@@ -72,6 +70,9 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
+EMPTY_SHARE: Final = 0.7
+"""Least share of zeros from which a design's images are stored; those of other designs take less time to compute again
+than to read."""
 MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
@@ -147,20 +148,25 @@ def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tupl
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
 
-def mode_images(
-    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, of: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], AddedInks]:
-    """Return ``PreparedPage.images`` and ``PreparedPage.added`` of a design that was prepared before.
+def without_images(page: PreparedPage) -> PreparedPage:
+    """Return a design to be stored: without inks to be added, and without images that are sooner computed than read."""
+    images = page.images
+    if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
+        images = images[:0]
+    bare: Any = {"images": images, "added": None}  # ``with_images`` brings both back
+    return replace(page, **bare)
 
-    of: the images; where there are none they are computed again.
-    """
+
+def with_images(page: PreparedPage, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> PreparedPage:
+    """Return a design that ``without_images`` stored as it was; sensors, geometry: of the camera's own pixels."""
     bins = bins_of(geometry)
     at, taken_as = binned_geometry(geometry, bins), mode_sensors(sensors, geometry)
-    added = AddedInks(page, sensors=taken_as, geometry=at, bins=bins)
-    if not of.size:
-        of = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at).images
-        of = first_lines(of, at.lines(page.height_mm))
-    return of, added
+    images = page.images
+    if not images.size:
+        images = prepare_modes(thinned(page.page, bins), sensors=taken_as, geometry=at).images
+        images = first_lines(images, at.lines(page.page.height_mm))
+    added = AddedInks(page.page, sensors=taken_as, geometry=at, bins=bins)
+    return replace(page, images=images, added=added)
 
 
 def prepare_page(
@@ -200,7 +206,13 @@ def prepare_page(
         images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
         inside = inside & (images.images[0] < 0.5)
     landmarks = prepare(
-        page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place, ignored=ignored
+        page,
+        expected,
+        sensors=sensors,
+        geometry=geometry,
+        prior=prior.of_place,
+        halftone=HALFTONE if screen is None else max(HALFTONE, _contrast(screen, sensors, geometry)),
+        ignored=ignored,
     )
     overlaps = None
     if fringes:
@@ -231,6 +243,15 @@ def _beat(
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, bins_of(geometry)) for sensor in sensors]
     return np.asarray(np.max(beats, axis=0))
+
+
+def _contrast(
+    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
+) -> float:
+    """Return the contrast of a screen's tints in single camera pixels, the greatest of all inks and tints."""
+    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, correlated=False) for sensor in sensors]
+    return float(np.sqrt(np.max(beats)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

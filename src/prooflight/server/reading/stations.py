@@ -52,10 +52,11 @@ class Stations:
         with self._guard:
             for path in self._presses:
                 try:
-                    press, digest = press_of(path, content_stamp(path))
+                    stamp = content_stamp(path)
+                    press, digest = press_of(path, stamp)
                 except (OSError, ProoflightError):
                     continue
-                if digest == run.facts.press_digest:
+                if digest == run.facts.press_digest or _has_digest(path, stamp, run.facts.press_digest):
                     return path, press
         return None
 
@@ -78,6 +79,12 @@ def press_of(path: Path, _stamp: tuple[int, ...]) -> tuple[Press, str]:
     """Return the press of a file, and its digest. _stamp: ``content_stamp``, the key of the cache."""
     press = Press.load(path)
     return press, press.digest
+
+
+@lru_cache(maxsize=256)
+def _has_digest(path: Path, stamp: tuple[int, ...], digest: str) -> bool:
+    """Return whether a press has or had this digest (``Press.has_digest``)."""
+    return press_of(path, stamp)[0].has_digest(digest)
 
 
 @lru_cache(maxsize=64)

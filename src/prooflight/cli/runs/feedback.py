@@ -273,11 +273,10 @@ def recalibrate(
         raise RequestError(artefact, what, remedy="build it with `prooflight press build --detector quick`")
     if out.exists() and out.samefile(artefact):
         raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
-    replaced = {told.replaces for told in model.told}
+    digests = press.digests | {told.replaces for told in model.told}
 
     def is_of_press(run: RunRow) -> bool:
-        digest = run.facts.press_digest
-        return run.facts.detector == name and (digest in replaced or press.has_digest(digest))
+        return run.facts.detector == name and run.facts.press_digest in digests
 
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
@@ -374,7 +373,7 @@ def before_recalibration(press: Press, where: Path) -> Press:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     name, model, last = found
     before, wanted = press.with_detector(name, last), model.told[-1].replaces
-    if not before.has_digest(wanted):
+    if wanted not in before.digests:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
     return before

@@ -78,19 +78,28 @@ class Golden:
         return cls(name=scan.name, light=evened(scan.dn.astype(np.float32), sensors))
 
 
+class PictureDetector(StationDetector):
+    """Detector that compares each scan with one expected picture."""
+
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """See ``Detector``."""
+        return ZONES
+
+    def decided_again(self, kept: KeptArrays) -> Decision:
+        """See ``Detector``."""
+        volume = float(kept.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=kept.wrong_page)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoldenDetector(StationDetector):
+class GoldenDetector(PictureDetector):
     """Detector with a good scan of each page, or one of all."""
 
     goldens: Mapping[str, Golden] = field(default_factory=dict)
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
     promise: str = PROMISE
-
-    @property
-    def zone_kinds(self) -> frozenset[Kind]:
-        """See ``Detector``."""
-        return ZONES
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""
@@ -108,29 +117,18 @@ class GoldenDetector(StationDetector):
             remedy = "give one for all pages, or one for each, by `prooflight inspect --golden`"
             raise RequestError(page, "has no golden scan", remedy=remedy)
         lines, pixels = golden.light.shape[1:]
-        x_mm, y_mm = (
-            (np.arange(count) + 0.5) * pitch - first
-            for count, pitch, first in (
-                (pixels, geometry.pixel_pitch_mm, left_mm),
-                (lines, geometry.line_pitch_mm, geometry.lead_in_mm),
-            )
-        )
+        x_mm = (np.arange(pixels) + 0.5) * geometry.pixel_pitch_mm - left_mm
         return GoldenSheet(
             page=page,
             golden=golden.name,
             light=golden.light,
             spread=golden.spread,
-            ignored=None if zones is None else zones.holds("ignore", x_mm, y_mm),
+            ignored=None if zones is None else zones.holds("ignore", x_mm, geometry.centres_y_mm(lines)),
             pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
             left_mm=left_mm,
             lead_in_mm=geometry.lead_in_mm,
             sensors=self.station.sensors,
         )
-
-    def decided_again(self, kept: KeptArrays) -> Decision:
-        """See ``Detector``."""
-        volume = float(kept.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=kept.wrong_page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

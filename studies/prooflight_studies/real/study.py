@@ -27,7 +27,7 @@ from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.real.against_each_other import GoldenRow, golden_rows
+from prooflight_studies.real.against_each_other import GoldenRow, golden_rows, new_places
 from prooflight_studies.visible.marks import NAMED
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.golden.chain import SignalChain
     from prooflight.detectors.golden.drawn import DrawnDetector
-    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.job import Pair
     from prooflight.press.artefact import Press
 
@@ -212,7 +211,7 @@ def _of_copy(
             changed = share[0] < 1 - 1e-3
             laid = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(np.uint16)
             judged = inspector.inspect(prepared, Scan(dn=laid[None], name=scan.scan.name)).verdict
-            new = _new(judged, verdict)
+            new = new_places(judged, verdict)
             caught += [
                 (mark.name, any(_near(box, at, mark.reach_mm) for box in new))
                 for mark, at in zip(some, places, strict=True)
@@ -228,18 +227,6 @@ def _of_copy(
             by_other=", ".join(by_others),
         )
         yield row, caught
-
-
-def _new(judged: Verdict, before: Verdict) -> list[tuple[float, float, float, float]]:
-    """Return the places of a misprint that the sheet did not have before marks were laid into it."""
-    if judged.verdict != "misprint":
-        return []
-    had = {(one.x_mm, one.y_mm) for one in before.regions}
-    return [
-        (one.x_mm, one.y_mm, one.width_mm, one.height_mm)
-        for one in judged.regions
-        if (one.x_mm, one.y_mm) not in had
-    ]
 
 
 def _near(box: tuple[float, float, float, float], at: tuple[float, float], reach_mm: float) -> bool:

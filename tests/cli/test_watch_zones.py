@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.calls import prooflight
 
-from prooflight.__main__ import main
 from prooflight.journal.journal import Journal
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -22,14 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.pages.raster import Page
-
-
-def prooflight(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["prooflight", *map(str, arguments)])
-    try:
-        return int(main() or 0)
-    except SystemExit as left:
-        return int(left.code or 0)
 
 
 @pytest.fixture

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pymupdf
 import pytest
 from PIL import Image
+from tests.cli.calls import prooflight
 
-from prooflight.__main__ import main
 from prooflight.commissioning.zones.caught import Range, Trial, caught, next_strength
 from prooflight.commissioning.zones.defects import SORTS, areas_of, disc, with_defect
 from prooflight.pages.zones.zone import PageZones, Zone
@@ -26,14 +25,6 @@ if TYPE_CHECKING:
 
 A7 = (210.0, 297.0)
 """Of the PDF. [points]"""
-
-
-def prooflight(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["prooflight", *map(str, arguments)])
-    try:
-        return int(main() or 0)
-    except SystemExit as left:
-        return int(left.code or 0)
 
 
 def write_pdf(path: Path) -> None:

@@ -70,9 +70,9 @@ def test_a_press_of_schema_10_is_read_and_known_by_its_digest(labelled: Press, t
     digest = of_schema_10(labelled, tmp_path / "old.press")
     press = Press.load(tmp_path / "old.press")
     assert press.digest == labelled.digest != digest
-    assert press.has_digest(digest)
-    assert press.has_digest(press.digest)
-    assert not press.has_digest("0" * 64)
+    assert digest in press.digests
+    assert press.digest in press.digests
+    assert "0" * 64 not in press.digests
     assert len(model_of(press).told) == 1
     press.save(tmp_path / "new.press")
     assert Press.load(tmp_path / "new.press").digest == labelled.digest

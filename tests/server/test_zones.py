@@ -304,7 +304,7 @@ def test_a_real_price_is_made_aside(
         assert engineer.put(AT, json={"zones": [stamp]}, headers=tag).status_code == 200
         known = JobZones.read(tmp_path / "page.zones.json", [(36.0, 44.0)])
         known.refuse_unpriced(
-            trained_press.has_digest, "matched_filter", where="zones"
+            trained_press.digests, "matched_filter", where="zones"
         )  # in force on this press
 
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prooflight.detectors.base import LAMP_WAVES
 from prooflight.registration.field import Prior
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +59,12 @@ class PrintPrior:
     """Scale, likewise."""
     warp_across_um: float = 30.0
     warp_along_um: float = 41.0
+
+    @property
+    def lamp_sd(self) -> NDArray[np.float64]:
+        """Amplitudes of the lamp profile's waves cos(k pi x / W), (LAMP_WAVES,). [-]"""
+        power = np.exp(-((np.pi * self.lamp_length * np.arange(1, LAMP_WAVES + 1)) ** 2) / 4)
+        return np.asarray(self.lamp * np.sqrt(power / (0.5 * power.sum() + 0.5)))
 
     @property
     def of_place(self) -> Prior:

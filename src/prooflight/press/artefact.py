@@ -189,10 +189,11 @@ class Press(Shown):
         arrays, document = self._parts()
         return _digest(arrays, document)
 
-    def has_digest(self, digest: str) -> bool:
-        """Return whether this is its digest, or was when presses had schema 10: runs and zones of then name that."""
+    @property
+    def digests(self) -> frozenset[str]:
+        """Return its digest, and that of when presses had schema 10: runs and zones of then name that."""
         arrays, document = self._parts()
-        return digest in (_digest(arrays, document), _digest(*former.as_schema_10(arrays, document)))
+        return frozenset((_digest(arrays, document), _digest(*former.as_schema_10(arrays, document))))
 
     def check(self) -> None:
         """Raise PressError, with the field's name, if it holds a value that no artefact may hold."""

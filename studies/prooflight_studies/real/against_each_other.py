@@ -157,7 +157,7 @@ def _row(
     Image.fromarray(samples).save(page.scan.path, dpi=picture.info["dpi"])
     # A scan that is read the other way round has its places as the golden is read.
     round_ = turned != golden_turned
-    new = _new(judged, clean)
+    new = new_places(judged, clean)
     caught = [
         [any(_touches(_over(box, size, round_), one) for one in new) for box in boxes]
         for boxes in (voids, streaks)
@@ -236,7 +236,7 @@ def _drawn(
     return chosen
 
 
-def _new(judged: Verdict, before: Verdict) -> list[BoxMm]:
+def new_places(judged: Verdict, before: Verdict) -> list[BoxMm]:
     """Return the places of a misprint that the sheet did not have before marks were laid into it."""
     if judged.verdict != "misprint":
         return []

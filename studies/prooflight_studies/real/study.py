@@ -27,7 +27,7 @@ from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.real.against_each_other import GoldenRow, golden_rows
+from prooflight_studies.real.against_each_other import GoldenRow, golden_rows, new_places
 from prooflight_studies.visible.marks import NAMED
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.golden.chain import SignalChain
     from prooflight.detectors.golden.drawn import DrawnDetector
-    from prooflight.detectors.verdict import Verdict
     from prooflight.inspection.job import Pair
     from prooflight.press.artefact import Press
 
@@ -46,10 +45,10 @@ JOB: Final = "midterm1-v2-test.pdf"
 COPIES: Final = ("midterm_scan_100.pdf", "midterm_scan_101.pdf")
 STAMP_MM: Final = (0.0, 5.0, 215.9, 36.0)
 """Strip in which each copy has a stamped code and label that the job lacks. [mm]"""
-MARKS_AT_ONCE: Final = 5
+TOGETHER: Final = 5
 """Marks that are laid into a scan at once: a verdict lists twelve places, and a splash may take six."""
 BORDER_MM: Final = 15.0
-SEPARATION_MM: Final = 3.0
+APART_MM: Final = 3.0
 """Distance of a mark from the page's border, and beyond its reach from print and other marks."""
 TRIES: Final = 10_000
 
@@ -147,9 +146,7 @@ def run_real_study(
         seed=seed,
         quick=quick,
         sheets=tuple(sheets),
-        marks=tuple(
-            MarkRow(name=name, laid=marked_dn, caught=one) for name, (marked_dn, one) in caught.items()
-        ),
+        marks=tuple(MarkRow(name=name, laid=laid, caught=one) for name, (laid, one) in caught.items()),
         chains=tuple(_chain_row(copy.scans.name, copy.detector.chains[""]) for copy in copies),
         goldens=()
         if quick
@@ -173,10 +170,10 @@ def _copy(scans: Path, source: JobSource, press: Press, progress: Callable[[str]
     with source.open() as job:
         sizes = job.page_sizes_mm
     stamp = ZoneEntry(name="stamp", kind="ignore", rectangle_mm=STAMP_MM)
-    zones, settings = JobZones.create([stamp], sizes), ScannerSettings()
+    zones, settings = JobZones.made([stamp], sizes), ScannerSettings()
     pages = ExpectedPages(job=source, press=press, feeder=feeder_of(press))
-    placed = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
-    detector, pairs = drawn_detector(placed, source, press, settings, zones=zones, progress=progress)
+    found = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
+    detector, pairs = drawn_detector(found, source, press, settings, zones=zones, progress=progress)
     return Copy(scans=scans, source=source, zones=zones, detector=detector, pairs=pairs)
 
 
@@ -191,7 +188,7 @@ def _of_copy(
         assert isinstance(scan, PlacedScan)
         progress(f"{scans.name}: page {number}")
         page = press.geometry.lay(opened(copy.source).page(number))
-        planned = PlannedPage(page, press.press_context(), zones.page(page))
+        planned = PlannedPage(page, press.station(), zones.page(page))
         lines, _ = scan_on_page(scan, planned, press, settings, by_type=False)
         prepared = inspector.prepare(planned)
         verdict = inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name)).verdict
@@ -201,22 +198,20 @@ def _of_copy(
         ]
         rng = stream(seed, "real-marks", COPIES.index(scans.name), number)
         caught: list[tuple[str, bool]] = []
-        for first in range(0, len(NAMED), MARKS_AT_ONCE):
-            some = NAMED[first : first + MARKS_AT_ONCE]
+        for first in range(0, len(NAMED), TOGETHER):
+            some = NAMED[first : first + TOGETHER]
             marked, places = page, _places(planned, press, [mark.reach_mm for mark in some], rng)
             for mark, at in zip(some, places, strict=True):
                 marked = mark.draw(marked, at, rng)
             clean = bare_light(planned.expected, press.sensors)
-            share = bare_light(press.press_context().predict(marked), press.sensors) / np.maximum(clean, 1e-3)
+            share = bare_light(press.station().predict(marked), press.sensors) / np.maximum(clean, 1e-3)
             seen = np.clip(light_of(lines, press.sensors) * share, 0, 1)
             sensor = press.sensors[0]
             dn = sensor.column_offset_dn + sensor.column_gain * np.float32(sensor.white_dn) * seen[0]
             changed = share[0] < 1 - 1e-3
-            marked_dn = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(
-                np.uint16
-            )
-            judged = inspector.inspect(prepared, Scan(dn=marked_dn[None], name=scan.scan.name)).verdict
-            new = _new(judged, verdict)
+            laid = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(np.uint16)
+            judged = inspector.inspect(prepared, Scan(dn=laid[None], name=scan.scan.name)).verdict
+            new = new_places(judged, verdict)
             caught += [
                 (mark.name, any(_near(box, at, mark.reach_mm) for box in new))
                 for mark, at in zip(some, places, strict=True)
@@ -232,18 +227,6 @@ def _of_copy(
             by_other=", ".join(by_others),
         )
         yield row, caught
-
-
-def _new(judged: Verdict, before: Verdict) -> list[tuple[float, float, float, float]]:
-    """Return the places of a misprint that the sheet did not have before marks were laid into it."""
-    if judged.verdict != "misprint":
-        return []
-    had = {(one.x_mm, one.y_mm) for one in before.regions}
-    return [
-        (one.x_mm, one.y_mm, one.width_mm, one.height_mm)
-        for one in judged.regions
-        if (one.x_mm, one.y_mm) not in had
-    ]
 
 
 def _near(box: tuple[float, float, float, float], at: tuple[float, float], reach_mm: float) -> bool:
@@ -269,14 +252,12 @@ def _places(
         reach = reaches_mm[len(places)]
         x = float(rng.uniform(BORDER_MM, page.width_mm - BORDER_MM))
         y = float(rng.uniform(BORDER_MM, page.height_mm - BORDER_MM))
-        clear = (
-            free_mm[int(np.abs(y_mm - y).argmin()), int(np.abs(x_mm - x).argmin())] > reach + SEPARATION_MM
-        )
-        is_separate = all(
-            np.hypot(x - one[0], y - one[1]) > reach + other + SEPARATION_MM
+        clear = free_mm[int(np.abs(y_mm - y).argmin()), int(np.abs(x_mm - x).argmin())] > reach + APART_MM
+        apart = all(
+            np.hypot(x - one[0], y - one[1]) > reach + other + APART_MM
             for one, other in zip(places, reaches_mm, strict=False)
         )
-        if clear and is_separate:
+        if clear and apart:
             places.append((x, y))
             if len(places) == len(reaches_mm):
                 return places

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from tests.properties.test_sampling import as_matrix
 
-from prooflight.pages.sampling import Footprint, Taps
+from prooflight.pages.sampling import Footprint
 from prooflight_studies.exact.exposure import page_taps
-
-
-def as_matrix(weights: Taps, count: int) -> np.ndarray:
-    matrix = np.zeros((weights.first.size, count))
-    for row, (first, row_weights) in enumerate(zip(weights.first, weights.weights, strict=True)):
-        matrix[row, first : first + row_weights.size] = row_weights
-    return matrix
 
 
 def test_page_taps_go_across_columns_and_along_rows() -> None:

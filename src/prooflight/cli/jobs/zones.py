@@ -38,7 +38,7 @@ def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZone
 
     zones_of_job = JobZones.read(path, job.page_sizes_mm)
     press, detector = inspector.press, inspector.detector.name
-    zones_of_job.refuse_unpriced(press.has_digest, detector, where=path)
+    zones_of_job.refuse_unpriced(press.digests, detector, where=path)
     for line in zones_of_job.contested():
         faults.report(line)
     model = press.detectors.get(detector)

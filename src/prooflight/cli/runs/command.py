@@ -247,7 +247,7 @@ def replay(
         page = opened.page(run_row.id, sheet)
         where = opened.path
     wanted, given = run_row.facts.press_digest, loaded.digest
-    if not loaded.has_digest(wanted):
+    if wanted not in loaded.digests:
         what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
         raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:

@@ -116,7 +116,7 @@ def trained(
         misprint_rate=press.costs.misprint_rate,
         glyphs=rows["glyphs"][~every.bad],
     )
-    models: dict[str, TrainedModel] = {"matched_filter": detector}
+    models: dict[str, TrainedModel] = {detector.name: detector}
     if unit is not None:
         models["bayes"] = _bayes(press, rows, unit)
     return replace(press, detectors=models)

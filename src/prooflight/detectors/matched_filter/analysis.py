@@ -205,13 +205,18 @@ def prepare_page(
     if zones is not None:
         images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
         inside = inside & (images.images[0] < 0.5)
+    halftone, beat = HALFTONE, None
+    if screen is not None:
+        single = _beat(screen, sensors, geometry, correlated=False)
+        halftone = max(HALFTONE, float(np.sqrt(single.max())))
+        beat = _beat(screen, sensors, geometry, bins=bins)
     landmarks = prepare(
         page,
         expected,
         sensors=sensors,
         geometry=geometry,
         prior=prior.of_place,
-        halftone=HALFTONE if screen is None else max(HALFTONE, _contrast(screen, sensors, geometry)),
+        halftone=halftone,
         ignored=ignored,
     )
     overlaps = None
@@ -233,25 +238,18 @@ def prepare_page(
         hidden=hidden_edges(modes, taken_as),
         specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
-        beat=None if screen is None else _beat(screen, sensors, geometry),
+        beat=beat,
     )
 
 
 def _beat(
-    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
+    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry, **how: Any
 ) -> NDArray[np.float64]:
+    """Return ``beat_contrasts``, called with ``how``, of the sensor that sees most of the beat."""
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, bins_of(geometry)) for sensor in sensors]
-    return np.asarray(np.max(beats, axis=0))
-
-
-def _contrast(
-    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
-) -> float:
-    """Return the contrast of a screen's tints in single camera pixels, the greatest of all inks and tints."""
-    pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, correlated=False) for sensor in sensors]
-    return float(np.sqrt(np.max(beats)))
+    return np.asarray(
+        np.max([beat_contrasts(*screen, sensor.footprint, pitch_mm, **how) for sensor in sensors], axis=0)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from prooflight.pages.job import parse_pages
 from prooflight.pages.zones.zone import Calibration, Kind, PageZones, Zone, contested, share_ignored
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from prooflight.pages.raster import Page
@@ -211,9 +211,8 @@ class JobZones:
             for (one, other), number in pairs.items()
         ]
 
-    def refuse_unpriced(self, is_of_press: Callable[[str], bool], detector: str, *, where: object) -> None:
-        """Raise RequestError if the zones were not priced on this press, whose digests ``is_of_press`` knows, and for
-        this detector.
+    def refuse_unpriced(self, press_digests: Collection[str], detector: str, *, where: object) -> None:
+        """Raise RequestError if the zones were not priced on the press of these digests, and for this detector.
 
         Without a price that was shown, no false-alarm rate is guaranteed.
         """
@@ -223,7 +222,7 @@ class JobZones:
         )
         if price is None:
             raise RequestError(where, "its zones have not been priced", remedy=remedy)
-        if not is_of_press(price.press):
+        if price.press not in press_digests:
             raise RequestError(where, "its zones were priced on another press", remedy=remedy)
         if price.detector != detector:
             what = f"its zones were priced for the detector {price.detector!r}"

@@ -56,7 +56,7 @@ class Stations:
                     press, digest = press_of(path, stamp)
                 except (OSError, ProoflightError):
                     continue
-                if digest == run.facts.press_digest or _has_digest(path, stamp, run.facts.press_digest):
+                if run.facts.press_digest == digest or run.facts.press_digest in _digests(path, stamp):
                     return path, press
         return None
 
@@ -81,10 +81,10 @@ def press_of(path: Path, _stamp: tuple[int, ...]) -> tuple[Press, str]:
     return press, press.digest
 
 
-@lru_cache(maxsize=256)
-def _has_digest(path: Path, stamp: tuple[int, ...], digest: str) -> bool:
-    """Return whether a press has or had this digest (``Press.has_digest``)."""
-    return press_of(path, stamp)[0].has_digest(digest)
+@lru_cache(maxsize=64)
+def _digests(path: Path, stamp: tuple[int, ...]) -> frozenset[str]:
+    """Return ``Press.digests`` of a file; they are needed only for runs of other presses and of former schemas."""
+    return press_of(path, stamp)[0].digests
 
 
 @lru_cache(maxsize=64)

@@ -65,14 +65,11 @@ FAR: Final = 4.685
 
 def amounts_sd(prior: PrintPrior, layout: FitLayout, pixel_mm: float) -> NDArray[np.float64]:
     """Return the standard deviations of the fit's amounts, (amounts,), in the units of ``Fit``."""
-    waves = np.arange(1, LAMP_WAVES + 1)
-    power = np.exp(-((np.pi * prior.lamp_length * waves) ** 2) / 4)
-    power /= 0.5 * power.sum() + 0.5
     sd = np.empty(layout.size)
     of = layout.parts(sd)
     of.white[...] = prior.white
     of.common[...] = prior.common
-    of.lamp[...] = prior.lamp * np.sqrt(power)
+    of.lamp[...] = prior.lamp_sd
     of.shape[...] = prior.shape
     of.gain[...] = prior.gain, prior.tilt, prior.tilt
     of.dot[...] = prior.dot

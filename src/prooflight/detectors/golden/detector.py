@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Self
 import cv2
 import numpy as np
 
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PreparedOnly
 from prooflight.detectors.golden.differences import Tolerance, compare, place_of
 from prooflight.detectors.golden.place import TILE_PIXELS
 from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays, PlannedPage
+    from prooflight.detectors.base import PlannedPage, StoredArrays
     from prooflight.detectors.golden.differences import GoldenDifference
     from prooflight.detectors.golden.place import GoldenPlace
     from prooflight.pages.zones.zone import PageZones
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
-PROMISE: Final = (
+GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
     "docs/results/detector/golden.md says how often good ones alarm"
 )
@@ -78,7 +78,7 @@ class Golden:
         return cls(name=scan.name, light=evened(scan.dn.astype(np.float32), sensors))
 
 
-class PictureDetector(StationDetector):
+class PictureDetector(ContextDetector):
     """Detector that compares each scan with one expected picture."""
 
     @property
@@ -86,10 +86,10 @@ class PictureDetector(StationDetector):
         """See ``Detector``."""
         return ZONES
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
-        volume = float(kept.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=kept.wrong_page)
+        volume = float(stored.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=stored.wrong_page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,11 +99,11 @@ class GoldenDetector(PictureDetector):
     goldens: Mapping[str, Golden] = field(default_factory=dict)
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = PROMISE
+    guarantee: str = GUARANTEE
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""
-        left_mm = self.station.geometry.left_mm(planned.page.width_mm)
+        left_mm = self.press_context.geometry.left_mm(planned.page.width_mm)
         return self.sheet(planned.page.name, left_mm=left_mm, zones=planned.zones)
 
     def sheet(self, page: str, *, left_mm: float, zones: PageZones | None = None) -> GoldenSheet:
@@ -111,7 +111,7 @@ class GoldenDetector(PictureDetector):
 
         RequestError: there is no golden scan of this page.
         """
-        geometry = self.station.geometry
+        geometry = self.press_context.geometry
         golden = self.goldens.get(page) or self.goldens.get("")
         if golden is None:
             remedy = "give one for all pages, or one for each, by `prooflight inspect --golden`"
@@ -127,7 +127,7 @@ class GoldenDetector(PictureDetector):
             pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
             left_mm=left_mm,
             lead_in_mm=geometry.lead_in_mm,
-            sensors=self.station.sensors,
+            sensors=self.press_context.sensors,
         )
 
 
@@ -170,10 +170,10 @@ class GoldenSheet(PreparedOnly):
                 verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
                 return self._inspection(verdict, scan, expected, excess)
         where, turned = self._place(expected, seen), False
-        if not where.found:
+        if not where.located:
             over = _alike(scan.name, self.light, measured[:, ::-1, ::-1])[1]
             other = self._place(expected, over)
-            if turned := other.found:
+            if turned := other.located:
                 where, seen, scan = other, over, replace(scan, dn=scan.dn[:, ::-1, ::-1])
         lines, pixels = expected.shape[1:]
         difference = compare(
@@ -234,19 +234,19 @@ class GoldenSheet(PreparedOnly):
         )
         # A sheet that was fed by its other edge lies elsewhere in its scan, which says nothing of its print.
         off_place = not turned and max(abs(across), abs(along)) >= WRONG_SHIFT_MM
-        if where.found and not off_place and not difference.fits:
+        if where.located and not off_place and not difference.fits:
             skipped = Verdict.skipped(self.page, self._misfit(difference), detector=NAME)
             return replace(skipped, shift_mm=(across, along))
-        another = not where.found or off_place
+        another = not where.located or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
-        why = _reason(where.likeness, off_place=off_place, registered=where.found, places=len(places))
+        why = _reason(where.likeness, off_place=off_place, registered=where.located, places=len(places))
         return Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
             kind=kind,
             regions=regions,
-            shift_mm=(across, along) if where.found else None,
+            shift_mm=(across, along) if where.located else None,
             detector=NAME,
             reason="; ".join(filter(None, (why, TURNED if turned else ""))),
         )
@@ -283,7 +283,7 @@ class GoldenSheet(PreparedOnly):
             measured_dn=scan.dn[:, *area],
             block_z=np.asarray(blocks, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
-            kept={
+            stored_arrays={
                 "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
                 "volume": np.array(verdict.score or 0.0),
             },

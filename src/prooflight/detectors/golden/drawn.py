@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 NAME: Final = "drawn"
-PROMISE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
+GUARANTEE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,7 +33,7 @@ class DrawnDetector(PictureDetector):
     chains: Mapping[str, SignalChain]
     """Chains by page name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = PROMISE
+    guarantee: str = GUARANTEE
 
     def prepare(self, planned: PlannedPage) -> DrawnSheet:
         """See ``Detector``; RequestError: nothing states the chain of this page."""
@@ -42,13 +42,13 @@ class DrawnDetector(PictureDetector):
         if chain is None:
             remedy = "scan more of its pages, or choose --detector matched_filter"
             raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
-        numbers = chain.numbers(grown_light(page, self.station), page.pixel_mm)
+        numbers = chain.numbers(grown_light(page, self.press_context), page.pixel_mm)
         golden = Golden(name=page.name, light=numbers, spread=chain.spread(numbers))
         pictures = replace(
-            self.station, sensors=()
+            self.press_context, sensors=()
         )  # the drawn page is compared with numbers, not with light
-        sheet = GoldenDetector(station=pictures, goldens={page.name: golden}).prepare(planned)
-        return DrawnSheet(golden=sheet, sensors=self.station.sensors, expected=planned)
+        sheet = GoldenDetector(press_context=pictures, goldens={page.name: golden}).prepare(planned)
+        return DrawnSheet(golden=sheet, sensors=self.press_context.sensors, expected=planned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -143,7 +143,7 @@ class Made:
 
 @pytest.fixture(scope="session")
 def trained_press(press: Press, make_page: Callable[..., Page], session_folder: Path) -> Press:
-    """The press with our detector, made fit by 18 of 24 designs, which lets one good page in ten alarm.
+    """The press with the matched filter, made fit by 18 of 24 designs, which lets one good page in ten alarm.
 
     The process that needs it first makes it, and the others of this run read it.
     """

@@ -12,9 +12,10 @@ import pytest
 import tifffile
 
 from prooflight.inspection.inspector import Inspector
+from prooflight.line.packed_design import PackedDesign
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.prepared_store import MAGIC, PreparedStore, _Unpickler, clean
-from prooflight.line.sheet_inspector import Known, SheetInspector
+from prooflight.line.sheet_inspector import SheetInspector
 from prooflight.press.pages import job_source
 from prooflight.rng import stream
 from prooflight.simulation.scans import ideal_scan
@@ -32,7 +33,7 @@ def inspector(trained_press: Press) -> Inspector:
 
 
 @pytest.fixture(scope="module")
-def known(inspector: Inspector, page: Page) -> Known:
+def known(inspector: Inspector, page: Page) -> PackedDesign:
     return SheetInspector(inspector=inspector).prepare(page)
 
 
@@ -45,14 +46,14 @@ def store(inspector: Inspector, page: Page, tmp_path: Path) -> PreparedStore:
     return store
 
 
-def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Known, page: Page) -> None:
+def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: PackedDesign, page: Page) -> None:
     store.save(3, known)
     loaded = store.load(3)
     assert loaded is not None
     press = store.inspector.press
     scan = ideal_scan(press.station(1).predict(page), press, stream(301, "print", 1))
     scan[:, 200:230, 100:130] //= 2
-    one, other = (store.inspector.inspect(design.prepared, scan) for design in (known, loaded))
+    one, other = (store.inspector.inspect(one.unpacked().prepared, scan) for one in (known, loaded))
     assert one.verdict.verdict == "misprint"
     assert replace(one.verdict, milliseconds=0) == replace(other.verdict, milliseconds=0)
     np.testing.assert_array_equal(one.kept["values"], other.kept["values"])
@@ -60,18 +61,9 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Know
     assert store.load(4) is None
 
 
-def test_a_design_of_few_zeros_is_stored_without_its_modes(store: PreparedStore, known: Known) -> None:
-    page = known.prepared.known
-    full = replace(page, known=replace(page.known, images=np.ones_like(page.known.images)))  # type: ignore[type-var, attr-defined]
-    store.save(1, replace(known, prepared=replace(known.prepared, known=full)))
-    loaded = store.load(1)
-    assert loaded is not None
-    np.testing.assert_array_equal(loaded.prepared.known.known.images, page.known.images)  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("at", [0, len(MAGIC) + 3, 2000, -1])
 def test_a_damaged_design_is_refused_in_one_line_and_removed(
-    store: PreparedStore, known: Known, at: int, caplog: pytest.LogCaptureFixture
+    store: PreparedStore, known: PackedDesign, at: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     store.save(1, known)
     (path,) = store.folder.iterdir()
@@ -84,7 +76,7 @@ def test_a_damaged_design_is_refused_in_one_line_and_removed(
 
 
 def test_nothing_is_left_of_a_design_that_could_not_be_written(
-    store: PreparedStore, known: Known, monkeypatch: pytest.MonkeyPatch
+    store: PreparedStore, known: PackedDesign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def killed(self: Path, target: Path) -> None:
         raise KeyboardInterrupt

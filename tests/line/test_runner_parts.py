@@ -89,24 +89,6 @@ def test_there_is_room_for_as_many_designs_as_fit() -> None:
     prefetcher.close()
 
 
-@pytest.mark.parametrize(
-    ("sheets", "room_bytes", "ready", "expected"),
-    [(100, 10**6, 2, 98_000), (100, 10_000, 2, 8_000), (2, 10**6, 2, 0), (100, 10**6, 1, 0)],
-    ids=["all that come", "as far as memory allows", "all are ready", "designs come again"],
-)
-def test_memory_is_asked_for_that_designs_will_take(
-    sheets: int, room_bytes: int, ready: int, expected: int
-) -> None:
-    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
-        Book(sheets=sheets), lambda page: page, depth=2, room_bytes=room_bytes
-    )
-    assert prefetcher.still_to_fill() == 0
-    for sheet in range(ready):
-        prefetcher.get(sheet)
-    assert prefetcher.still_to_fill() == expected
-    prefetcher.close()
-
-
 def test_the_largest_design_is_rehearsed() -> None:
     prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
         Book(), lambda page: page[: 100 * (3 - abs(int(page[0]) - 1))], depth=3, room_bytes=10**6

@@ -220,15 +220,6 @@ class ChecksRuns(Protocol):
 
 
 @runtime_checkable
-class MadeReadyInTwo(Protocol):
-    """A prepared page of which a part is computed when first needed, or earlier for many scans."""
-
-    def complete(self) -> None:
-        """Compute the rest."""
-        ...
-
-
-@runtime_checkable
 class LeavesLostLinesOut(Protocol):
     """A prepared page that does not use missing lines (``Scan.unseen``).
 

@@ -45,8 +45,11 @@ class PageBook(Protocol):
         ...
 
 
-def size_bytes(value: object) -> int:
-    """Return the memory of all arrays in nested dataclasses, tuples and lists, each counted once."""
+def size_bytes(value: object, *, shared: object = None) -> int:
+    """Return the memory of all arrays in nested dataclasses, tuples and lists, each counted once.
+
+    Those that are in ``shared`` too do not count.
+    """
     arrays: dict[int, int] = {}
 
     def walk(one: object) -> None:
@@ -59,8 +62,10 @@ def size_bytes(value: object) -> int:
             for part in fields(one):
                 walk(getattr(one, part.name))
 
+    walk(shared)
+    others = set(arrays)
     walk(value)
-    return sum(arrays.values())
+    return sum(size for one, size in arrays.items() if one not in others)
 
 
 class DesignPrefetcher(Generic[Ready]):
@@ -85,6 +90,7 @@ class DesignPrefetcher(Generic[Ready]):
         made: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
         stored: Callable[[Hashable], Ready | None] = lambda _design: None,
+        store: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin with an empty cache.
@@ -95,10 +101,12 @@ class DesignPrefetcher(Generic[Ready]):
             Called with every design when it is ready, or with its sheet and the error if it failed.
         stored
             Returns a design that was prepared before the run; None: it was not.
+        store
+            Called with every design that was prepared now, when it is ready.
         """
         self._book, self._prepare = book, prepare
         self._took, self._size, self._on_ready = took, size, made
-        self._on_failed, self._stored, self._clock = failed, stored, clock
+        self._on_failed, self._stored, self._store, self._clock = failed, stored, store, clock
         self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
         self._cached: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
@@ -129,14 +137,6 @@ class DesignPrefetcher(Generic[Ready]):
         """Return the largest of the designs that are ready; ValueError: none is."""
         with self._guard:
             return self._cached[max(self._bytes, key=self._bytes.__getitem__)].result()
-
-    def still_to_fill(self) -> int:
-        """Return the memory still to be taken by designs; 0 if those that are ready will come again. [bytes]"""
-        with self._guard:
-            used, count = sum(self._bytes.values()), len(self._bytes)
-        more = len(self._book) - count if len(self._book) else self._depth
-        again = count < min(self._depth, len(self._book) or self._depth)
-        return 0 if again or not count else min(more * used // count, max(self._room_bytes - used, 0))
 
     def expect(self, sheet: int) -> None:
         """Announce that a sheet of the job and those after it come next."""
@@ -231,6 +231,8 @@ class DesignPrefetcher(Generic[Ready]):
             self._failed_s.pop(design, None)
             self._bytes[design] = self._size(ready)
             self._make_room(design)
+        if stored is None:
+            self._store(design, ready)
         return ready
 
     def _again(self, design: Hashable, sheet: int) -> None:

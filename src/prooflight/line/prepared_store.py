@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
+import mmap
 import os
 import pickle
 import shutil
-import zlib
 from dataclasses import dataclass, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -21,30 +21,27 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.analysis import mode_images, mode_sensors
+from prooflight.detectors.matched_filter.analysis import mode_sensors
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
 from prooflight.files.atomic import whole_file
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
 from prooflight.journal.journal import content_digest
+from prooflight.line.packed_design import Known, PackedDesign
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
     from prooflight.inspection.inspector import Inspector
-    from prooflight.line.sheet_inspector import Known
     from prooflight.pages.job import JobSource
 
 _log = logging.getLogger(__name__)
 
-MAGIC: Final = b"prooflight prepared design 1\n"
+MAGIC: Final = b"prooflight prepared design 2\n\0\0\0"
 DIGEST_BYTES: Final = 32
+ALIGNED: Final = 64
+"""Arrays begin at multiples of it, as processors read them fastest. [bytes]"""
 MOST_BYTES: Final = 10_000_000_000
 """Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
-EMPTY_SHARE: Final = 0.7
-"""Least share of zeros from which mode images are stored; those of other designs take less time to compute again
-than to read."""
-LEVEL: Final = 1
-"""Level of compression: higher ones take ten times as long for a tenth less."""
 READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
 """Libraries whose versions may change what is drawn of a page, or which codes are read on it."""
 OF_NUMPY: Final = frozenset(
@@ -91,11 +88,13 @@ class PreparedStore:
         name = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         return cls(folder=(folder or prepared_folder()) / name, inspector=inspector)
 
-    def load(self, design: int) -> Known | None:
+    def load(self, design: int) -> PackedDesign | None:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
         path = self._path(design)
         try:
-            known = self._decoded(path.read_bytes())
+            with path.open("rb") as file:
+                # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
+                known = self._decoded(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None
@@ -105,66 +104,62 @@ class PreparedStore:
             return None
         return known
 
-    def save(self, design: int, known: Known) -> None:
+    def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
-        with whole_file(self._path(design)) as unfinished:
-            unfinished.write_bytes(self._encoded(known))
+        with whole_file(self._path(design)) as unfinished, unfinished.open("wb") as file:
+            pieces = self._encoded(packed)
+            digest = hashlib.sha256()
+            for piece in pieces:
+                digest.update(piece)
+            file.writelines([MAGIC, digest.digest(), *pieces])
 
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
 
-    def _encoded(self, known: Known) -> bytes:
-        page, file = known.prepared.known, io.BytesIO()
-        arrays: list[bytes] = []
+    def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
+        page, file = packed.bare.prepared.known, io.BytesIO()
         if not isinstance(page, MatchedFilterPage):
             raise TypeError(f"{type(page).__name__} cannot be stored")
-        images = page.known.images
-        if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
-            images = images[:0]
-        bare: Any = replace(page.known, images=images, added=None)  # type: ignore[arg-type] # both come back
-        prepared: Any = replace(known.prepared, known=None)  # type: ignore[arg-type]
-        _Pickler(file, self.inspector, bare, arrays).dump(
-            (prepared, known.thumbnail, bare, page.inks, page.widening)
+        arrays: list[bytes | memoryview] = []
+        prepared: Any = replace(packed.bare.prepared, known=None)  # type: ignore[arg-type]
+        _Pickler(file, self.inspector, page.known, arrays).dump(
+            (prepared, packed.bare.thumbnail, page.known, page.inks, page.widening, packed.arrays)
         )
-        pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
-        sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()
-        content = b"".join([sizes, *pieces])
-        return b"".join([MAGIC, hashlib.sha256(content).digest(), content])
+        pieces = [file.getvalue(), *arrays]
+        sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
+        return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
 
-    def _decoded(self, data: bytes) -> Known:
-        from prooflight.line.sheet_inspector import Known  # which imports what this module reads
-
-        content = memoryview(data)[len(MAGIC) + DIGEST_BYTES :]
-        if data[: len(MAGIC) + DIGEST_BYTES] != MAGIC + hashlib.sha256(content).digest():
+    def _decoded(self, data: memoryview) -> PackedDesign:
+        head = len(MAGIC) + DIGEST_BYTES
+        content = data[head:]
+        if bytes(data[:head]) != MAGIC + hashlib.sha256(content).digest():
             raise ValueError("its digest does not match its content")
         count = int(np.frombuffer(content[:8], "<u8")[0])
         sizes = np.frombuffer(content[8 : 8 + 8 * count], "<u8").astype(np.int64)
-        ends = 8 + 8 * count + np.cumsum(sizes)
-        pieces = [content[end - size : end] for end, size in zip(ends.tolist(), sizes.tolist(), strict=True)]
-        stream = io.BytesIO(zlib.decompress(pieces[0]))
-        arrays = [
-            bytearray(zlib.decompress(one)) for one in pieces[1:]
-        ]  # kernels take arrays that can be written
-        return self._restored(Known, *_Unpickler(stream, self.inspector, arrays).load())
+        room = -(-np.array([8 + 8 * count, *sizes]) // ALIGNED) * ALIGNED
+        begins = np.cumsum(room)[:-1].tolist()
+        pieces = [content[begin : begin + size] for begin, size in zip(begins, sizes.tolist(), strict=True)]
+        return self._restored(*_Unpickler(io.BytesIO(pieces[0]), self.inspector, pieces[1:]).load())
 
     def _restored(
-        self, made: type[Known], prepared: Any, thumbnail: Any, bare: Any, inks: Any, widening: Any
-    ) -> Known:
+        self, prepared: Any, thumbnail: Any, known: Any, inks: Any, widening: Any, arrays: Any
+    ) -> PackedDesign:
         """Return a design with what is not stored of it."""
         detector = self.inspector.detector
         assert isinstance(detector, MatchedFilterDetector)  # see ``of``
-        station = detector.station
-        images, added = mode_images(
-            bare.page, sensors=station.sensors, geometry=station.geometry, of=bare.images
-        )
         page = MatchedFilterPage(
             detector=detector,
-            known=replace(bare, images=images, added=added),
+            known=known,
             inks=inks,
             model=detector.calibrated.model.widened(widening),
             widening=widening,
         )
-        return made(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+        bare = Known(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+        return PackedDesign(bare=bare, arrays=arrays)
+
+
+def _size(piece: bytes | memoryview) -> int:
+    return memoryview(piece).nbytes
 
 
 def _version(library: str) -> str:
@@ -185,6 +180,8 @@ def clean(folder: Path, *, most_bytes: int, keep: Path | None = None) -> int:
 
     keep: a job that stays.
     """
+    if not folder.is_dir():
+        return 0
     jobs = sorted((one for one in folder.iterdir() if one.is_dir()), key=lambda one: one.stat().st_mtime)
     sizes = {job: sum(file.stat().st_size for file in job.iterdir()) for job in jobs}
     total = sum(sizes.values())
@@ -198,8 +195,10 @@ def clean(folder: Path, *, most_bytes: int, keep: Path | None = None) -> int:
 class _Pickler(pickle.Pickler):
     """Writes a design without what its press holds, and large arrays apart."""
 
-    def __init__(self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes]) -> None:
-        super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw().tobytes()))
+    def __init__(
+        self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes | memoryview]
+    ) -> None:
+        super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw()))
         own = inspector.detector.station.sensors
         self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
         self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
@@ -217,7 +216,7 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Reads designs, and makes no other objects than a design consists of."""
 
-    def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[bytearray]) -> None:
+    def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[memoryview]) -> None:
         super().__init__(file, buffers=arrays)
         station = inspector.detector.station
         self._parts = {"camera": station.sensors, "binned": mode_sensors(station.sensors, station.geometry)}

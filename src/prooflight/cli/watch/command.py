@@ -169,6 +169,7 @@ def watch(
     console = Watching(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
+        at_once=start_at_once,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
     settle_process()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Self, TypeVar, cast
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
     from prooflight.line.book import JobBook
+    from prooflight.line.notices import PageWarnings
     from prooflight.line.outcomes import Outcome
+    from prooflight.line.packed_design import PackedDesign
     from prooflight.line.pager import PageStart
+    from prooflight.line.prepared_store import PreparedStore
     from prooflight.line.recording import Recorder
     from prooflight.line.settings import Settings
-    from prooflight.line.sheet_inspector import Keep, Known
+    from prooflight.line.sheet_inspector import Keep
     from prooflight.line.status import Status
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -68,19 +71,31 @@ class PlannedRun:
         return self.facts.sheets
 
 
-def _prepared_before(planned: PlannedRun, book: JobBook) -> Callable[[Hashable], Known | None]:
-    """Return the function that reads the designs of a job that `job prepare` has prepared."""
-    from prooflight.line.prepared_store import PreparedStore
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PreparedJob:
+    """Designs of a job that were prepared before, and those that this run prepares for later ones."""
 
-    store = PreparedStore.of(planned.inspector, planned.job)
+    store: PreparedStore | None
+    warnings: PageWarnings | None
 
-    def load(design: Hashable) -> Known | None:
-        known = None if store is None else store.load(cast("int", design))
-        if known is not None and book.warnings is not None:
-            book.warnings.add(known.prepared.page.warnings)
-        return known
+    @classmethod
+    def of(cls, planned: PlannedRun, book: JobBook) -> Self:
+        from prooflight.line.prepared_store import MOST_BYTES, PreparedStore, clean
 
-    return load
+        store = PreparedStore.of(planned.inspector, planned.job)
+        if store is not None:
+            clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
+        return cls(store=store, warnings=book.warnings)
+
+    def load(self, design: Hashable) -> PackedDesign | None:
+        packed = None if self.store is None else self.store.load(cast("int", design))
+        if packed is not None and self.warnings is not None:
+            self.warnings.add(packed.bare.prepared.page.warnings)
+        return packed
+
+    def save(self, design: Hashable, packed: PackedDesign) -> None:
+        if self.store is not None:
+            self.store.save(cast("int", design), packed)
 
 
 def run_until_ended(
@@ -112,6 +127,7 @@ def run_until_ended(
             plan=planned.plan,
             warnings=PageWarnings(lambda one: notify(one), planned.warnings),
         )
+        before = _PreparedJob.of(planned, job_book)
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
@@ -131,7 +147,8 @@ def run_until_ended(
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
-            stored=_prepared_before(planned, job_book),
+            stored=before.load,
+            store=before.save,
         )
         if given.camera is not None:
             console.cameras = given.camera.healths

@@ -21,6 +21,7 @@ from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_colu
 from prooflight.detectors.matched_filter.fit.hidden import hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
+    QuantisedImages,
     first_lines,
     page_features,
     pixel_map,
@@ -90,9 +91,8 @@ class PreparedPage:
     overlaps: Overlaps | None = None
     """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
     alone."""
-    images: NDArray[np.float32]
+    images: QuantisedImages
     """``Modes.images`` of the page in its nominal place, in binned pixels."""
-    added: AddedInks
     colours: Colours
     page_features: NDArray[np.float64]
     prior: PrintPrior
@@ -111,6 +111,12 @@ class PreparedPage:
     """None: glyphs are not tested."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+
+    @property
+    def added(self) -> AddedInks:
+        """``Modes.add`` of the page, likewise, computed when it is first needed."""
+        bins = bins_of(self.landmarks.geometry)
+        return AddedInks(self.page, sensors=self.binned_sensors, geometry=self.binned_geometry, bins=bins)
 
     @property
     def design_images(self) -> DesignImages:
@@ -145,22 +151,6 @@ def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tupl
     """Return the sensors in pixels binned by ``bins_of``."""
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
-
-
-def mode_images(
-    page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry, of: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], AddedInks]:
-    """Return ``PreparedPage.images`` and ``PreparedPage.added`` of a design that was prepared before.
-
-    of: the images; where there are none they are computed again.
-    """
-    bins = bins_of(geometry)
-    at, taken_as = binned_geometry(geometry, bins), mode_sensors(sensors, geometry)
-    added = AddedInks(page, sensors=taken_as, geometry=at, bins=bins)
-    if not of.size:
-        of = prepare_modes(thinned(page, bins), sensors=taken_as, geometry=at).images
-        of = first_lines(of, at.lines(page.height_mm))
-    return of, added
 
 
 def prepare_page(
@@ -209,8 +199,7 @@ def prepare_page(
         page=page,
         landmarks=landmarks,
         overlaps=overlaps,
-        images=modes.images,
-        added=AddedInks(page, sensors=taken_as, geometry=at, bins=bins),
+        images=QuantisedImages.of(modes.images),
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
         prior=prior,

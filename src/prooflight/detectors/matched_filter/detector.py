@@ -164,10 +164,6 @@ class MatchedFilterPage:
         """See ``LeavesLostLinesOut``."""
         return True
 
-    def complete(self) -> None:
-        """See ``MadeReadyInTwo``: compute what only the explanation of a misprint needs."""
-        _ = self.known.added.images
-
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
         station, calibrated, prepared = self.detector.station, self.detector.calibrated, self.known

@@ -12,12 +12,14 @@ import pytest
 import tifffile
 
 from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.job import InspectPage
 from prooflight.line.packed_design import PackedDesign
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.prepared_store import MAGIC, PreparedStore, _Unpickler, clean
 from prooflight.line.sheet_inspector import SheetInspector
 from prooflight.press.pages import job_source
 from prooflight.rng import stream
+from prooflight.scans.scan import Scan
 from prooflight.simulation.scans import ideal_scan
 
 if TYPE_CHECKING:
@@ -59,6 +61,21 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Pack
     np.testing.assert_array_equal(one.kept["values"], other.kept["values"])
     np.testing.assert_array_equal(known.thumbnail.light, loaded.thumbnail.light)
     assert store.load(4) is None
+
+
+def test_a_recorded_scan_is_inspected_by_what_is_stored(
+    store: PreparedStore, known: PackedDesign, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither is the page drawn again nor prepared."""
+    press = store.inspector.press
+    scan = Scan(dn=ideal_scan(press.station(1).predict(page), press, stream(301, "print", 2)), name="scan")
+    fresh = store.inspector.inspect(page, scan)
+    store.save(page.number, known)
+    monkeypatch.setattr("prooflight.inspection.job.read_scan", lambda *_: scan)
+    monkeypatch.setattr(Inspector, "prepare", lambda *_: pytest.fail("the page was prepared again"))
+    work = InspectPage(job=None, inspector=store.inspector, stored=store)  # type: ignore[arg-type]
+    found = work.inspection(work.page(page.number), None)  # type: ignore[arg-type]
+    assert replace(found.verdict, milliseconds=0) == replace(fresh.verdict, milliseconds=0)
 
 
 @pytest.mark.parametrize("at", [0, len(MAGIC) + 3, 2000, -1])

@@ -31,7 +31,7 @@ from prooflight.line.packed_design import Known, PackedDesign
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
-    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.job import JobSource
 
 _log = logging.getLogger(__name__)
@@ -103,6 +103,11 @@ class PreparedStore:
             path.unlink(missing_ok=True)
             return None
         return known
+
+    def prepared(self, number: int) -> Prepared | None:
+        """See ``inspection.job.StoredDesigns``."""
+        packed = self.load(number)
+        return None if packed is None else packed.unpacked().prepared
 
     def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""

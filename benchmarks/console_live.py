@@ -26,7 +26,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.account_store import Accounts
 from prooflight.server.accounts.roles import Role
 
 PASSWORD = "correct horse battery"
@@ -37,12 +37,18 @@ class Seen:
     """When each sheet was told, and when browsers heard of it."""
 
     def __init__(self) -> None:
-        self.told_s: dict[int, float] = {}
+        self.health_printed_s: dict[int, float] = {}
         self.heard_s: list[tuple[int, float]] = []
 
     def delays_s(self) -> np.ndarray:
         """Of every sheet at every browser."""
-        return np.array([at - self.told_s[sheet] for sheet, at in self.heard_s if sheet in self.told_s])
+        return np.array(
+            [
+                at - self.health_printed_s[sheet]
+                for sheet, at in self.heard_s
+                if sheet in self.health_printed_s
+            ]
+        )
 
 
 def watch_sheets(
@@ -59,7 +65,7 @@ def watch_sheets(
     for line in running.stdout:
         told = json.loads(line)
         if "sheet" in told:
-            seen.told_s[told["sheet"]] = time.monotonic()
+            seen.health_printed_s[told["sheet"]] = time.monotonic()
             counts["sheets"] += 1
             counts["late"] += told["late"]
             counts["not_inspected"] += told["verdict"] == "not-inspected"
@@ -137,7 +143,7 @@ async def measured(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     result = {
         "browsers": args.browsers,
         "rate": args.rate,
-        "sheets_told": len(seen.told_s),
+        "sheets_told": len(seen.health_printed_s),
         "heard": len(seen.heard_s),
         "cpu_s_per_s": round((cpu_s(server.pid) - begun_cpu_s) / lasted_s, 3),
         "memory_mb": [round(begun_mb, 1), round(memory_mb(server.pid), 1)],

@@ -20,7 +20,7 @@ import prooflight as pf
 from prooflight.commissioning.training.train import trained
 from prooflight.simulation.corpus.corpus import Corpus
 
-TEACHING = 24
+TRAINING = 24
 PRINTS = {
     "good": None,
     "density": "density:0.8",
@@ -46,16 +46,16 @@ def main(out: Path) -> None:
     press = pf.build_press(pf.PressFile.prototype(), seed=1, pixels=400)
     press = replace(press, good_pages_per_false_alarm=10.0)
     pages = SmallPages(dpi=press.dpi)
-    press = trained(press, pages, designs=TEACHING, seed=1, processes=1)
+    press = trained(press, pages, designs=TRAINING, seed=1, processes=1)
     press.save(out / "taught.press")
 
     figure = Figure(figsize=(9, 4), layout="constrained")
     for axes, name in zip(figure.subplots(1, 2), ("chi-square", "ours"), strict=True):
         inspector = pf.Inspector.of(press, name)
-        print(f"{name} promises: {inspector.promise}")
+        print(f"{name} promises: {inspector.guarantee}")
         alarms = dict.fromkeys(PRINTS, 0)
         for day in range(1, DAYS + 1):
-            page = pages.page(TEACHING + day)
+            page = pages.page(TRAINING + day)
             ready = inspector.prepare(page)
             for place, (kind, misprint) in enumerate(PRINTS.items()):
                 scan = pf.simulate(page, press, misprint=misprint, world="press", seed=day)

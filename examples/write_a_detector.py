@@ -27,16 +27,16 @@ from prooflight.simulation.corpus.corpus import Corpus
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.base import StoredArrays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Squares(pf.StationDetector):
+class Squares(pf.ContextDetector):
     """Alarms where the mean of a square is off by more than `limit` of paper white."""
 
     limit: float = 0.05
     name: str = "squares"
-    promise: str = "none: the limit was chosen by eye"
+    guarantee: str = "none: the limit was chosen by eye"
 
     def prepare(self, planned: pf.PlannedPage) -> PreparedSquares:
         """The prediction is all that this detector needs."""
@@ -48,7 +48,7 @@ class Squares(pf.StationDetector):
             misprint=worst > self.limit, score=worst, threshold=self.limit, p_value=None, probability=None
         )
 
-    def decided_again(self, kept: KeptArrays) -> pf.Decision:
+    def decided_again(self, kept: StoredArrays) -> pf.Decision:
         """The journal keeps the worst square."""
         return self.decision(float(kept.array("worst", "f", (), finite=True)))
 
@@ -63,19 +63,19 @@ class PreparedSquares(pf.PreparedOnly):
 
     def inspect(self, scan: pf.Scan, *, seed: int = 0) -> pf.Inspection:
         """The worst square decides."""
-        station = self.detector.station
-        area = station.geometry.on_page(self.page.width_mm, self.page.height_mm)
+        press_context = self.detector.press_context
+        area = press_context.geometry.on_page(self.page.width_mm, self.page.height_mm)
         part = (slice(None), *area)
         measured, expected = scan.dn[part], self.expected.expected_dn[part]
         noise = np.sqrt(self.expected.variance_dn2[part])
-        white = np.array([sensor.white_dn for sensor in station.sensors])[:, None, None]
+        white = np.array([sensor.white_dn for sensor in press_context.sensors])[:, None, None]
         off = squares(measured - expected)
         share = np.abs(off / white).max(axis=0)
         worst = float(share.max())
         decision = self.detector.decision(worst)
         row, column = np.unravel_index(share.argmax(), share.shape)
         wide_mm, high_mm = (
-            8 * one for one in (station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm)
+            8 * one for one in (press_context.geometry.pixel_pitch_mm, press_context.geometry.line_pitch_mm)
         )
         corner = {"x_mm": column * wide_mm, "y_mm": row * high_mm}
         place = Region(**corner, width_mm=wide_mm, height_mm=high_mm, score=worst, kind="spots-voids")
@@ -92,7 +92,7 @@ class PreparedSquares(pf.PreparedOnly):
             measured_dn=measured,
             block_z=(8 * off / squares(noise)).astype(np.float32),
             expect=lambda: pf.Prediction(expected_dn=expected, variance_dn2=noise**2),
-            kept={"wrong_page": np.array(False), "worst": np.array(worst)},
+            stored_arrays={"wrong_page": np.array(False), "worst": np.array(worst)},
         )
 
 
@@ -105,7 +105,7 @@ def squares(image: NDArray[Any]) -> NDArray[np.float64]:
 
 def detector(press: pf.Press) -> pf.Detector:
     """What the entry point names."""
-    return Squares(station=press.station())
+    return Squares(press_context=press.press_context())
 
 
 def main(out: Path) -> None:

@@ -217,7 +217,7 @@ def test_an_inspector_takes_a_detector_or_the_press_s_best(press: pf.Press, trai
     own = pf.Inspector.of(trained_press, "chi-square")
     assert pf.Inspector(trained_press, own.detector).detector is own.detector
     assert replace(own, press=press).detector is own.detector
-    assert pickle.loads(pickle.dumps(own)).promise == own.promise
+    assert pickle.loads(pickle.dumps(own)).guarantee == own.guarantee
 
 
 # --- how things show themselves ---
@@ -285,7 +285,7 @@ def test_a_press_shows_its_report_card(press: pf.Press, trained_press: pf.Press)
     for word in ("mono", "400 pixels", f"{press.dpi:.0f} dpi", "Detector chi-square", "built-in"):
         assert word in html
     assert "Detector ours" not in html
-    assert pf.Inspector.of(trained_press, "ours").promise.split(";")[0] in trained_press._repr_html_()
+    assert pf.Inspector.of(trained_press, "ours").guarantee.split(";")[0] in trained_press._repr_html_()
 
 
 def test_a_detector_s_own_inspection_has_no_picture_but_a_verdict(found: pf.Inspection) -> None:

@@ -15,7 +15,7 @@ from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.outcomes import Outcome
 from prooflight.plant.events import Event, SheetAtGate, SheetJudged
-from prooflight.plant.gate.deciding import SAID, GateDecider, disposition_of
+from prooflight.plant.gate.deciding import CODE_TEXTS, GateDecider, disposition_of
 from prooflight.plant.gate.passed import NAMES, PassedSheets
 from prooflight.plant.gate.registers import Code, Result
 from prooflight.plant.stream import EventStream
@@ -143,7 +143,7 @@ def _record(verdict: Verdict, faults: tuple[str, ...]) -> PageRecord:
 def _judged(record: PageRecord) -> SheetMessages:
     events: list[Event] = []
     stream = EventStream([events.append], press="press", stream="s", clock=lambda: 0.0)
-    stream.told(Outcome(record=record, evidence=PageEvidence()))
+    stream.observe(Outcome(record=record, evidence=PageEvidence()))
     judged = next(event for event in events if isinstance(event.body, SheetJudged))
     return SheetMessages(judged=judged, at_gate=None, decision=None)
 
@@ -151,7 +151,7 @@ def _judged(record: PageRecord) -> SheetMessages:
 def _row(code: Code, messages: SheetMessages, *, name: str = "") -> list[str]:
     sheet = messages.sheet
     row = [
-        name or (f"`{NAMES[code]}`: {SAID[code]}" if code is not Code.GOOD else "`good`"),
+        name or (f"`{NAMES[code]}`: {CODE_TEXTS[code]}" if code is not Code.GOOD else "`good`"),
         f"`{sheet.verdict}`",
         f"`{sheet.disposition}` by `{sheet.decided_by}`",
         str(_exit_code(code)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.plant.gate.deciding import SAID
+from prooflight.plant.gate.deciding import CODE_TEXTS
 from prooflight.plant.gate.handshake import HANDSHAKE, State
 from prooflight.plant.gate.registers import READ, WRITTEN, Fault, Result
 
@@ -114,7 +114,7 @@ where the controller takes requests between two scans.
 
 | `code` | why |
 |---|---|
-{_numbered(SAID)}
+{_numbered(CODE_TEXTS)}
 
 | `fault` | says |
 |---|---|

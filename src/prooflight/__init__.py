@@ -23,7 +23,7 @@ built_in_inks      the inks of a press that has measured none: CMYK -> spectra
 InkModel           inks as a measured chart taught them
 Detector           what a detector must do, for those who write one
 PreparedPage       what a page that a detector has prepared must do
-StationDetector    what detectors have in common; leaves ``prepare`` to write
+ContextDetector    what detectors have in common; leaves ``prepare`` to write
 PreparedOnly       what prepared pages have in common; leaves ``inspect`` to write
 PlannedPage        a page as it is to enter the press, with its prediction
 Decision           evidence and threshold: what a detector makes a verdict of
@@ -53,12 +53,12 @@ if TYPE_CHECKING:
     from prooflight.camera.camera import Camera as Camera
     from prooflight.camera.camera import respond as respond
     from prooflight.commissioning.build import build_press as build_press
+    from prooflight.detectors.base import ContextDetector as ContextDetector
     from prooflight.detectors.base import Detector as Detector
     from prooflight.detectors.base import Inspection as Inspection
     from prooflight.detectors.base import PlannedPage as PlannedPage
     from prooflight.detectors.base import PreparedOnly as PreparedOnly
     from prooflight.detectors.base import PreparedPage as PreparedPage
-    from prooflight.detectors.base import StationDetector as StationDetector
     from prooflight.detectors.verdict import Decision as Decision
     from prooflight.detectors.verdict import Verdict as Verdict
     from prooflight.inks.built_in import built_in_inks as built_in_inks
@@ -100,7 +100,7 @@ _HOMES = {
     "InkModel": "inks.ink_model",
     "Detector": "detectors.base",
     "PreparedPage": "detectors.base",
-    "StationDetector": "detectors.base",
+    "ContextDetector": "detectors.base",
     "PreparedOnly": "detectors.base",
     "PlannedPage": "detectors.base",
     "Decision": "detectors.verdict",

@@ -17,7 +17,7 @@ from prooflight.cli.show import people
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import PressError
 from prooflight.journal.journal import Journal
-from prooflight.journal.words import Words, run_key
+from prooflight.journal.labels import LabelStore, run_key
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def watched(journal: Opened, press: Press, *, sheets: int = SHEETS) -> int:
 def told(path: Path, run_id: int, sheets: range) -> None:
     with Journal.open(str(path), read_only=True) as journal:
         key = run_key(journal.run(run_id))
-    words = Words(path)
+    words = LabelStore(path)
     for sheet in sheets:
         if sheet % 4 < 2:
             words.say("good", run=key, sheet=sheet, by="Mei", at_s=2.0)
@@ -94,7 +94,7 @@ def test_a_mark_reaches_a_run_that_is_going_on(tmp_path: Path, capsys: pytest.Ca
         )
         assert run(["run", "mark", "last", "7", "unknown", "--by", "Jan", "--journal", str(path)]) == 0
         assert "moves no threshold" in capsys.readouterr().out
-    assert [word.word for word in Words(path).of_run("1@1000")] == ["good", "unknown"]
+    assert [word.word for word in LabelStore(path).of_run("1@1000")] == ["good", "unknown"]
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_mark_that_is_none_is_one_line(
     told = capsys.readouterr().err.strip()
     assert why in told
     assert "\n" not in told
-    assert not Words(path).path.exists()
+    assert not LabelStore(path).path.exists()
 
 
 def test_a_press_is_calibrated_anew_replayed_and_brought_back(
@@ -145,7 +145,7 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
     assert loaded.ours is not None
     assert loaded.digest == found["digest"]
     assert loaded.ours.threshold == found["threshold"]
-    assert "told by people" in str(loaded.ours.promise)
+    assert "told by people" in str(loaded.ours.guarantee)
     pages = loaded.ours.told[-1]
     assert set(pages.sheet) == {sheet for sheet in range(SHEETS) if sheet % 4 < 2}
     assert loaded.ours.decide(found["threshold"] + 0.1).misprint

@@ -14,8 +14,8 @@ from tests.cli.strange import StrangeFrom
 from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight.inspection.job import InspectPage
-from prooflight.inspection.promise import PromiseWatch
 from prooflight.pages.raster import Page
 
 if TYPE_CHECKING:
@@ -146,12 +146,12 @@ def test_verdicts_already_made_are_shown_whatever_ends_the_inspection(
     inspect: Callable[..., tuple[int, list[dict[str, Any]], str]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    looked_at = InspectPage.__call__
+    analysed_modes = InspectPage.__call__
 
     def ended(self: InspectPage, pair: Any) -> Any:
         if pair[0] == 3:
             raise error
-        return looked_at(self, pair)
+        return analysed_modes(self, pair)
 
     monkeypatch.setattr("prooflight.pages.parallel.FEWEST_FOR_PROCESSES", 99)
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
@@ -171,7 +171,9 @@ def test_a_job_whose_pages_are_not_like_the_presss_own_says_so(
 ) -> None:
     """Pages 1 and 4 are inspected; nobody looked at those between, and they add nothing."""
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
-    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed=0: PromiseWatch(test=StrangeFrom(2)))
+    monkeypatch.setattr(
+        GuaranteeMonitor, "of", lambda _detector, seed=0: GuaranteeMonitor(test=StrangeFrom(2))
+    )
     inspected = InspectPage.inspection
 
     def summed(self: InspectPage, page: Page, scan: Any) -> Any:

@@ -35,7 +35,7 @@ def made(make_page: Callable[..., Page], tmp_path_factory: pytest.TempPathFactor
         page = make_page(20 + number, width_mm=100, height_mm=120, dpi=300, number=number)
         write_tiff(page, folder / "job" / f"p{number:04d}.tif")
         sensor = press.sensors[0]
-        lines = press.station().predict(page).expected_dn[0]
+        lines = press.press_context().predict(page).expected_dn[0]
         light = (lines - sensor.column_offset_dn) / (sensor.column_gain * np.float32(sensor.white_dn))
         light = cv2.resize(light, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC).clip(0, 1)
         srgb = np.where(

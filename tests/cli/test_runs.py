@@ -19,7 +19,7 @@ from prooflight.cli.runs import command as runs
 from prooflight.cli.show import people
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import kept_evidence
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import PageRecord, RunEnd, RunFacts
 from prooflight.rng import stream
@@ -82,7 +82,9 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
         first = opened.begin_run(facts)
         opened.record(
             first,
-            record(0, inspection.verdict, evidence=kept_evidence(inspection, prepared.page, inspector.press)),
+            record(
+                0, inspection.verdict, evidence=evidence_to_store(inspection, prepared.page, inspector.press)
+            ),
         )
         opened.record(first, record(1, bad, late=True, nuisance={"gain-C": 0.01}))
         passed = Verdict(page="p0003", verdict="not-inspected", reason="the machine is too slow")

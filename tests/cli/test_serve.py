@@ -20,7 +20,7 @@ from tests.server.consoles import PASSWORD, write_run
 
 from prooflight.cli import run as prooflight
 from prooflight.cli.exit_codes import INTERRUPTED
-from prooflight.cli.watch.console import console_beside
+from prooflight.cli.watch.console import console_alongside
 from prooflight.errors import RequestError
 from prooflight.server.running import Listening
 
@@ -134,7 +134,9 @@ def test_a_console_beside_a_run_serves_what_is_written_and_ends_with_it(tmp_path
     journal = tmp_path / "j.sqlite"
     queue = multiprocessing.get_context("spawn").Queue()
     press, job = tmp_path / "x.press", tmp_path / "job.pdf"
-    with console_beside(True, journal=str(journal), press=press, job=job, port=0, told=partial(sent, queue)):
+    with console_alongside(
+        True, journal=str(journal), press=press, job=job, port=0, announce=partial(sent, queue)
+    ):
         address, link = queue.get(timeout=PATIENCE_S)
         write_run(journal)
         assert link is not None
@@ -151,7 +153,7 @@ def test_a_console_beside_a_run_without_a_journal_is_refused(
 ) -> None:
     with (
         pytest.raises(RequestError, match="shows what the journal holds"),
-        console_beside(True, journal="none", press=tmp_path, job=tmp_path, port=0),
+        console_alongside(True, journal="none", press=tmp_path, job=tmp_path, port=0),
     ):
         pytest.fail("it was begun")
     assert capsys.readouterr().err == ""

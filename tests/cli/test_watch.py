@@ -18,7 +18,7 @@ from prooflight.cli import run
 from prooflight.cli.show import people
 from prooflight.cli.watch.running import _decided_first
 from prooflight.detectors.verdict import Verdict
-from prooflight.inspection.promise import PromiseWatch
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
@@ -193,7 +193,7 @@ def test_a_press_that_does_what_it_was_not_taught_is_said_everywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Line by line, at the end, in the journal, and in what is shown of the run."""
-    monkeypatch.setattr(PromiseWatch, "of", lambda _detector, seed: PromiseWatch(test=StrangeFrom(3)))
+    monkeypatch.setattr(GuaranteeMonitor, "of", lambda _detector, seed: GuaranteeMonitor(test=StrangeFrom(3)))
     monkeypatch.setattr("prooflight.line.monitor.evidence.summary_of", lambda _inspection: np.zeros(1))
     journal = tmp_path / "runs.sqlite"
     code, rows, said = watch(

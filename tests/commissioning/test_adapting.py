@@ -204,8 +204,8 @@ def test_what_a_press_is_made_fit_by_is_what_it_keeps(
     own = own_scores(model, good, np.zeros(40, bool), real=real)
     assert ours.scores.own.worst == pytest.approx(np.sort(own))
     assert ours.references is reference
-    assert (ours.promise.real, ours.promise.simulated) == ((40, 0) if real else (0, 40))
-    assert (ours.promise.rate, ours.misprint_rate) == (0.02, 0.03)
+    assert (ours.guarantee.real, ours.guarantee.simulated) == ((40, 0) if real else (0, 40))
+    assert (ours.guarantee.rate, ours.misprint_rate) == (0.02, 0.03)
     fit = adapted(model, good, real=real)
     assert ours.model.shift == pytest.approx(fit.shift)
     assert ours.model.scale == pytest.approx(fit.scale)
@@ -232,7 +232,7 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
             false_alarm_rate=0.01,
             misprint_rate=0.01,
         )
-        assert ours.promise.rate == 0.01
+        assert ours.guarantee.rate == 0.01
         later = drawn(3000, 200 + seed, shift=2.0, scale=2.0)
         alarms.append((ours.model.score(later.values, later.page_features) > ours.threshold).mean())
         unfit.append((model.score(later.values, later.page_features) > threshold).mean())

@@ -18,7 +18,7 @@ from prooflight.commissioning.characterise import (
     variance_dn2,
 )
 from prooflight.inks.built_in import built_in_inks
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 from prooflight.prediction.tables import node_fractions
 
 if TYPE_CHECKING:

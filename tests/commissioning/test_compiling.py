@@ -11,7 +11,7 @@ import pytest
 
 from prooflight.commissioning.training import compiling
 from prooflight.commissioning.training.compiling import compile_in_background, score_unlocated
-from prooflight.kernels.cache import is_kept
+from prooflight.kernels.cache import is_cached
 from prooflight.kernels.compiled import kernel
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def test_only_where_nothing_is_compiled(
     started: Started,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(compiling, "is_kept", lambda _kernel: kept)
+    monkeypatch.setattr(compiling, "is_cached", lambda _kernel: kept)
     pages: Designs = OnePage(make_page(1))
     compile_in_background(press, pages)
     assert len(started.work) == processes
@@ -79,7 +79,7 @@ def test_only_where_nothing_is_compiled(
 def test_not_where_there_is_one_processor(
     press: Press, make_page: Callable[..., Page], started: Started, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiling, "is_kept", lambda _kernel: False)
+    monkeypatch.setattr(compiling, "is_cached", lambda _kernel: False)
     monkeypatch.setattr(compiling.os, "cpu_count", lambda: 1)
     compile_in_background(press, OnePage(make_page(1)))
     assert not started.work
@@ -90,5 +90,5 @@ def test_what_was_compiled_is_known() -> None:
 
     image, gains = np.ones((4, 6), np.float32), np.ones(6, np.float32)
     take_columns(image.copy(), image, image, gains, 0, 4)
-    assert is_kept(take_columns)
-    assert not is_kept(kernel("image (L)")(lambda image: image[0]))
+    assert is_cached(take_columns)
+    assert not is_cached(kernel("image (L)")(lambda image: image[0]))

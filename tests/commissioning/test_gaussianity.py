@@ -11,7 +11,7 @@ from scipy import stats
 
 from prooflight.camera.sensor import FixedPattern, read_out
 from prooflight.commissioning.characterise import clipped_share, near_the_ends, variance_dn2
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

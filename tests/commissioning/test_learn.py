@@ -173,7 +173,7 @@ def test_each_press_is_compared_with_its_own_good_pages() -> None:
     out = replace(second, values=second.values * 4)
     scores = []
     for number in (1, 0):
-        both = first.beside(replace(out, press=np.full(600, number)))
+        both = first.joined(replace(out, press=np.full(600, number)))
         taught = learn_model(
             both, names=NAMES, scatter=Scatter.white(), rng=np.random.default_rng(11), trees=40
         )

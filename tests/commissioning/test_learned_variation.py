@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.cli import run
-from prooflight.commissioning.training.learned_variation import REMEDY, stated_beside_learned
+from prooflight.commissioning.training.learned_variation import REMEDY, stated_and_learned
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts, page_variation
 from prooflight.press.blocks import VARIATION
@@ -88,10 +88,10 @@ def test_a_press_shows_what_is_stated_beside_what_was_learned(
 ) -> None:
     """A press that is taken for a usual one, and prints more loosely, is told which amounts to state."""
     assert trained_press.ours is not None
-    assert stated_beside_learned(trained_press) == []
+    assert stated_and_learned(trained_press) == []
     pages = replace(trained_press.ours.pages, variation=looser[1])
     learned = replace(trained_press, ours=replace(trained_press.ours, pages=pages))
-    shown = stated_beside_learned(learned)
+    shown = stated_and_learned(learned)
     names = [name for row in shown for name in row.names]
     assert sorted(names) == sorted(
         f"{block}.{name}" for block, amounts in VARIATION.items() for name in amounts

@@ -78,8 +78,8 @@ def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_p
     expected = np.sort(own_scores(ours.model, rows, none, real=True))
     assert learned.ours.scores.own.worst == pytest.approx(expected)
     assert learned.ours.references is ours.references
-    assert (learned.ours.promise.real, learned.ours.promise.simulated) == (40, 0)
-    assert learned.ours.promise.rate == 0.05
+    assert (learned.ours.guarantee.real, learned.ours.guarantee.simulated) == (40, 0)
+    assert learned.ours.guarantee.rate == 0.05
     assert learned.digest != trained_press.digest
     later = rows_of(seen(trained_press, 40, seed=2, times=3.0))
     before = ours.model.score(later.values, later.page_features)
@@ -92,7 +92,7 @@ def test_many_real_pages_promise_by_themselves(trained_press: Press) -> None:
     pages = seen(trained_press, 63)
     learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
     assert learned.ours is not None
-    assert (learned.ours.promise.real, learned.ours.promise.reference) == (63, 0)
+    assert (learned.ours.guarantee.real, learned.ours.guarantee.reference) == (63, 0)
     # ceil(64 x 0.92) = 59th smallest: glyphs and floor have a tenth of the rate each.
     assert learned.ours.threshold == learned.ours.scores.own.worst[58]
 
@@ -107,7 +107,7 @@ def test_pages_add_up_over_runs_and_none_counts_twice(trained_press: Press) -> N
     assert len(again) == 29
     second = recalibrated(first, more, again, false_alarm_rate=0.1)
     assert second.ours is not None
-    assert second.ours.promise.real == 59
+    assert second.ours.guarantee.real == 59
     at_once = recalibrated(
         trained_press,
         [*pages, *(page for page in more if page.name in again)],
@@ -200,7 +200,7 @@ def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press
     assert fitted.ours is not None
     expected = np.sort(own_scores(ours.model, of_designs, none, real=True))
     assert fitted.ours.scores.own.worst == pytest.approx(expected)
-    assert fitted.ours.promise.real == 24
+    assert fitted.ours.guarantee.real == 24
 
 
 def test_a_refused_call_keeps_what_waits(trained_press: Press, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from prooflight.commissioning.training.train import FEWEST, Plan
 from prooflight.detectors.matched_filter.calibrated import FLOOR_SHARE_OF_RATE
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
-from prooflight.detectors.matched_filter.glyphs.promise import SHARE
+from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.detectors.paper.bayes import window_statistics
@@ -67,11 +67,11 @@ def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path:
     assert again.digest == trained_press.digest
     assert again.ours is not None
     assert trained_press.ours is not None
-    assert again.ours.promise == trained_press.ours.promise
+    assert again.ours.guarantee == trained_press.ours.guarantee
     assert again.ours.threshold == trained_press.ours.threshold
     assert again.bayes is None
-    assert again.ours.promise.simulated == len(Plan.of(24).calibrate)
-    assert again.ours.promise.rate == 0.1
+    assert again.ours.guarantee.simulated == len(Plan.of(24).calibrate)
+    assert again.ours.guarantee.rate == 0.1
     np.testing.assert_array_equal(again.ours.pages.values, trained_press.ours.pages.values)
 
 
@@ -81,7 +81,7 @@ def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_p
     reference = shipped.references.by(ours.scores.own.worst.size)
     assert ours.scores.reference.worst.tolist() == reference.worst.tolist()
     assert ours.references.worst.tolist() == shipped.references.worst.tolist()
-    assert ours.promise.reference == reference.worst.size
+    assert ours.guarantee.reference == reference.worst.size
     for name, array in ours.model.arrays().items():
         same = np.array_equal(array, shipped.model.arrays()[name])
         assert same == (name not in ("shift", "scale") and not name.startswith("scatter."))
@@ -118,7 +118,7 @@ def test_only_the_papers_network_is_taught_by_misprints(
     assert made[False].ours is not None
     assert made[True].ours is not None
     assert made[True].ours.threshold == made[False].ours.threshold
-    assert made[True].ours.promise.rate == train.DEFAULT_RATE == 0.01
+    assert made[True].ours.guarantee.rate == train.DEFAULT_RATE == 0.01
     taught = made[True].bayes
     assert taught is not None
     assert taught.network.types == ("correct", "global", "local")
@@ -239,7 +239,7 @@ def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(
     day = PressDay.of(press, pages, seed=1, first=0)  # type: ignore[arg-type]
     for index, unit in zip(designs, units, strict=True):
         scan = day.scan(day.day.good(page), stream(1, "training-print", index))
-        means = page_evidence(page, scan, press.station()).block_z
+        means = page_evidence(page, scan, press.press_context()).block_z
         share = window_statistics(means, unit=unit)[:, 2]
         np.testing.assert_allclose(share, 0.5, atol=0.002 + 1 / means[0].size)
         assert (unit > 1.5).all()  # a press does more than its camera's noise

@@ -47,7 +47,7 @@ def test_prints_are_made_page_by_page_and_told_as_they_were_asked_for() -> None:
 @pytest.mark.parametrize("rate", [0.1, 0.02, 0.009, 0.001])
 def test_the_fewest_prints_are_enough_for_each_to_be_judged_by_the_others(rate: float) -> None:
     entry = ZoneEntry(name="face", kind="careful", pages="all", rectangle_mm=(10, 10, 30, 30))
-    prints = fewest_prints(JobZones.made([entry], [(100.0, 100.0)]), rate)
+    prints = fewest_prints(JobZones.create([entry], [(100.0, 100.0)]), rate)
     others = prints - -(-prints // LEARNING) - 1
     _judge(others).rates(rate)
     if prints > 12:

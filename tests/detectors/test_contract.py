@@ -12,7 +12,7 @@ import pytest
 
 import prooflight as pf
 from examples import write_a_detector
-from prooflight.detectors.base import BLOCK_PIXELS, KeptArrays
+from prooflight.detectors.base import BLOCK_PIXELS, StoredArrays
 from prooflight.detectors.golden.detector import GoldenDetector
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
@@ -65,7 +65,7 @@ def makers(
         "chi-square": lambda: (press, registry.chi_square(press)),
         "bayes": lambda: (bayes, registry.bayes(bayes)),
         "ours": trained,
-        "golden": lambda: (press, GoldenDetector(station=press.station(), goldens={"": golden})),
+        "golden": lambda: (press, GoldenDetector(press_context=press.press_context(), goldens={"": golden})),
         "squares": lambda: (press, write_a_detector.detector(press)),
     }
 
@@ -82,7 +82,7 @@ def bench(
         press=press,
         detector=detector,
         page=page,
-        ready=detector.prepare(pf.PlannedPage(page, press.station())),
+        ready=detector.prepare(pf.PlannedPage(page, press.press_context())),
         good=pf.simulate(page, press, seed=1),
         bad=pf.simulate(page, press, misprint=MISPRINT, seed=1),
         other=pf.simulate(make_page(11), press, seed=1),
@@ -97,7 +97,7 @@ def told(inspection: pf.Inspection) -> tuple[object, ...]:
 
 def test_an_inspection_is_whole(bench: Bench) -> None:
     assert bench.detector.name
-    assert bench.detector.promise
+    assert bench.detector.guarantee
     for scan in (bench.good, bench.bad):
         found = bench.ready.inspect(scan, seed=1)
         assert found.verdict.page == bench.page.name
@@ -130,7 +130,7 @@ def test_a_misprint_scores_higher_and_alarms(bench: Bench) -> None:
 def test_kept_evidence_is_decided_again_alike(bench: Bench) -> None:
     for scan in (bench.good, bench.bad, bench.other):
         found = bench.ready.inspect(scan)
-        kept = KeptArrays(dict(found.kept), bench.detector.name)
+        kept = StoredArrays(dict(found.stored_arrays), bench.detector.name)
         again = bench.detector.decided_again(kept)
         assert (again.misprint or kept.wrong_page) == (found.verdict.verdict == "misprint")
         for name in ("score", "threshold", "p_value", "probability"):
@@ -144,17 +144,17 @@ def test_another_page_is_a_misprint(bench: Bench) -> None:
 
 def test_evidence_of_nothing_is_refused(bench: Bench) -> None:
     with pytest.raises(RequestError, match=bench.detector.name):
-        bench.detector.decided_again(KeptArrays({}, bench.detector.name))
+        bench.detector.decided_again(StoredArrays({}, bench.detector.name))
 
 
 def test_the_same_detector_is_had_at_another_station(bench: Bench) -> None:
-    station = bench.press.station(threads=1)
-    moved = bench.detector.at(station)
-    assert moved.station is station
+    press_context = bench.press.press_context(threads=1)
+    moved = bench.detector.at(press_context)
+    assert moved.press_context is press_context
     assert (type(moved), moved.name) == (type(bench.detector), bench.detector.name)
-    ready = moved.prepare(pf.PlannedPage(bench.page, station))
+    ready = moved.prepare(pf.PlannedPage(bench.page, press_context))
     assert told(ready.inspect(bench.bad)) == told(bench.ready.inspect(bench.bad))
-    under = bench.ready.under(station)
+    under = bench.ready.under(press_context)
     assert under is None or told(under.inspect(bench.bad)) == told(bench.ready.inspect(bench.bad))
 
 
@@ -168,7 +168,7 @@ def test_threads_inspect_at_once_and_agree(bench: Bench) -> None:
 
 def test_a_detector_travels_to_other_processes(bench: Bench) -> None:
     there = pickle.loads(pickle.dumps(bench.detector))
-    ready = there.prepare(pf.PlannedPage(bench.page, there.station))
+    ready = there.prepare(pf.PlannedPage(bench.page, there.press_context))
     assert told(ready.inspect(bench.bad)) == told(bench.ready.inspect(bench.bad))
 
 

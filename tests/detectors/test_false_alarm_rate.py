@@ -11,8 +11,8 @@ from prooflight.detectors.false_alarm_rate import (
     ALONE,
     FURTHEST,
     GoodScores,
+    Guarantee,
     PressScores,
-    Promise,
     ReferenceScores,
     conformal_threshold,
     posterior_bound,
@@ -61,26 +61,26 @@ def test_p_values_fall_and_agree_with_thresholds(count: int, seed: int) -> None:
 
 
 def test_a_promise_says_what_it_rests_on() -> None:
-    by_count = str(Promise(rate=0.01, simulated=0, real=120, asked=0.01))
+    by_count = str(Guarantee(rate=0.01, simulated=0, real=120, requested_rate=0.01))
     assert by_count == "at most one good page in 100 alarms; by count, from 120 real good pages"
-    both = str(Promise(rate=0.002, simulated=200, real=50, conformal=False))
+    both = str(Guarantee(rate=0.002, simulated=200, real=50, conformal=False))
     assert both == (
         "at most one good page in 500 alarms; extrapolated: 50 real good pages and 200 simulated good designs promise "
         "one in 251 by count, beyond that their tail is drawn on"
     )
-    others = str(Promise(rate=0.01, simulated=120, reference=1480, asked=0.01))
+    others = str(Guarantee(rate=0.01, simulated=120, reference=1480, requested_rate=0.01))
     assert others == (
         "at most one good page in 100 alarms; by count, from 120 simulated good designs of this press and 1,480 of "
         "those that taught the ranking"
     )
-    few = str(Promise(rate=0.01, simulated=0, real=38, reference=1480, asked=0.01))
+    few = str(Guarantee(rate=0.01, simulated=0, real=38, reference=1480, requested_rate=0.01))
     assert few.endswith("those that taught the ranking; these 38 pages alone support one in 39")
-    further = str(Promise(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
+    further = str(Guarantee(rate=1e-4, simulated=0, real=19, reference=1480, conformal=False))
     assert (
         "19 real good pages of this press and 1,480 of those that taught the ranking promise one in 1,500"
         in further
     )
-    drawn = str(Promise(rate=0.001, simulated=200, conformal=False, asked=1e-5))
+    drawn = str(Guarantee(rate=0.001, simulated=200, conformal=False, requested_rate=1e-5))
     assert "extrapolated: 200 simulated good designs promise one in 201 by count" in drawn
     assert "one in 100,000 was asked for, and is refused" in drawn
 

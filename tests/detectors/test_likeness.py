@@ -22,7 +22,7 @@ def share_told_apart(power: float, pages: int, seed: int) -> float:
     """Return the share of presses that are told apart if P(p <= u) = u^power, of 1,480 simulated pages."""
     rng = np.random.default_rng(seed)
     told = [
-        Likeness.of(-power_of(rng, pages, power), np.sort(-rng.random(1480))).told_apart
+        Likeness.of(-power_of(rng, pages, power), np.sort(-rng.random(1480))).is_distinct
         for _ in range(TRIALS)
     ]
     return float(np.mean(told))

@@ -36,7 +36,7 @@ def test_a_verdict_does_not_change_after_it_was_given() -> None:
 def test_a_number_that_is_not_finite_decides_nothing(name: str, value: float, misprint: bool) -> None:
     sound = Decision(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
     decision = replace(sound, **{name: value})
-    assert decision.word == "not-inspected"
+    assert decision.verdict_name == "not-inspected"
     verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
     assert (verdict.verdict, without_gate(verdict)[0], verdict.detector) == ("not-inspected", "hold", "ours")
     assert name.replace("_", "-") in verdict.reason
@@ -66,7 +66,7 @@ def test_a_misprint_stops_the_press_where_that_pays_or_where_it_is_sure() -> Non
 @pytest.mark.parametrize(("misprint", "word"), [(False, "good"), (True, "misprint")])
 def test_a_verdict_says_what_was_decided(misprint: bool, word: str) -> None:
     decision = Decision(misprint=misprint, score=2.0, threshold=1.5, p_value=0.25, probability=0.5)
-    assert decision.word == word
+    assert decision.verdict_name == word
     verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", milliseconds=7.0)
     assert asdict(verdict) == asdict(
         Verdict(

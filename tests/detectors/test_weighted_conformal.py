@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, norm
 
-from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages, exact_interval
+from prooflight.detectors.weighted_conformal import LabelledPages, SampleCounts, exact_interval
 from prooflight.errors import RequestError
 
 
-def told(score: np.ndarray, passed: np.ndarray, *, sample: float, rate: float, edge: float) -> ToldPages:
-    return ToldPages(
+def told(score: np.ndarray, passed: np.ndarray, *, sample: float, rate: float, edge: float) -> LabelledPages:
+    return LabelledPages(
         score=score,
         weight=np.where(passed, 1 / sample, 1.0),
         run=np.ones(score.size, np.int64),
@@ -106,7 +106,7 @@ def test_too_few_say_how_many_more() -> None:
 def test_old_pages_count_as_fewer() -> None:
     fresh = told(np.arange(200.0), np.ones(200, bool), sample=0.5, rate=0.01, edge=300.0)
     weight = fresh.weight * np.where(np.arange(200) < 100, 1.0, 0.1)
-    aged = ToldPages(
+    aged = LabelledPages(
         **{name: getattr(fresh, name) for name in fresh.__slots__ if name != "weight"}, weight=weight
     )
     assert aged.sample == pytest.approx(110**2 / 101)

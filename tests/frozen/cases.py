@@ -22,7 +22,7 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, evidence_to_store
 from prooflight.pages.job import open_job
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
@@ -208,7 +208,9 @@ def inspected(press: Press, detector: str, world: str, *kinds: str) -> Figures:
         if kind == "":
             kind = "good"
         done = inspector.inspect(prepared, scan, scan_name="scan")
-        kept = {name: array for name, array in kept_evidence(done, page, press).items() if "cut" not in name}
+        kept = {
+            name: array for name, array in evidence_to_store(done, page, press).items() if "cut" not in name
+        }
         again = decided_again(kept, press, inspector.detector.name)
         assert again.misprint == (done.verdict.verdict == "misprint")
         found[kind] = {
@@ -348,7 +350,7 @@ def registration() -> Figures:
     landmarks = prepare(page, expected, sensors=press.sensors, geometry=press.geometry)
     found = register(landmarks, scanned(press, page, "press", seed=8).dn)
     return {
-        "found": found.found,
+        "found": found.located,
         "shift_mm": list(found.placement.shift_mm),
         "skew_deg": found.placement.skew_deg,
         "planes_mm": found.planes_mm.ravel().tolist(),

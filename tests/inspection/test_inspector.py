@@ -22,7 +22,7 @@ from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, s
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.detectors.base import Inspection, KeptArrays
+    from prooflight.detectors.base import Inspection, StoredArrays
     from prooflight.detectors.paper.evidence import Evidence
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -159,12 +159,12 @@ class Fixed:
     misprint: bool
     probability: float
     name: str = "fixed"
-    promise: str = "none"
+    guarantee: str = "none"
 
-    def kept(self, evidence: Evidence) -> dict[str, np.ndarray]:
+    def stored_arrays(self, evidence: Evidence) -> dict[str, np.ndarray]:
         return {"block_z": evidence.block_z}
 
-    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+    def evidence_of(self, kept: StoredArrays, *, sensors: int) -> Evidence:
         raise NotImplementedError
 
     def decide(self, evidence: Evidence) -> Decision:
@@ -193,7 +193,9 @@ def test_whether_an_alarm_stops_the_press_is_a_matter_of_cost(
     costs = RunningCosts(misprint_rate=0.01, false_alarm_cents=false_alarm_cents, missed_misprint_cents=1.0)
     scan = printed(page, press, 1).dn
     priced = replace(press, costs=costs)
-    fixed = PaperDetector(station=priced.station(), test=Fixed(misprint=misprint, probability=probability))
+    fixed = PaperDetector(
+        press_context=priced.press_context(), test=Fixed(misprint=misprint, probability=probability)
+    )
     verdict = Inspector(press=priced, detector=fixed).inspect(page, scan).verdict
     assert verdict.verdict == ("misprint" if misprint else "good")
     assert without_gate(verdict) == decided
@@ -271,7 +273,7 @@ def test_an_inspection_holds_what_it_rests_on(press: Press, page: Page) -> None:
     area = (slice(None), *press.geometry.on_page(page.width_mm, page.height_mm))
     np.testing.assert_array_equal(inspection.measured_dn, scan[area])
     assert inspection.expect().expected_dn.shape == inspection.measured_dn.shape
-    assert inspection.kept["tile_histogram"].sum() == inspection.measured_dn.size
+    assert inspection.stored_arrays["tile_histogram"].sum() == inspection.measured_dn.size
 
 
 def test_same_scan_same_verdict(press: Press, page: Page) -> None:

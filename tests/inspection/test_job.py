@@ -152,7 +152,7 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
         first, again, other = (
             look((1, paired(job, scans / name, sensors=1)[0][1])) for name in ("a", "a", "b")
         )
-        known = inspector.prepare(trained_press.geometry.lay(job.page(1))).known
+        known = inspector.prepare(trained_press.geometry.lay(job.page(1))).prepared_page
     assert isinstance(known, MatchedFilterPage)
     assert first.name == "p0001"
     assert not first.another

@@ -20,9 +20,9 @@ from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.verdict import Region, Verdict
+from prooflight.inspection.guarantee import GuaranteeMonitor
+from prooflight.inspection.guarantee import summary_of as summary_of_page
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.promise import PromiseWatch
-from prooflight.inspection.promise import summary_of as summary_of_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ def fresh(own: np.ndarray, *, room: int = 10**6) -> ExchangeabilityTest:
     stakes = exchangeability.STAKES.size
     names = ("score", *(f"group-{k}" for k in range(1, own.shape[1])))
     zeros = np.zeros((own.shape[1], stakes))
-    return ExchangeabilityTest(known=list(own), room=room, names=names, log_wealth=zeros)
+    return ExchangeabilityTest(reference_pages=list(own), room=room, names=names, log_wealth=zeros)
 
 
 def exchangeable(rng: np.random.Generator, pages: int) -> np.ndarray:
@@ -84,14 +84,14 @@ def test_pages_that_lie_elsewhere_are_seen_within_30_pages() -> None:
 def test_what_is_kept_of_an_endless_run_does_not_grow() -> None:
     rng = np.random.default_rng(13)
     test = fresh(rng.standard_normal((OWN, 2)), room=OWN + 50)
-    own = list(test.known)
+    own = list(test.reference_pages)
     sizes = []
     for _ in range(400):
         test.add(rng.standard_normal(2), rng)
-        sizes.append(len(test.known))
+        sizes.append(len(test.reference_pages))
     assert sizes[:50] == list(range(OWN + 1, OWN + 51))
     assert set(sizes[50:]) == {OWN + 50}
-    left = sum(any(row is one for one in own) for row in test.known)
+    left = sum(any(row is one for one in own) for row in test.reference_pages)
     assert left < OWN // 2  # forgotten without regard to age: of 40 about 1 is left
 
 
@@ -127,10 +127,10 @@ def ours() -> CalibratedDetector:
 
 def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: CalibratedDetector) -> None:
     """Pages that scatter as its own do not, seed 15; those with light along the travel soon, and say so."""
-    detector = MatchedFilterDetector(station=press.station(), calibrated=ours)
+    detector = MatchedFilterDetector(press_context=press.press_context(), calibrated=ours)
     rng = np.random.default_rng(15)
     for much, suspended in ((0.0, False), (6.0, True)):
-        watch, said = PromiseWatch.of(detector, seed=3), []
+        watch, said = GuaranteeMonitor.of(detector, seed=3), []
         for page in range(60):
             values = rng.exponential(size=len(NAMES)) + much * (np.arange(len(NAMES)) == 2)
             summary = summary_of(ours.model, values, rng.standard_normal(3), score=rng.exponential())
@@ -149,7 +149,7 @@ def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
     trained_press: Press, page: Page, make_page: Callable[..., Page]
 ) -> None:
     inspector = Inspector.of(trained_press, "ours")
-    watch = PromiseWatch.of(inspector.detector)
+    watch = GuaranteeMonitor.of(inspector.detector)
     assert isinstance(watch.test, PressRunTest)
     prepared = inspector.prepare(page)
     good, other = (
@@ -167,7 +167,7 @@ def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
 
 def test_a_press_keeps_room_beside_its_own_pages(ours: CalibratedDetector) -> None:
     test = ExchangeabilityTest.of(ours)
-    assert (len(test.known), test.room) == (OWN, OWN + 2000)
+    assert (len(test.reference_pages), test.room) == (OWN, OWN + 2000)
 
 
 def test_numbers_that_are_not_finite_say_nothing(ours: CalibratedDetector) -> None:
@@ -182,7 +182,7 @@ def test_numbers_that_are_not_finite_say_nothing(ours: CalibratedDetector) -> No
 
 @pytest.mark.parametrize("name", ["chi-square"])
 def test_another_detector_never_suspends_anything(press: Press, name: str) -> None:
-    watch = PromiseWatch.of(Inspector.of(press, name).detector)
+    watch = GuaranteeMonitor.of(Inspector.of(press, name).detector)
     assert watch.test is None
     assert not any(watch.add(GOOD, np.full(3, 1e9), page) for page in range(50))
     assert watch.marked(GOOD) is GOOD
@@ -191,8 +191,8 @@ def test_another_detector_never_suspends_anything(press: Press, name: str) -> No
 def test_all_that_our_detector_looks_at_has_words() -> None:
     from prooflight.detectors.matched_filter.statistics import statistic
 
-    assert set(statistic.WORDS.values()) <= set(FAMILIES)
-    assert {Statistic.parse(name).word for name in NAMES} <= set(FAMILIES)
+    assert set(statistic.LABELS.values()) <= set(FAMILIES)
+    assert {Statistic.parse(name).label for name in NAMES} <= set(FAMILIES)
 
 
 def test_of_each_design_the_first_sheet_counts() -> None:
@@ -203,7 +203,7 @@ def test_of_each_design_the_first_sheet_counts() -> None:
             self.added += 1
 
     test = Counts()
-    watch = PromiseWatch(test=test)
+    watch = GuaranteeMonitor(test=test)
     for page in [0, 1, 0, 0, 1, 2]:
         watch.add(GOOD, np.zeros(3), page)
     assert test.added == 3
@@ -228,7 +228,7 @@ def misprint(kind: str, x_mm: float, y_mm: float) -> Verdict:
 
 
 def suspended_by(verdicts: list[Verdict]) -> str:
-    watch = PromiseWatch(test=Suspends())
+    watch = GuaranteeMonitor(test=Suspends())
     for page, verdict in enumerate(verdicts):
         watch.add(verdict, np.zeros(3), page)
     return watch.suspended

@@ -132,7 +132,8 @@ def test_lengths_do_not_change_the_papers_verdicts(press: Press, page: Page) -> 
     rows = inspected(press, page, scan, "chi-square", [nominal, *lengths])
     assert {(row["verdict"], row["score"]) for row in rows} == {("good", rows[0]["score"])}
     evidence, of_longer = (
-        page_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press.station()) for more in (0, 7)
+        page_evidence(page, np.pad(scan, ((0, 0), (0, more), (0, 0))), press.press_context())
+        for more in (0, 7)
     )
     np.testing.assert_array_equal(evidence.block_z, of_longer.block_z)
 

@@ -15,7 +15,7 @@ from prooflight.inspection.scanner.placing import (
     ExpectedPage,
     agreement_of,
     drawn_scan,
-    likeliest,
+    most_likely,
     placed,
     seen_coarsely,
 )
@@ -37,13 +37,13 @@ def scanner() -> Press:
 @pytest.fixture(scope="module")
 def expected(scanner: Press, make_page: Callable[..., Page]) -> ExpectedPage:
     page = make_page(3, width_mm=WIDTH_MM, height_mm=HEIGHT_MM, dpi=300.0)
-    return ExpectedPage.of(page, scanner.station().predict(page), scanner, FeederPrior())
+    return ExpectedPage.of(page, scanner.press_context().predict(page), scanner, FeederPrior())
 
 
 def light_of(expected: ExpectedPage, press: Press) -> NDArray[np.float32]:
     """The page's expected light as shares of paper, at the press's pixels."""
     sensor = press.sensors[0]
-    lines = press.station().predict(expected.page).expected_dn[0]
+    lines = press.press_context().predict(expected.page).expected_dn[0]
     bare = (lines - sensor.column_offset_dn) / sensor.column_gain
     return (bare / np.float32(sensor.white_dn)).astype(np.float32)
 
@@ -79,7 +79,7 @@ def test_a_page_is_found_where_a_feeder_laid_it(
     picture = scanned(
         expected, scanner, shift_mm=(2.4, -1.9), skew_deg=0.3, along_percent=-0.8, upside_down=upside_down
     )
-    start = likeliest(seen_coarsely(picture, expected), expected)
+    start = most_likely(seen_coarsely(picture, expected), expected)
     where, reason = placed(picture, expected, start, scanner)
     assert reason == ""
     assert where.turned == upside_down
@@ -95,13 +95,13 @@ def test_a_scan_of_something_else_is_not_placed(
     scanner: Press, expected: ExpectedPage, make_page: Callable[..., Page]
 ) -> None:
     page = make_page(11, width_mm=WIDTH_MM, height_mm=HEIGHT_MM, dpi=300.0)
-    other = ExpectedPage.of(page, scanner.station().predict(page), scanner, FeederPrior())
+    other = ExpectedPage.of(page, scanner.press_context().predict(page), scanner, FeederPrior())
     picture = scanned(other, scanner)
-    start = likeliest(seen_coarsely(picture, expected), expected)
+    start = most_likely(seen_coarsely(picture, expected), expected)
     _, reason = placed(picture, expected, start, scanner)
     assert reason
     blank = replace(picture, light=np.ones_like(picture.light), clipped=np.ones_like(picture.clipped))
-    start = likeliest(seen_coarsely(blank, expected), expected)
+    start = most_likely(seen_coarsely(blank, expected), expected)
     assert placed(blank, expected, start, scanner)[1] == "the scan shows nothing of this page"
 
 
@@ -126,7 +126,7 @@ def test_what_is_clipped_is_unknown_above_its_number_and_known_below(
     scanner: Press, expected: ExpectedPage
 ) -> None:
     picture = scanned(expected, scanner)
-    start = likeliest(seen_coarsely(picture, expected), expected)
+    start = most_likely(seen_coarsely(picture, expected), expected)
     where, _ = placed(picture, expected, start, scanner)
     drawn = drawn_scan(picture, expected.page, where, scanner)
     # The device makes all that is lighter than 80 % of paper plain white, where it says full light.
@@ -135,10 +135,10 @@ def test_what_is_clipped_is_unknown_above_its_number_and_known_below(
         light=np.minimum(drawn.light / np.float32(0.8), 1),
         clipped=(drawn.light >= 0.8).astype(np.float32),
     )
-    lines, (tone,) = toned_lines(short, scanner.station().predict(expected.page), scanner.sensors)
+    lines, (tone,) = toned_lines(short, scanner.press_context().predict(expected.page), scanner.sensors)
     assert tone.clipped
     unknown = (short.clipped[0] == 1) & drawn.seen
-    due = scanner.station().predict(expected.page).expected_dn[0]
+    due = scanner.press_context().predict(expected.page).expected_dn[0]
     assert (lines[0][unknown] >= due[unknown] - 1).all()
     # A spot where paper should be is no less visible for it.
     rows, columns = np.nonzero(unknown)
@@ -147,6 +147,8 @@ def test_what_is_clipped_is_unknown_above_its_number_and_known_below(
     clipped = short.clipped.copy()
     clipped[0, rows[0], columns[0]] = 0
     spotted, _ = toned_lines(
-        replace(short, light=spot, clipped=clipped), scanner.station().predict(expected.page), scanner.sensors
+        replace(short, light=spot, clipped=clipped),
+        scanner.press_context().predict(expected.page),
+        scanner.sensors,
     )
     assert spotted[0, rows[0], columns[0]] < 0.5 * due[rows[0], columns[0]]

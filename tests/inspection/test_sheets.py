@@ -19,7 +19,7 @@ from prooflight.inspection.sheets import (
     assembled,
     page_verdicts,
     side_verdict,
-    to_look_at,
+    to_review,
 )
 from prooflight.journal.records import PageRecord
 from prooflight.pages.layout.layout import Layout
@@ -124,7 +124,7 @@ def test_rows_to_look_at_say_the_same_as_all_rows(
     rows = [record(at, word, plan) for at, word in enumerate(words)]
     streamed = Assembling(plan, patience=patience)
     all_of_it = [one for row in rows for one in streamed.add(row)] + streamed.end()
-    few = to_look_at(
+    few = to_review(
         plan, [row for row in rows if row.verdict.verdict != "good"], passed=len(rows), ended=True
     )
     assert few.counts == streamed.counts
@@ -138,11 +138,11 @@ def test_rows_to_look_at_say_the_same_as_all_rows(
 
 def test_a_run_that_goes_on_lacks_nothing_yet() -> None:
     plan = plan_of("sides=2,order=batch:2,pages-a-set=4", pages=8)
-    found = to_look_at(plan, [record(0, "misprint", plan)], passed=3, ended=False)
+    found = to_review(plan, [record(0, "misprint", plan)], passed=3, ended=False)
     assert [one.sheet for one in found.sheets] == [0]
     assert found.sets == ()
     assert sum(found.counts.sheets.values()) == 1
-    ended = to_look_at(plan, [record(0, "misprint", plan)], passed=3, ended=True)
+    ended = to_review(plan, [record(0, "misprint", plan)], passed=3, ended=True)
     assert [(one.sheet, one.verdict) for one in ended.sheets] == [(0, "misprint"), (1, "not-inspected")]
     assert [one.complete for one in ended.sets] == [True]
 

@@ -23,7 +23,7 @@ from tests.journal.journals import facts, files_of, record
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import decided_again, kept_evidence
+from prooflight.inspection.redeciding import decided_again, evidence_to_store
 from prooflight.journal import packs
 from prooflight.journal.journal import Journal
 from prooflight.journal.schema import JournalError
@@ -306,7 +306,7 @@ def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict
         page, press=of_press, request=None, others=(), fetch=lambda _: page, rng=stream(1, "print", 1)
     )
     inspection = inspector.inspect(prepared, scan.dn, scan_name="scan")
-    return dict(kept_evidence(inspection, prepared.page, inspector.press)), of_press, request.param
+    return dict(evidence_to_store(inspection, prepared.page, inspector.press)), of_press, request.param
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import Figure, decided_again, kept_evidence, replayed
+from prooflight.inspection.redeciding import Figure, decided_again, evidence_to_store, replayed
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.press.artefact import Press
@@ -69,7 +69,7 @@ def looks(inspector: Inspector, make_page: MakePage) -> Looks:
         inspection = inspector.inspect(
             prepared, scanned(page, inspector.press, kind, other), scan_name="scan"
         )
-        found.append((inspection, dict(kept_evidence(inspection, prepared.page, inspector.press))))
+        found.append((inspection, dict(evidence_to_store(inspection, prepared.page, inspector.press))))
     return found
 
 

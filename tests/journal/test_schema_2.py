@@ -11,7 +11,7 @@ import pytest
 from tests.journal.journals import facts, record
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.following import Asked, follow
+from prooflight.journal.following import PageQuery, follow
 from prooflight.journal.journal import Journal
 from prooflight.journal.schema import JournalError
 
@@ -85,7 +85,7 @@ def test_a_run_written_into_it_brings_it_up_to_date_and_whoever_reads_it_reads_o
 def test_it_is_followed_as_well(earlier: Path) -> None:
     follower = follow(earlier, version="test")
     assert follower is not None
-    asked = Asked(run_id=1, to_look_at=True)
+    asked = PageQuery(run_id=1, to_review=True)
     rows = follower.sheets(asked, after=-1, limit=10, damaged=lambda _: None)
     follower.close()
     assert [row.page.sheet for row in rows] == [1, 2, 3]

@@ -13,22 +13,22 @@ from tests.journal.journals import facts, record
 
 from prooflight.errors import RequestError
 from prooflight.journal.journal import Journal
+from prooflight.journal.labels import FALSE_ALARM, GOOD, Labels, LabelStore, labels_path
 from prooflight.journal.schema import JournalError
-from prooflight.journal.words import FALSE_ALARM, GOOD, Labels, Words, words_path
 
 RUN = "1@1000"
 MANY = 40
 SAY = """
 import sys
 from pathlib import Path
-from prooflight.journal.words import Words
+from prooflight.journal.labels import Words
 words = Words(Path(sys.argv[1]))
 for sheet in range(int(sys.argv[3])):
     words.say("good", run="1@1000", sheet=sheet, by=sys.argv[2], at_s=float(sheet))
 """
 
 
-def say(words: Words, word: str, **told: object) -> None:
+def say(words: LabelStore, word: str, **told: object) -> None:
     words.say(word, **({"run": RUN, "by": "Mei", "at_s": 5.0} | told))  # type: ignore[arg-type]
 
 
@@ -44,7 +44,7 @@ def test_two_processes_and_a_run_that_is_written_lose_no_word(tmp_path: Path) ->
             journal.record(run, record(sheet))
         journal.commit()
         assert [process.wait() for process in saying] == [0, 0]
-        words = Words(path).of_run(RUN)
+        words = LabelStore(path).of_run(RUN)
         assert len(list(journal.pages(run))) == 20
     assert [word.id for word in words] == list(range(1, 2 * MANY + 1))
     for name in ("Jan", "Mei"):
@@ -52,7 +52,7 @@ def test_two_processes_and_a_run_that_is_written_lose_no_word(tmp_path: Path) ->
 
 
 def test_nothing_is_changed_and_nothing_taken_away(tmp_path: Path) -> None:
-    words = Words(tmp_path / "j.sqlite")
+    words = LabelStore(tmp_path / "j.sqlite")
     say(words, "misprint", sheet=3)
     with closing(sqlite3.connect(words.path)) as connection:
         for statement in ("UPDATE words SET word = 'good'", "DELETE FROM words"):
@@ -62,7 +62,7 @@ def test_nothing_is_changed_and_nothing_taken_away(tmp_path: Path) -> None:
 
 
 def test_the_last_word_counts_and_seen_is_none(tmp_path: Path) -> None:
-    words = Words(tmp_path / "j.sqlite")
+    words = LabelStore(tmp_path / "j.sqlite")
     assert words.of_run(RUN) == []
     assert words.last() == 0
     assert not words.path.exists()  # asking makes nothing
@@ -82,7 +82,7 @@ def test_the_last_word_counts_and_seen_is_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wrong", [{"word": "bad"}, {"by": " "}, {"by": "a\x07b"}, {"by": "n" * 61}])
 def test_what_is_no_word_or_nobodys_is_refused(tmp_path: Path, wrong: dict[str, str]) -> None:
-    words = Words(tmp_path / "j.sqlite")
+    words = LabelStore(tmp_path / "j.sqlite")
     with pytest.raises(RequestError) as refusal:
         say(words, **({"word": "good", "sheet": 1} | wrong))  # type: ignore[arg-type]
     assert "\n" not in str(refusal.value)
@@ -91,7 +91,7 @@ def test_what_is_no_word_or_nobodys_is_refused(tmp_path: Path, wrong: dict[str, 
 
 @pytest.mark.parametrize("content", [b"no database at all, and longer than a header " * 30, "other"])
 def test_another_file_in_its_place_is_refused_and_left_alone(tmp_path: Path, content: bytes | str) -> None:
-    path = words_path(tmp_path / "j.sqlite")
+    path = labels_path(tmp_path / "j.sqlite")
     if isinstance(content, bytes):
         path.write_bytes(content)
     else:
@@ -99,7 +99,7 @@ def test_another_file_in_its_place_is_refused_and_left_alone(tmp_path: Path, con
             connection.execute("CREATE TABLE other (x)")
             connection.commit()
     before = path.read_bytes()
-    words = Words(tmp_path / "j.sqlite")
+    words = LabelStore(tmp_path / "j.sqlite")
     for use in (lambda: words.of_run(RUN), lambda: say(words, "good", sheet=1)):
         with pytest.raises(JournalError) as refusal:
             use()

@@ -43,7 +43,7 @@ def test_a_zone_lies_about_its_place_on_its_pages() -> None:
     assert (entry.kind, entry.pages, entry.rectangle_mm) == ("ignore", "1,3", (29.2, 39.0, 4.0, 62.0))
     at_edge = granted(replace(PROPOSED, box_mm=(0.2, 100.0, 2.0, 60.0)), SIZES)
     assert at_edge.rectangle_mm == (0.0, 99.0, 3.2, 41.0)
-    assert set(JobZones.made([entry], SIZES).of_pages) == {1, 3}
+    assert set(JobZones.create([entry], SIZES).of_pages) == {1, 3}
 
 
 @pytest.mark.parametrize("pages", [("p0004",), ("s0001-front",), ("p0000",)])
@@ -54,12 +54,12 @@ def test_pages_of_another_job_are_refused(pages: tuple[str, ...]) -> None:
 
 def test_it_is_granted_once_and_leaves_the_others_as_they_were() -> None:
     face = ZoneEntry(name="face", kind="careful", rectangle_mm=(1.0, 1.0, 9.0, 9.0))
-    entry, known = granted(PROPOSED, SIZES), JobZones.made([face], SIZES)
-    both = JobZones.made(with_zone(known, entry), SIZES)
+    entry, known = granted(PROPOSED, SIZES), JobZones.create([face], SIZES)
+    both = JobZones.create(with_zone(known, entry), SIZES)
     with pytest.raises(RequestError, match="granted already"):
         with_zone(both, entry)
     assert without_zone(both, entry.name) == (face,)
-    assert JobZones.made(without_zone(both, entry.name), SIZES).zones_digest == known.zones_digest
+    assert JobZones.create(without_zone(both, entry.name), SIZES).zones_digest == known.zones_digest
     with pytest.raises(RequestError, match="'face'"):
         without_zone(known, "faces")
 

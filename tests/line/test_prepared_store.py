@@ -53,12 +53,12 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Pack
     loaded = store.load(3)
     assert loaded is not None
     press = store.inspector.press
-    scan = ideal_scan(press.station(1).predict(page), press, stream(301, "print", 1))
+    scan = ideal_scan(press.press_context(1).predict(page), press, stream(301, "print", 1))
     scan[:, 200:230, 100:130] //= 2
     one, other = (store.inspector.inspect(one.unpacked().prepared, scan) for one in (known, loaded))
     assert one.verdict.verdict == "misprint"
     assert replace(one.verdict, milliseconds=0) == replace(other.verdict, milliseconds=0)
-    np.testing.assert_array_equal(one.kept["values"], other.kept["values"])
+    np.testing.assert_array_equal(one.stored_arrays["values"], other.stored_arrays["values"])
     np.testing.assert_array_equal(known.thumbnail.light, loaded.thumbnail.light)
     assert store.load(4) is None
 
@@ -68,7 +68,9 @@ def test_a_recorded_scan_is_inspected_by_what_is_stored(
 ) -> None:
     """Neither is the page drawn again nor prepared."""
     press = store.inspector.press
-    scan = Scan(dn=ideal_scan(press.station(1).predict(page), press, stream(301, "print", 2)), name="scan")
+    scan = Scan(
+        dn=ideal_scan(press.press_context(1).predict(page), press, stream(301, "print", 2)), name="scan"
+    )
     fresh = store.inspector.inspect(page, scan)
     store.save(page.number, known)
     monkeypatch.setattr("prooflight.inspection.job.read_scan", lambda *_: scan)

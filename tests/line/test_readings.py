@@ -63,15 +63,15 @@ class Run:
         due = self.readings.best.due
         like = [one for one in self.seen if one % self.period == page % self.period]
         near = {one for one in like if abs(one - due) <= NEAR}
-        near |= set(like) & {one.due for one in self.readings.kept}
+        near |= set(like) & {one.due for one in self.readings.hypotheses}
         return near or set(sorted(like, key=lambda one: abs(one - due))[:1])
 
     def come(self, sheet: Came) -> Reading:
         pages = set() if sheet.shows is None else self.showing(sheet.shows)
         if pages:
-            found = self.readings.of_page(pages, skipped=sheet.room, known=self.known)
+            found = self.readings.of_page(pages, skipped=sheet.room, has_thumbnail=self.known)
         else:
-            found = self.readings.of_stray("a stranger", known=self.known)
+            found = self.readings.of_stray("a stranger", has_thumbnail=self.known)
         self.missing += [page for page, _ in self.readings.go_on(found)]
         self._make_ready()
         return found[0]

@@ -13,7 +13,7 @@ from tests.line.runs import NOTHING, PATIENCE_S, Book, SheetInspector
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import JobError, ScanError
-from prooflight.inspection.promise import PromiseWatch
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.line.outcomes import InOrder, Outcome, RunWatch, skipped
 from prooflight.line.prefetch import DesignPrefetcher
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.verdict import Word
+    from prooflight.detectors.verdict import VerdictName
     from prooflight.line.notices import Notice
 
 
@@ -96,8 +96,8 @@ def watched(
     inspector: SheetInspector | None = None,
     source: Source | None = None,
     clock: Clock | None = None,
-    book: Book | None = None,
-    promise: PromiseWatch | None = None,
+    page_store: Book | None = None,
+    guarantee: GuaranteeMonitor | None = None,
     notice: Callable[[Notice], None] = lambda _notice: None,
     **settings: Any,
 ) -> tuple[Running, list[Outcome]]:
@@ -108,9 +108,11 @@ def watched(
         press=None,  # type: ignore[arg-type]
         source=source or Source(script),
         pager=lambda _known: Pager(script),  # type: ignore[arg-type,return-value]
-        book=book or Book(len(script)),
+        page_store=page_store or Book(len(script)),
         inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
-        watch=RunWatch(monitor=monitor, adapting=None, sheets=len(script), promise=promise or PromiseWatch()),
+        watch=RunWatch(
+            monitor=monitor, adapting=None, sheets=len(script), guarantee=guarantee or GuaranteeMonitor()
+        ),
         settings=Settings(**{"source_waits": True, "inspectors": 2} | settings),
         tell=told.append,
         notice=notice,
@@ -151,7 +153,7 @@ def test_outcomes_are_put_in_order_whichever_is_decided_first() -> None:
 
 def test_repeated_designs_are_made_ready_once() -> None:
     inspector = SheetInspector()
-    run([seen(page) for page in range(60)], inspector=inspector, book=Book(60, designs=7))
+    run([seen(page) for page in range(60)], inspector=inspector, page_store=Book(60, designs=7))
     assert sorted(inspector.prepared) == list(range(7))
 
 
@@ -185,7 +187,7 @@ def test_a_press_that_does_not_wait_is_read_when_all_designs_are_ready(
         script, before=lambda place: begun.append(len(set(inspector.prepared))) if place == 0 else None
     )
     settings = {"source_waits": False, "start_at_once": at_once, "ahead": 10, "deadline_s": 1e6}
-    run(script, inspector=inspector, source=source, book=Book(50, designs=25), **settings)
+    run(script, inspector=inspector, source=source, page_store=Book(50, designs=25), **settings)
     assert fewest <= begun[0] <= most
 
 
@@ -308,7 +310,7 @@ class Summing(SheetInspector):
         self, ready: Any, scan: Any, *, name: str, seed: int, unseen: Any = (), sheet: int = 0
     ) -> SheetResult:
         said = super().inspect(ready, scan, name=name, seed=seed)
-        word: Word = "misprint" if name == "sheet 3" else "good"
+        word: VerdictName = "misprint" if name == "sheet 3" else "good"
         evidence = PageEvidence(summary=np.array([float(name.removeprefix("sheet "))]))
         return replace(said, verdict=replace(said.verdict, verdict=word), evidence=evidence)
 
@@ -329,7 +331,7 @@ def test_a_run_suspends_its_promise_once_and_every_verdict_from_then_on_says_so(
     script = [seen(0), seen(1, 0.0, "stretch"), gone, *(seen(page) for page in range(3, 9))]
     notices: list[Notice] = []
     running, told = watched(
-        script, inspector=Summing(first=first), promise=PromiseWatch(test=third), notice=notices.append
+        script, inspector=Summing(first=first), guarantee=GuaranteeMonitor(test=third), notice=notices.append
     )
     running.start()
     assert running.join(PATIENCE_S)
@@ -362,7 +364,7 @@ def test_a_sheet_that_breaks_the_judge_is_passed_on(error: Exception) -> None:
 
 def test_a_page_that_cannot_be_read_costs_its_sheets_only() -> None:
     torn = {2: JobError("job.pdf", "page 3 is damaged", remedy="send it again")}
-    _, told = run([seen(page) for page in range(4)], book=Book(4, torn))
+    _, told = run([seen(page) for page in range(4)], page_store=Book(4, torn))
     assert [one.record.verdict.verdict for one in told] == ["good", "good", "not-inspected", "good"]
     assert "damaged" in told[2].record.verdict.reason
 
@@ -430,7 +432,7 @@ def test_waiting_passes_over_what_would_be_late_but_for_the_last() -> None:
 def test_waiting_passes_over_the_last_as_well_where_reading_lags_behind() -> None:
     waiting: Waiting[int] = Waiting(9, source_waits=False)
     waiting.put(0, 1.0)
-    assert waiting.take(lambda: 9.0, behind=lambda: True) == (None, [0])
+    assert waiting.take(lambda: 9.0, is_late=lambda: True) == (None, [0])
 
 
 def test_a_reader_that_lags_passes_sheets_on_instead_of_judging_each_too_late() -> None:

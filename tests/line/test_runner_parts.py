@@ -12,11 +12,11 @@ import pytest
 from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
-from prooflight.line.book import ThumbnailCache
 from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, followed
 from prooflight.line.monitor.evidence import COLUMN_MM, columns, columns_mm, run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.outcomes import outcome
+from prooflight.line.page_store import ThumbnailCache
 from prooflight.line.prefetch import DesignPrefetcher, size_bytes
 from prooflight.line.settings import Settings
 from prooflight.line.sheets.records import SeenPage

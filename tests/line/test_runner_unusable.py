@@ -120,7 +120,7 @@ def run_of(
         press=None,  # type: ignore[arg-type]
         source=source or Source(book.sheets),
         pager=lambda known: Pager(known, odd or {}),  # type: ignore[arg-type,return-value]
-        book=book,
+        page_store=book,
         inspector=inspector or SheetInspector(),  # type: ignore[arg-type]
         watch=RunWatch(monitor=monitor, adapting=None, sheets=book.sheets),
         settings=Settings(source_waits=True, **settings),

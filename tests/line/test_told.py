@@ -12,10 +12,10 @@ from tests.journal.journals import facts, record
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.errors import RequestError
 from prooflight.journal.journal import Journal
+from prooflight.journal.labels import LabelStore, run_key
 from prooflight.journal.records import PageRecord
-from prooflight.journal.words import Words, run_key
-from prooflight.line.asking import Asking
-from prooflight.line.told import asked_of_run, counts_of, replayed_run, told_pages
+from prooflight.line.labelled_sheets import counts_of, labelled_pages, replayed_run, sample_of_run
+from prooflight.line.sampling import Sampling
 from prooflight.line.tolerances import LEAST_SHEETS, proposals
 
 GOOD = Verdict(page="p0001", verdict="good", score=0.5, threshold=1.0)
@@ -39,7 +39,11 @@ def asked(sheet: int, verdict: Verdict, probability: float | None) -> PageRecord
 
 
 def test_who_is_asked_hangs_on_seed_and_sheet_alone() -> None:
-    one, again, other = Asking(sample=0.1, seed=3), Asking(sample=0.1, seed=3), Asking(sample=0.1, seed=4)
+    one, again, other = (
+        Sampling(sample=0.1, seed=3),
+        Sampling(sample=0.1, seed=3),
+        Sampling(sample=0.1, seed=4),
+    )
     drawn = [one.probability(GOOD, sheet) for sheet in range(5000)]
     assert drawn[::-1] == [again.probability(GOOD, sheet) for sheet in reversed(range(5000))]
     assert drawn != [other.probability(GOOD, sheet) for sheet in range(5000)]
@@ -50,13 +54,13 @@ def test_who_is_asked_hangs_on_seed_and_sheet_alone() -> None:
 
 def test_every_alarm_is_asked_about_and_nothing_that_was_not_inspected() -> None:
     for sample in (0.0, 0.02, 1.0):
-        asking = Asking(sample=sample, seed=1)
+        asking = Sampling(sample=sample, seed=1)
         assert asking.probability(WRONG, 7) == 1.0
         assert asking.probability(SKIPPED, 7) is None
-    assert Asking().probability(GOOD, 7) is None
-    assert Asking(sample=1.0).probability(GOOD, 7) == 1.0
+    assert Sampling().probability(GOOD, 7) is None
+    assert Sampling(sample=1.0).probability(GOOD, 7) == 1.0
     with pytest.raises(ValueError, match="0 to 1"):
-        Asking(sample=1.5)
+        Sampling(sample=1.5)
 
 
 def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: Path) -> None:
@@ -70,27 +74,27 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
             probability = 1.0 if alarm else SAMPLE if sheet % 4 == 0 else None
             journal.record(run_id, asked(sheet, verdict, probability))
         journal.commit()
-        run, words = journal.run(run_id), Words(path)
+        run, words = journal.run(run_id), LabelStore(path)
         for sheet in range(8, 400, 4):
             word = "misprint" if sheet == 8 else "unknown" if sheet == 12 else "good"
             words.say(word, run=run_key(run), sheet=sheet, by="Mei", at_s=1.0)
         words.say("misprint", run=run_key(run), sheet=9, by="Mei", at_s=1.0)  # nobody asked
         words.say("false-alarm", run=run_key(run), incident="1", by="Mei", at_s=1.0)
-        sheets = asked_of_run(journal, words, run)
+        sheets = sample_of_run(journal, words, run)
         counts = counts_of(run, sheets)
         assert (counts.alarms, counts.alarms_good, counts.passed) == (8, 8, 392)
         assert (counts.passed_good, counts.passed_misprints) == (96, 1)
         assert counts.missed is not None
         assert counts.missed.value == pytest.approx(392 / 97)
         digest = run.facts.press_digest
-        told = told_pages([(run, sheets)], digests={digest}, replaces=digest, rate=0.02, now_s=1000.0)
+        told = labelled_pages([(run, sheets)], digests={digest}, replaces=digest, rate=0.02, now_s=1000.0)
         assert int(told.passed.sum()) == 96
         assert told.weight[told.passed] == pytest.approx(98 / 97 / SAMPLE)  # one did not know
         assert told.weight[~told.passed] == pytest.approx(1.0)
         assert told.threshold == pytest.approx(
             2.0
         )  # 8 of 400 alarm, and 2 % may: a little less than all of them
-        aged = told_pages(
+        aged = labelled_pages(
             [(run, sheets)],
             digests={digest},
             replaces=digest,
@@ -104,7 +108,7 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
         replay = replayed_run(run, journal.pages(run_id), sheets, threshold=2.0)
         assert (len(replay.gone), replay.gone_told, replay.come) == (8, {"good": 8}, ())
         with pytest.raises(RequestError, match="--sample"):
-            told_pages([(run, sheets)], digests={"another"}, replaces=digest, rate=0.02, now_s=1000.0)
+            labelled_pages([(run, sheets)], digests={"another"}, replaces=digest, rate=0.02, now_s=1000.0)
 
 
 @pytest.mark.parametrize("judged_by", ["this press", "another press", "nobody asked"])
@@ -118,16 +122,16 @@ def test_a_run_with_zones_from_before_there_was_one_scale_is_refused(tmp_path: P
                 sampled = None if settings is old and judged_by == "nobody asked" else SAMPLE
                 journal.record(run_id, asked(sheet, GOOD, sampled))
         journal.commit()
-        words = Words(path)
-        runs = [(run, asked_of_run(journal, words, run)) for run in journal.runs()]
+        words = LabelStore(path)
+        runs = [(run, sample_of_run(journal, words, run)) for run in journal.runs()]
     how = {"digests": {facts().press_digest}, "replaces": facts().press_digest, "rate": 0.02, "now_s": 1000.0}
     if judged_by == "this press":
         with pytest.raises(
             RequestError, match=r"^run 2: .*older Prooflight.*; calibrate by runs watched since"
         ):
-            told_pages(runs, **how)
+            labelled_pages(runs, **how)
     else:
-        assert told_pages(runs, **how).zones == ("", "a" * 64)
+        assert labelled_pages(runs, **how).zones == ("", "a" * 64)
 
 
 def test_a_false_alarm_that_comes_again_is_proposed_with_its_price(tmp_path: Path) -> None:
@@ -140,7 +144,7 @@ def test_a_false_alarm_that_comes_again_is_proposed_with_its_price(tmp_path: Pat
         for sheet, (region, _) in enumerate(told):
             journal.record(run_id, asked(sheet, replace(WRONG, regions=(region,)), 1.0))
         journal.commit()
-        run, words = journal.run(run_id), Words(path)
+        run, words = journal.run(run_id), LabelStore(path)
         for sheet, (_, word) in enumerate(told):
             if word:
                 words.say(word, run=run_key(run), sheet=sheet, by="Mei", at_s=1.0)

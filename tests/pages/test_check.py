@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from tests.pages.conftest import one_page, pdf_bytes, stream
 
-from prooflight.pages.check import REFUSED, checked_page, early_warnings, in_words, plain
+from prooflight.pages.check import REFUSED, checked_page, early_warnings, plain, warning_text
 from prooflight.pages.job import Job, JobSource
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.facts import Font, Layer, Spot
@@ -222,7 +222,7 @@ def test_warnings_come_before_the_first_sheet_and_a_refused_page_is_one(warned_j
     of_pages = [(one.page, one.kind) for one in early.warnings if one.page != WHOLE_FILE]
     assert of_pages == [(0, "made-up"), (1, REFUSED), (2, "made-up")]
     assert early.remark == ""
-    assert early.known == set(early.warnings)
+    assert early.at_start == set(early.warnings)
 
 
 def test_a_long_job_is_not_waited_for(warned_job: WarnedJob) -> None:
@@ -238,11 +238,11 @@ def test_at_least_one_page_is_looked_through(warned_job: WarnedJob) -> None:
 
 def test_a_warning_names_its_page_once() -> None:
     warning = PageWarning(page=6, kind="font-substituted", message="font A is not embedded", object_name="A")
-    assert in_words(warning) == "p0007: font A is not embedded"
+    assert warning_text(warning) == "p0007: font A is not embedded"
     assert plain(warning) == {
         "page": 7, "kind": "font-substituted", "message": "font A is not embedded", "object": "A",
     }  # fmt: skip
-    assert in_words(replace(warning, page=WHOLE_FILE, message="repaired\nhere")) == "repaired here"
+    assert warning_text(replace(warning, page=WHOLE_FILE, message="repaired\nhere")) == "repaired here"
 
 
 def test_drawn_coarsely_a_page_has_the_warnings_of_its_engine(tmp_path: Path, write_pdf: WritePdf) -> None:

@@ -124,7 +124,7 @@ def test_the_page_due_first_is_given_the_next_processor() -> None:
 
 
 def test_a_process_of_pages_does_their_parts_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parallel, "_held", [print])
+    monkeypatch.setattr(parallel, "_stored", [print])
     assert set(shared_out([threading.get_ident] * 8, threads=2)) == {threading.get_ident()}
     monkeypatch.undo()
     assert threading.get_ident() not in shared_out([threading.get_ident] * 8, threads=2)

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from prooflight.pages.pdf.taking_together import taken_together
+from prooflight.pages.pdf.area_averages import area_averaged
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
 
 GAINS = tuple(tuple((np.linspace(0, 1, 18) ** power).tolist()) for power in (1.0, 0.8, 0.7, 0.6))
 """From an ink whose dots do not gain to one of which half an ink takes two thirds of the light."""
@@ -24,7 +24,7 @@ GAINS = tuple(tuple((np.linspace(0, 1, 18) ** power).tolist()) for power in (1.0
 
 def _together(fine: NDArray[np.uint8], n: int, light: InkLight | None) -> NDArray[np.uint8]:
     out = np.empty((fine.shape[0] // n, fine.shape[1] // n, 4), np.uint8)
-    taken_together(fine, out, light, step=float(n))
+    area_averaged(fine, out, light, step=float(n))
     return out
 
 
@@ -70,7 +70,7 @@ def test_each_pixel_is_taken_by_its_area(step: float, light: InkLight | None) ->
         np.array([0, 255], np.uint8), (math.ceil(first + rows * step), math.ceil(columns * step), 4)
     )
     out = np.empty((rows, columns, 4), np.uint8)
-    taken_together(fine, out, light, step=step, first=first)
+    area_averaged(fine, out, light, step=step, first=first)
     down = _areas(first, step, rows, fine.shape[0])
     across = _areas(0, step, columns, fine.shape[1])
     share = np.einsum("rh,cw,hwi->rci", down, across, fine / 255)
@@ -83,17 +83,17 @@ def test_each_pixel_is_taken_by_its_area(step: float, light: InkLight | None) ->
 def test_bands_are_those_of_the_whole() -> None:
     step, fine = 2.4904, np.random.default_rng(39).integers(0, 256, (30, 20, 4)).astype(np.uint8)
     whole = np.empty((12, 8, 4), np.uint8)
-    taken_together(fine, whole, GAINS, step=step)
+    area_averaged(fine, whole, GAINS, step=step)
     for top in range(0, 12, 3):
         above, out = math.floor(top * step), np.empty((3, 8, 4), np.uint8)
         band = np.ascontiguousarray(fine[above : math.ceil((top + 3) * step)])
-        taken_together(band, out, GAINS, step=step, first=top * step - above)
+        area_averaged(band, out, GAINS, step=step, first=top * step - above)
         assert np.abs(out.astype(int) - whole[top : top + 3]).max() <= 1
 
 
 def test_a_raster_that_is_not_covered_is_refused() -> None:
     with pytest.raises(ValueError, match=r"first \+ R \* step <= H"):
-        taken_together(np.zeros((4, 4, 4), np.uint8), np.zeros((2, 2, 4), np.uint8), None, step=2.0 + 1e-2)
+        area_averaged(np.zeros((4, 4, 4), np.uint8), np.zeros((2, 2, 4), np.uint8), None, step=2.0 + 1e-2)
 
 
 @given(coarse=hnp.arrays(np.uint8, (3, 5, 4)))

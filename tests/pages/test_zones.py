@@ -82,7 +82,7 @@ def test_zones_turn_with_their_page() -> None:
     cmyk = np.zeros((40, 20, 4), np.uint8)
     cmyk[5:9, 2:6] = 255
     page = Page(cmyk=cmyk, dpi=25.4, name="p0001", number=1)
-    zones = JobZones.made([entry(kind="ignore", box=(2.0, 5.0, 4.0, 4.0))], [(20.0, 40.0)])
+    zones = JobZones.create([entry(kind="ignore", box=(2.0, 5.0, 4.0, 4.0))], [(20.0, 40.0)])
     for laid in (page, turned(page)):
         of_page = zones.page(laid)
         assert of_page is not None
@@ -102,7 +102,7 @@ def test_a_file_comes_back_as_it_was_with_the_same_digest(tmp_path: Path) -> Non
     polygon = ZoneEntry(
         name="logo", kind="careful", pages="1,3", polygon_mm=((5.0, 5.0), (20.0, 5.0), (5.0, 20.0))
     )
-    zones = JobZones.made([entry(pages="2-3"), polygon], [A5] * 3)
+    zones = JobZones.create([entry(pages="2-3"), polygon], [A5] * 3)
     zones = zones.priced(price(zones))
     path = tmp_path / "job.zones.json"
     zones.save(path)
@@ -111,8 +111,8 @@ def test_a_file_comes_back_as_it_was_with_the_same_digest(tmp_path: Path) -> Non
     assert sorted(again.of_pages) == [1, 2, 3]
     assert [zone.name for zone in again.of_pages[3]] == ["z", "logo"]
     assert (
-        JobZones.made([entry(pages="2")], [A5] * 3).digest
-        != JobZones.made([entry(pages="3")], [A5] * 3).digest
+        JobZones.create([entry(pages="2")], [A5] * 3).digest
+        != JobZones.create([entry(pages="3")], [A5] * 3).digest
     )
 
 
@@ -145,11 +145,11 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, text: str, told: st
 
 
 def test_zones_are_in_force_on_the_press_and_as_they_were_priced_alone() -> None:
-    zones = JobZones.made([entry()], [A5])
+    zones = JobZones.create([entry()], [A5])
     for unfit, told in (
         (zones, "have not been priced"),
         (zones.priced(price(zones, press="other")), "on another press"),
-        (JobZones.made([entry(name="y")], [A5]).priced(price(zones)), "changed after"),
+        (JobZones.create([entry(name="y")], [A5]).priced(price(zones)), "changed after"),
     ):
         with pytest.raises(RequestError, match=told):
             unfit.refuse_unpriced("abc", where="job.zones.json")
@@ -158,7 +158,7 @@ def test_zones_are_in_force_on_the_press_and_as_they_were_priced_alone() -> None
 
 
 def test_an_overlap_of_careful_and_ignored_says_which_counts() -> None:
-    zones = JobZones.made([entry(), entry("strip", "ignore", (0.0, 0.0, 148.0, 15.0))], [A5] * 2)
+    zones = JobZones.create([entry(), entry("strip", "ignore", (0.0, 0.0, 148.0, 15.0))], [A5] * 2)
     assert zones.contested() == [
         "page 1: the careful zone 'z' overlaps the ignored 'strip'; there, careful counts"
     ]
@@ -192,7 +192,7 @@ def test_rules_make_zones_of_what_a_page_says() -> None:
         ("numbering", "ignore", (100.0, 180.0, 30.0, 10.0)),
         ("Total", "careful", (100.0, 10.0, 30.0, 8.0)),
     ]
-    zones = JobZones.made(found, [A5] * 2).of_pages[2]
+    zones = JobZones.create(found, [A5] * 2).of_pages[2]
     frame = PageZones(zones=zones, careful_share=0.2)
     assert at(frame, "ignore", 1.0, 100.0)
     assert at(frame, "ignore", 146.0, 209.0)
@@ -206,7 +206,7 @@ def test_a_strip_along_the_edges_is_four_zones_and_alike_pages_are_written_once(
     rules = Rules(edge_mm=4.0)
     found = on_all_pages([one for number in (1, 2, 3) for one in rules.entries(None, number, A5)], 3)
     assert [one.pages for one in found] == ["all"] * 4
-    assert sum(JobZones.made(found, [A5] * 3).of_pages[1][at].area_mm2 for at in range(4)) == pytest.approx(
+    assert sum(JobZones.create(found, [A5] * 3).of_pages[1][at].area_mm2 for at in range(4)) == pytest.approx(
         148 * 210 - 140 * 202
     )
 

@@ -96,10 +96,10 @@ class Proxy:
         self._loop.close()
 
     def cut(self, *, refusing: bool = False) -> None:
-        """End all links; refusing: new ones as well, until ``mend``."""
+        """End all links; refusing: new ones as well, until ``repair``."""
         self._do(self._cut(refusing))
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         self._do(self._cut(False, links=False))
 
     def hold(self) -> None:

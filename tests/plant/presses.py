@@ -110,7 +110,7 @@ class PlayedPress:
             first_line=front_line - round(GEOMETRY.lead_in_mm / 0.5),
             time_s=time_s,
         )
-        self.gate.told(Outcome(record=record, evidence=PageEvidence()))
+        self.gate.observe(Outcome(record=record, evidence=PageEvidence()))
 
     def run_until(self, happens: Callable[[], object], *, seen: bool = True) -> None:
         end_s = time.monotonic() + PATIENCE_S

@@ -48,13 +48,13 @@ def whole_run(heard: Heard) -> list[Event]:
     told.state("press", "inspecting")
     told.state("press", "inspecting")
     for n in range(10):
-        told.told(outcome(n))
+        told.observe(outcome(n))
     told.noticed(Notice(kind="camera-away", text="the camera does not answer"))
     told.noticed(Notice(kind="camera-back", text="the camera is back after 3 s"))
     for n in range(10, 50):
-        told.told(outcome(n, MISPRINT))
-    told.told(outcome(50, Verdict.skipped("p0051", "it has not come"), came=False, faults=("missing",)))
-    told.told(outcome(51, replace(GOOD, promise_suspended=True), late=True))
+        told.observe(outcome(n, MISPRINT))
+    told.observe(outcome(50, Verdict.skipped("p0051", "it has not come"), came=False, faults=("missing",)))
+    told.observe(outcome(51, replace(GOOD, promise_suspended=True), late=True))
     told.ended("finished")
     return heard.all
 
@@ -91,8 +91,8 @@ def test_a_side_says_of_which_sheet_and_set_it_is() -> None:
     heard, plan = Heard(), SheetPlan(layout=layout, sides=4, sheets=4)
     told = EventStream([heard], press="rig", plan=plan, stream="s", clock=lambda: 1e9)
     for n in range(8):
-        told.told(outcome(n))
-    told.told(outcome(8, job_page=None))
+        told.observe(outcome(n))
+    told.observe(outcome(8, job_page=None))
     *sides, nowhere = heard.all
     assert nowhere.body.on_sheet is None
     said = [event.body.on_sheet for event in sides]
@@ -134,10 +134,10 @@ def test_whatever_a_verdict_holds_is_of_the_schema() -> None:
     heard, rng = Heard(), np.random.default_rng(25)
     told = stream(heard)
     for n in range(200):
-        told.told(random_outcome(n, rng))
+        told.observe(random_outcome(n, rng))
     far = replace(STREAK, score=float("inf"))
     nowhere = replace(STREAK, x_mm=float("nan"))
-    told.told(
+    told.observe(
         outcome(200, replace(MISPRINT, regions=(far, nowhere), score=float("nan"), shift_mm=(np.inf, 0.0)))
     )
     sheet = json.loads(next(event for event in heard.all[::-1] if event.kind == "sheet-judged").json())[

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from prooflight.plant.gate.deciding import SheetDecision
 from prooflight.plant.gate.exchange import Exchange
 from prooflight.plant.gate.handshake import HANDSHAKE, Event, State, after
-from prooflight.plant.gate.log import GateLog, KeptDecisions
+from prooflight.plant.gate.log import GateLog, LoggedDecisions
 from prooflight.plant.gate.registers import (
     READ,
     WRAP,
@@ -22,7 +22,7 @@ from prooflight.plant.gate.registers import (
     Fault,
     OurStatus,
     Result,
-    apart,
+    count_distance,
     packed,
     packed_of_plc,
     unpacked,
@@ -75,7 +75,7 @@ class Wired:
             self.shown |= {"session_taken": written["session"], "result_taken": written["result_number"]}
         self.shown["plc_heartbeat"] = (self.shown["plc_heartbeat"] + beats) & 0xFFFF
         self.shown["encoder"] = int(self.now_s * SPEED * PER_MM)
-        alive = self.exchange.answered(self.shown, asked_s=self.now_s, answered_s=self.now_s + 0.001)
+        alive = self.exchange.answered(self.shown, request_s=self.now_s, answered_s=self.now_s + 0.001)
         self.alive = alive
         self.now_s += 0.01
         if lines:
@@ -189,7 +189,7 @@ def test_a_sheet_that_reached_the_gate_first_is_too_late_and_is_not_written(
     wired.post(1)
     assert wired.turn()["tag"] == 2
     assert wired.exchange.too_late == 1
-    kept = KeptDecisions.read(tmp_path / "gate.jsonl")
+    kept = LoggedDecisions.read(tmp_path / "gate.jsonl")
     assert kept.unsent[1]["code"] == Code.TOO_LATE
     assert [one.tag for one in wired.exchange.lost_sheets] == [1]
 
@@ -251,7 +251,7 @@ def test_too_few_registers_are_refused() -> None:
 
 @given(st.integers(0, WRAP - 1), st.integers(-(2**31), 2**31 - 1))
 def test_counts_are_apart_the_shorter_way_round(count: int, off: int) -> None:
-    assert apart((count + off) % WRAP, count) == off
+    assert count_distance((count + off) % WRAP, count) == off
 
 
 def test_numbers_go_round_without_0() -> None:

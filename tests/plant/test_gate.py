@@ -25,7 +25,7 @@ from tests.plant.presses import (
 
 from prooflight.plant.gate.gate import Gate, Travel, refuse_near, try_controller
 from prooflight.plant.gate.handshake import State
-from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path
+from prooflight.plant.gate.log import LoggedDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, reconciled
 from prooflight.plant.simulator.server import PlcServer
 from prooflight_studies.gate.relay import Relay
@@ -58,7 +58,7 @@ def press(server: PlcServer, relay: Relay, tmp_path: Path) -> Iterator[PlayedPre
     ) as gate:
         played = PlayedPress(server=server, gate=gate)
         played.start()
-        played.run_until(lambda: gate.talk.state is State.READY)
+        played.run_until(lambda: gate.protocol.state is State.READY)
         yield played
 
 
@@ -81,8 +81,8 @@ def test_each_sheet_goes_where_it_was_decided(press: PlayedPress, tmp_path: Path
     sorted_ = [row for row in press.server.plc.rows[before:] if row.serial in press.given]
     assert {(row.truth, row.tray) for row in sorted_} == {("good", "good"), ("misprint", "reject")}
     assert all(row.tag for row in sorted_)
-    assert press.gate.talk.too_late == 0
-    kept = KeptDecisions.read(log_path(tmp_path / "runs.sqlite", 1))
+    assert press.gate.protocol.too_late == 0
+    kept = LoggedDecisions.read(log_path(tmp_path / "runs.sqlite", 1))
     assert kept.written.keys() >= {row.tag for row in sorted_}
     assert {row.tag: row.tray for row in sorted_}.items() >= {
         tag: row["tray"] for tag, row in kept.trays.items() if tag in {one.tag for one in sorted_}
@@ -94,11 +94,11 @@ def test_every_sheet_is_reported_once_with_what_was_decided_and_its_tray(server:
     with Gate(settings(server.port), GEOMETRY, job_pages=4, report=reported.append) as gate:
         press = PlayedPress(server=server, gate=gate)
         press.start()
-        press.run_until(lambda: gate.talk.state is State.READY)
+        press.run_until(lambda: gate.protocol.state is State.READY)
         before = press.sheet
         press.run_until(lambda: sum(one.tray != "unconfirmed" for one in reported) >= 16)
         server.hung = True
-        press.run_until(lambda: gate.talk.state is State.AWAY)
+        press.run_until(lambda: gate.protocol.state is State.AWAY)
         last = press.sheet + 4
         press.run_until(lambda: press.sheet >= last)
         server.hung = False
@@ -141,12 +141,12 @@ def test_whatever_goes_away_comes_back_by_itself(failure: str, press: PlayedPres
         case "power":
             server.call(lambda: server.plc.power(on=False))
             relay.cut()
-    press.run_until(lambda: press.gate.talk.state is State.AWAY)
+    press.run_until(lambda: press.gate.protocol.state is State.AWAY)
     since = press.at_gate()
     press.run_until(lambda: press.at_gate() >= since + 3)
     if failure == "power":
         server.call(lambda: server.plc.power(on=True))
-    relay.mend()
+    relay.repair()
     server.hung = False
     recovered(press)
 
@@ -154,7 +154,7 @@ def test_whatever_goes_away_comes_back_by_itself(failure: str, press: PlayedPres
 def test_a_delayed_link_makes_good_sheets_late_and_no_bad_one_good(press: PlayedPress, relay: Relay) -> None:
     press.run_until(lambda: press.sheet >= 4)
     relay.delay_s = 1.5
-    press.run_until(lambda: press.gate.talk.state is State.AWAY)
+    press.run_until(lambda: press.gate.protocol.state is State.AWAY)
     since = press.at_gate()
     press.run_until(lambda: press.at_gate() >= since + 10)
     safe(press.server.plc)
@@ -171,7 +171,7 @@ def test_a_controller_that_hangs_delays_no_verdict(
     waiting = time.monotonic()
     for _ in range(20):
         press.tell("good", 10**6, waiting)
-    assert press.gate.talk.state is State.READY  # the link has not even noticed yet
+    assert press.gate.protocol.state is State.READY  # the link has not even noticed yet
     press.server.hung = False
 
 
@@ -183,7 +183,7 @@ def test_a_wall_clock_that_jumps_changes_nothing(press: PlayedPress, monkeypatch
     before = press.at_gate()
     press.run_until(lambda: press.at_gate() >= before + 8)
     safe(press.server.plc)
-    assert press.gate.talk.state is State.READY
+    assert press.gate.protocol.state is State.READY
     assert press.server.plc.counts["good"] > 0
 
 
@@ -193,12 +193,12 @@ def test_what_comes_at_the_end_still_reaches_the_gate(server: PlcServer, tmp_pat
     ) as gate:
         press = PlayedPress(server=server, gate=gate)
         press.start()
-        press.run_until(lambda: gate.talk.state is State.READY)
+        press.run_until(lambda: gate.protocol.state is State.READY)
         press.run_until(lambda: press.sheet >= 3)
         last = press.serial
     assert {row.serial for row in server.plc.rows} >= {last}
     assert all(row.tag for row in server.plc.rows if row.serial in press.given)
-    kept = KeptDecisions.read(log_path(tmp_path / "runs.sqlite", 1))
+    kept = LoggedDecisions.read(log_path(tmp_path / "runs.sqlite", 1))
     trays = [
         Tray(session=row.session, tag=row.tag, tray=row.tray, count=row.count) for row in server.plc.rows
     ]
@@ -272,7 +272,7 @@ def test_a_killed_watch_is_noticed_by_its_heartbeat_and_another_start_begins_ane
     with Gate(settings(server.port), GEOMETRY, job_pages=4) as gate:
         press = PlayedPress(server=server, gate=gate)
         press.start()
-        press.run_until(lambda: gate.talk.state is State.READY)
+        press.run_until(lambda: gate.protocol.state is State.READY)
         assert plc.session not in (0, first)
         recovered(press)
 

@@ -79,9 +79,9 @@ def test_a_message_a_sheet_and_an_incident_and_a_state_for_who_joins_late(tmp_pa
             told.started(FACTS)
             told.state("press", "inspecting")
             for n in range(3):
-                told.told(outcome(n))
+                told.observe(outcome(n))
             for n in range(3, 8):
-                told.told(outcome(n, MISPRINT))
+                told.observe(outcome(n, MISPRINT))
             heard.until(lambda all_: len(numbers(all_, "sheet")) == 8 and len(numbers(all_, "incident")) == 3)
             heard.until(
                 lambda all_: any(topic == "rig/state" and b'"count":4' in text for topic, text, _ in all_)
@@ -127,7 +127,7 @@ def test_the_last_will_says_that_prooflight_is_gone(tmp_path: Path) -> None:
         stream = EventStream([outlets.put], press="rig", run=3, stream="s")
         stream.started(FACTS)
         heard.until(lambda told: ("rig/state", True) in states(told))
-        stream.told(outcome(0))
+        stream.observe(outcome(0))
         heard.until(lambda told: bool(numbers(told, "sheet")))
         proxy.cut(refusing=True)
         heard.until(lambda told: ("rig/online", b"false", False) in told and states(told)[-1][1] is False)
@@ -135,7 +135,7 @@ def test_the_last_will_says_that_prooflight_is_gone(tmp_path: Path) -> None:
         assert (lost["running"], lost["ending"], lost["job"]) == (False, "lost", FACTS.job)
         with listening(server.port) as late:
             late.until(lambda told: states(told)[:1] == [("rig/state", False)])
-        proxy.mend()
+        proxy.repair()
         heard.until(lambda told: states(told)[-1][1] is True)
         heard.until(lambda told: [text for topic, text, _ in told if topic == "rig/online"][-1] == b"true")
         outlets.put(event(1))
@@ -221,10 +221,10 @@ def test_tls_and_a_password_are_asked_for(tmp_path: Path, certificates: Path) ->
         assert check(good).ok
         wrong = check(replace(good, password="water"))
         assert not wrong.ok
-        assert wrong.said == "Not authorized"
+        assert wrong.answer == "Not authorized"
         stranger = check(replace(good, tls=ssl.create_default_context()))
         assert not stranger.ok
-        assert "certificate" in stranger.said.lower()
+        assert "certificate" in stranger.answer.lower()
         consumer = listening(server.port, username="press", password="ink", tls_context=trusted)
         with consumer as heard, Outlets([good]) as outlets:
             outlets.put(event(1))
@@ -235,10 +235,10 @@ def test_tls_and_a_password_are_asked_for(tmp_path: Path, certificates: Path) ->
 def test_checking_says_who_answers(tmp_path: Path) -> None:
     with broker(tmp_path) as server:
         found = check(mqtt(server.port))
-        assert (found.ok, found.said) == (True, f"a broker at 127.0.0.1:{server.port}")
+        assert (found.ok, found.answer) == (True, f"a broker at 127.0.0.1:{server.port}")
     nobody = check(mqtt(free_port()))
     assert not nobody.ok
-    assert "refused" in nobody.said.lower()
+    assert "refused" in nobody.answer.lower()
 
 
 def test_every_kind_of_event_has_a_topic() -> None:

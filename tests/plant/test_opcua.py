@@ -138,9 +138,9 @@ def test_every_sheet_is_a_result_with_its_event_in_it(server: tuple[OpcUa, Outle
     async def subscribe(client: Client40100, stream: EventStream) -> None:
         await client.subscribe(RESULT)
         stream.started(FACTS)
-        stream.told(outcome(0))
-        stream.told(outcome(1, MISPRINT))
-        stream.told(outcome(2, Verdict.skipped("p0003", "too many sheets waited")))
+        stream.observe(outcome(0))
+        stream.observe(outcome(1, MISPRINT))
+        stream.observe(outcome(2, Verdict.skipped("p0003", "too many sheets waited")))
         found = [await client.next() for _ in range(3)]
         sheets = [parsed(one.ResultContent[0]) for one in found]
         assert [one.body.sheet for one in sheets] == [0, 1, 2]
@@ -197,9 +197,9 @@ def test_incidents_are_told_once_they_are_news(server: tuple[OpcUa, Outlets]) ->
     async def subscribe(client: Client40100, stream: EventStream) -> None:
         await client.subscribe(INCIDENT)
         for n in range(4):
-            stream.told(outcome(n, MISPRINT))
+            stream.observe(outcome(n, MISPRINT))
         for n in range(4, 40):
-            stream.told(outcome(n, GOOD))
+            stream.observe(outcome(n, GOOD))
         found = [await client.next() for _ in range(4)]
         assert [one.Message.Text for one in found] == [
             "incident opened: streak, 120 mm from the left, along the travel, 1 sheet",
@@ -217,7 +217,7 @@ def test_two_servers_of_one_process_both_tell_results(server: tuple[OpcUa, Outle
 
     async def subscribe(client: Client40100, stream: EventStream) -> None:
         await client.subscribe(RESULT)
-        stream.told(outcome(0))
+        stream.observe(outcome(0))
         assert (await client.next()).MeasId.Id == "0"
 
     asked(server, subscribe)
@@ -299,7 +299,7 @@ def test_checking_says_whether_address_and_certificate_can_be_used(
     free = OpcUa(host="127.0.0.1", port=free_port(), press="rig")
     assert check(free, within_s=LONGEST_S).ok
     taken = check(OpcUa(host="127.0.0.1", port=server[0].port, press="rig"), within_s=LONGEST_S)
-    assert (taken.ok, taken.said) == (False, "Address already in use")
+    assert (taken.ok, taken.answer) == (False, "Address already in use")
     gone = OpcUa(
         host="127.0.0.1",
         port=free_port(),
@@ -308,7 +308,7 @@ def test_checking_says_whether_address_and_certificate_can_be_used(
         key=certificates / "server-key.pem",
     )
     found = check(gone, within_s=LONGEST_S)
-    assert (found.ok, found.said) == (False, "No such file or directory")
+    assert (found.ok, found.answer) == (False, "No such file or directory")
 
 
 @given(st.lists(st.sampled_from([*OF_PRESS.values(), ("Halted", None)]), min_size=2, max_size=6))

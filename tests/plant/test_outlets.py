@@ -193,11 +193,11 @@ def test_checking_says_who_answers_or_what_went_wrong() -> None:
             await asyncio.Event().wait()
             return ""
 
-    assert (check(Taken()).ok, check(Taken()).said) == (True, "a list")
+    assert (check(Taken()).ok, check(Taken()).answer) == (True, "a list")
     refused = check(Deaf(error=ConnectionRefusedError(111, "Connection refused")))
-    assert (refused.ok, refused.said, refused.name) == (False, "Connection refused", "list")
+    assert (refused.ok, refused.answer, refused.name) == (False, "Connection refused", "list")
     silent = check(Deaf(), within_s=0.01)
-    assert (silent.ok, silent.said) == (False, "no answer within 0.01 s")
+    assert (silent.ok, silent.answer) == (False, "no answer within 0.01 s")
 
 
 @pytest.mark.parametrize("room", [1, 3])

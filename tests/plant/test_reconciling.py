@@ -13,16 +13,16 @@ from prooflight.cli.watch.running import recorder_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.journal.records import PageRecord
-from prooflight.plant.gate.log import GateLog, KeptDecisions, PlantError, log_path
+from prooflight.plant.gate.log import GateLog, LoggedDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, of_run, read_trays, reconciled
 
 SETTINGS = {"tolerance_mm": 40.0, "policy": "reject", "plc": {"counts_per_mm": 10.0}}
 SESSION = 5
 
 
-def kept(*results: int, codes: tuple[int, ...] = (), places: bool = True, **began: Any) -> KeptDecisions:
+def kept(*results: int, codes: tuple[int, ...] = (), places: bool = True, **began: Any) -> LoggedDecisions:
     """Sheets every 3000 counts; results 1 accept, 2 divert."""
-    found = KeptDecisions(began={"settings": SETTINGS | began}, sessions=[SESSION])
+    found = LoggedDecisions(began={"settings": SETTINGS | began}, sessions=[SESSION])
     for at, result in enumerate(results):
         found.decisions[at + 1] = {
             "tag": at + 1,
@@ -204,20 +204,20 @@ def test_the_gate_s_log_is_read_as_it_was_written_and_a_torn_end_is_left_out(tmp
         log.add("session", session=5)
         log.add("written", tag=3, position=40, ms=1.5)
     path.write_text(path.read_text() + '{"kind": "tray", "ta')
-    found = KeptDecisions.read(path)
+    found = LoggedDecisions.read(path)
     assert found.sessions == [5]
     assert found.written[3]["ms"] == 1.5
     path.write_text(json.dumps({"kind": "written"}) + "\n")
     with pytest.raises(PlantError, match="a line lacks 'tag'"):
-        KeptDecisions.read(path)
+        LoggedDecisions.read(path)
     path.write_text(json.dumps({"kind": "decision", "tag": 1, "came": True, "result": 1, "code": 1}) + "\n")
     with pytest.raises(PlantError, match="a line lacks 'job_page'"):
-        KeptDecisions.read(path)
+        LoggedDecisions.read(path)
     path.write_text("nonsense\n{}\n")
     with pytest.raises(PlantError, match="line 1 is no JSON"):
-        KeptDecisions.read(path)
+        LoggedDecisions.read(path)
     with pytest.raises(PlantError, match="cannot be read"):
-        KeptDecisions.read(tmp_path / "none")
+        LoggedDecisions.read(tmp_path / "none")
 
 
 def test_a_log_of_a_journal_that_lay_here_before_is_put_aside_when_a_run_begins(tmp_path: Path) -> None:

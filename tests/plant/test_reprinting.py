@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from tests.plant.runs import FACTS, MISPRINT, record
 
 from prooflight.detectors.verdict import Verdict
+from prooflight.journal.labels import Label, Labels
 from prooflight.journal.records import RunEnd, RunRow
-from prooflight.journal.words import Labels, Word
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
-from prooflight.plant.gate.log import KeptDecisions
+from prooflight.plant.gate.log import LoggedDecisions
 from prooflight.plant.gate.reconciling import Accounted, Reconciliation
 from prooflight.plant.reprinting import NEVER, NOT_PRINTED, NOT_SEEN_WHOLE, UNCONFIRMED, reprint_list
 
@@ -46,7 +46,7 @@ def run_of(sheets: int | None, *, state: str = "finished", **settings: Any) -> R
 def said(*words: tuple[str, int | None, int | None], **more: Any) -> Labels:
     """Words as (word, sheet, incident)."""
     made = [
-        Word(
+        Label(
             id=at + 1,
             run="1@0",
             sheet=sheet,
@@ -69,7 +69,7 @@ def listed(
     state: str = "finished",
     labels: Labels | None = None,
     incident_of: Callable[[int], int | None] = lambda _sheet: None,
-    gate: tuple[KeptDecisions, Reconciliation] | None = None,
+    gate: tuple[LoggedDecisions, Reconciliation] | None = None,
     settings: dict[str, Any] | None = None,
 ) -> ReprintList:
     passed = max((page.job_page + 1 for page in pages if page.job_page is not None), default=0)
@@ -207,7 +207,7 @@ def accounted(page: int | None, account: str, decision: str = "", why: str = "",
 def by_trays(
     accounts: list[Accounted], *, pages_a_set: int = 1, state: str = "finished", **more: Any
 ) -> ReprintList:
-    kept = KeptDecisions(began={"job_pages": PAGES, "settings": {"pages_a_set": pages_a_set}})
+    kept = LoggedDecisions(began={"job_pages": PAGES, "settings": {"pages_a_set": pages_a_set}})
     found = Reconciliation(sheets=tuple(accounts), tolerated=False)
     return listed(gate=(kept, found), state=state, **more)
 
@@ -238,7 +238,7 @@ def test_a_sheet_on_its_way_to_the_gate_is_not_printed_again_until_one_behind_it
 
 
 def test_where_the_gate_is_an_output_that_names_no_tray_what_was_accepted_in_time_is_delivered() -> None:
-    kept = KeptDecisions(began={"job_pages": PAGES, "settings": {"plc": {"style": "coil"}}})
+    kept = LoggedDecisions(began={"job_pages": PAGES, "settings": {"plc": {"style": "coil"}}})
     kept.decisions = {tag: {} for tag in (1, 2, 3)}
     kept.unsent = {3: {}}
     accounts = [
@@ -284,7 +284,7 @@ def test_nobody_vouches_with_one_side_for_a_sheet_whose_other_side_was_never_see
     plan = SheetPlan(layout=Layout(sides=2), sides=4, sheets=2)
     rows = [record(at) for at in range(3)]
     rows[2] = record(2, BLIND)
-    decided = KeptDecisions(began={"layout": plan.facts})
+    decided = LoggedDecisions(began={"layout": plan.facts})
     sheets = (
         Accounted(account="accepted", sheet=0, job_page=0, decision="accept", tray="good"),
         Accounted(account="diverted", sheet=2, job_page=1, decision="divert", tray="reject"),

@@ -12,10 +12,10 @@ from tests.plant.test_reprinting import listed
 
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
-from prooflight.plant.gate.log import KeptDecisions
+from prooflight.plant.gate.log import LoggedDecisions
 from prooflight.plant.gate.reconciling import reconciled
 from prooflight.plant.gate.registers import Code, Result
-from prooflight.plant.gate.sides import SidesTogether
+from prooflight.plant.gate.sides import SheetSides
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ def plan_of(order: str) -> SheetPlan:
 
 def decided(plan: SheetPlan, words: Sequence[str]) -> list[SheetDecision]:
     """words: by position; `gone`: the side did not come."""
-    together, own, found = SidesTogether(plan), decider(), []
+    together, own, found = SheetSides(plan), decider(), []
     for at, word in enumerate(words):
         gone = word == "gone"
         seen = record(at, "not-inspected" if gone else word, ("missing",) if gone else ())
@@ -73,7 +73,7 @@ def test_a_bad_front_diverts_its_sheet_and_no_other() -> None:
 
 
 def test_a_side_that_comes_again_or_late_diverts_its_sheet() -> None:
-    together, own = SidesTogether(plan_of("alternate")), decider()
+    together, own = SheetSides(plan_of("alternate")), decider()
     assert together.add(record(0, "good", page=0), came=True) is None
     assert together.add(record(1, "good", ("repeated",), page=0), came=True) is None
     told = together.add(record(2, "good", page=1), came=True)
@@ -84,7 +84,7 @@ def test_a_side_that_comes_again_or_late_diverts_its_sheet() -> None:
 
 @pytest.mark.parametrize("word", ["misprint", "not-inspected"])
 def test_a_side_that_nobody_can_place_is_never_accepted(word: str) -> None:
-    together, own = SidesTogether(plan_of("alternate")), decider()
+    together, own = SheetSides(plan_of("alternate")), decider()
     assert together.is_due(None)
     told = together.add(record(0, word, ("unknown",), page=None), came=True)
     assert told is not None
@@ -95,8 +95,8 @@ def test_all_sides_are_accounted_for_by_their_sheets_and_printed_again_as_sheets
     plan = plan_of("alternate")
     words = ["good", "good", "misprint", "good", "good", "good"]
     pages = [record(at, word) for at, word in enumerate(words)]
-    kept = KeptDecisions(began={"layout": plan.facts, "job_pages": 4})
-    together, own = SidesTogether(plan), decider()
+    kept = LoggedDecisions(began={"layout": plan.facts, "job_pages": 4})
+    together, own = SheetSides(plan), decider()
     for page in pages:
         told = together.add(page, came=True)
         if told is not None:

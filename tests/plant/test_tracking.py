@@ -40,9 +40,9 @@ class Played:
 
     def ask(self, *, after_s: float = 0.5) -> None:
         """The count is read some part of the way between question and answer."""
-        asked_s = self.time_s
-        read_s = asked_s + after_s * self.answer_s
-        self.tracker.counted(self.count(read_s), asked_s=asked_s, answered_s=asked_s + self.answer_s)
+        request_s = self.time_s
+        read_s = request_s + after_s * self.answer_s
+        self.tracker.counted(self.count(read_s), request_s=request_s, answered_s=request_s + self.answer_s)
 
     def block(self, **told: object) -> None:
         self.time_s += BLOCK * PITCH_MM / self.speed_mm_s

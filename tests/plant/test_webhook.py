@@ -95,8 +95,8 @@ def test_only_the_kinds_that_were_asked_for_are_sent() -> None:
         with Outlets([hook], close_s=LONGEST_S) as outlets:
             stream = EventStream([outlets.put], press="rig", stream="s")
             stream.state("press", "inspecting")
-            stream.told(outcome(0, late=True))
-            stream.told(outcome(1))
+            stream.observe(outcome(0, late=True))
+            stream.observe(outcome(1))
         kinds = [parsed(body).kind for _, _, body in receiver.taken]
     assert kinds == ["sheet-judged", "sheet-judged"]
 
@@ -109,7 +109,7 @@ def test_a_link_that_is_cut_or_hangs_loses_nothing() -> None:
             proxy.cut(refusing=True)
             for n in range(2, 12):
                 outlets.put(event(n))
-            proxy.mend()
+            proxy.repair()
             receiver.heard.until(lambda told: numbers(told)[-1] == 11)
             proxy.hold()
             links = len(proxy.links.all)
@@ -126,7 +126,7 @@ def test_checking_posts_nothing() -> None:
     with Receiver() as receiver:
         found = check(webhook(receiver.port))
         assert (found.ok, receiver.heard.all) == (True, [])
-        assert "answers 405" in found.said
+        assert "answers 405" in found.answer
         assert "hidden" not in found.name
     nobody = check(webhook(free_port()))
-    assert (nobody.ok, nobody.said) == (False, "Connection refused")
+    assert (nobody.ok, nobody.answer) == (False, "Connection refused")

@@ -37,7 +37,7 @@ def told(*outcomes: Any, plan: SheetPlan | None = None) -> list[Event]:
     )
     stream.started(FACTS)
     for one in outcomes:
-        stream.told(one)
+        stream.observe(one)
     return list(heard.all)
 
 
@@ -226,12 +226,12 @@ def test_every_sheet_is_pushed_in_order_and_through_a_cut() -> None:
         with Outlets([push(proxy.port)], pauses_s=(0.01, 0.02)) as outlets:
             stream = EventStream([outlets.put], press="rig", size_mm=A4)
             stream.started(FACTS)
-            stream.told(outcome(0))
+            stream.observe(outcome(0))
             receiver.heard.count(1)
             proxy.cut(refusing=True)
             for n in range(1, 10):
-                stream.told(outcome(n, MISPRINT if n % 2 else GOOD))
-            proxy.mend()
+                stream.observe(outcome(n, MISPRINT if n % 2 else GOOD))
+            proxy.repair()
             receiver.heard.until(lambda all_: sheets_of(all_)[-1] == 9)
         taken = receiver.taken
     # A sheet whose answer the cut took comes again.
@@ -246,7 +246,7 @@ def test_alarms_alone_are_pushed_where_that_was_asked_for() -> None:
         with Outlets([push(receiver.port, alarms_only=True)], close_s=LONGEST_S) as outlets:
             stream = EventStream([outlets.put], press="rig")
             for n in range(9):
-                stream.told(outcome(n, MISPRINT if n % 3 == 0 else GOOD, late=n == 4))
+                stream.observe(outcome(n, MISPRINT if n % 3 == 0 else GOOD, late=n == 4))
         assert sheets_of(receiver.taken) == [0, 3, 4, 6]
 
 
@@ -255,8 +255,8 @@ def test_a_receiver_that_refuses_is_told_what_was_lost() -> None:
         receiver.answers = [400]
         with Outlets([push(receiver.port)]) as outlets:
             stream = EventStream([outlets.put], press="rig")
-            stream.told(outcome(0))
-            stream.told(outcome(1))
+            stream.observe(outcome(0))
+            stream.observe(outcome(1))
             receiver.heard.count(3)
         text = tree(receiver.taken[0][2]).find("x:SignalNotification/x:Notification/x:Comment", NS).text
         assert text == "1 message was lost, 1 to 1"
@@ -290,7 +290,7 @@ def test_queries_are_answered_by_the_last_sheets() -> None:
         stream = EventStream([outlets.put], press="rig", size_mm=A4)
         stream.started(FACTS)
         for n in range(150):
-            stream.told(outcome(n, MISPRINT))
+            stream.observe(outcome(n, MISPRINT))
         stream.state("press", "draining")
         noted.until(lambda events: events[-1].kind == "state-changed")  # it is past the sheets before it
         text = QUERY.format("QualityControlResult", "")
@@ -354,6 +354,6 @@ def test_checking_disturbs_nobody() -> None:
         assert check(push(receiver.port)).ok
         assert receiver.heard.all == []
         taken = check(XjmfAnswers(device_id="rig", host="127.0.0.1", port=receiver.port))
-    assert (taken.ok, taken.said) == (False, "Address already in use")
+    assert (taken.ok, taken.answer) == (False, "Address already in use")
     assert check(XjmfAnswers(device_id="rig", host="127.0.0.1", port=free_port())).ok
     assert not check(push(free_port())).ok

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.raster import Page
-from prooflight.prediction.predict import looked_up, predict
+from prooflight.prediction.predict import expected_light, predict
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
@@ -446,6 +446,6 @@ def test_recipes_are_looked_up_above_the_backing(even_sensor: SensorModel) -> No
         shot,
         replace(shot, variance_dn2=np.sqrt(mean) + 1),
     ):  # the other is no line: it is looked up
-        found, variance = looked_up(recipes, sensor)
+        found, variance = expected_light(recipes, sensor)
         assert found == pytest.approx(sensor.mean_dn[nodes], rel=2e-3)
         assert variance == pytest.approx(sensor.variance_dn2[nodes], rel=2e-3)

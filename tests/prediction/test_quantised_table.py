@@ -12,12 +12,12 @@ from llvmlite import binding
 from numba import njit
 
 from prooflight.kernels.prediction import filtering as filtering_kernels
-from prooflight.kernels.prediction import look_up as look_up_kernels
-from prooflight.kernels.prediction.look_up import (
+from prooflight.kernels.prediction import lookup as look_up_kernels
+from prooflight.kernels.prediction.lookup import (
     NODES,
     eight_at_once,
     has_extraction,
-    look_up_light,
+    lookup_light,
     masks_of,
 )
 from prooflight.prediction.quantised_table import (
@@ -27,7 +27,7 @@ from prooflight.prediction.quantised_table import (
     cells_bits,
     quantised_table,
 )
-from prooflight_studies.harness.exact_tables import exactly_looked_up
+from prooflight_studies.harness.exact_tables import exact_lookup
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -71,11 +71,11 @@ def test_look_up_is_plain_arithmetic_to_the_bit(seed: int) -> None:
     quantised, packed = random_bricks(seed), random_words(4000, seed)
     packed[1000:1100] = packed[1000]  # a run
     light = np.empty(packed.size, np.float32)
-    look_up_light(packed, quantised, np.float32(123), light)
+    lookup_light(packed, quantised, np.float32(123), light)
     np.testing.assert_allclose(
         light, as_light(plain_sums(packed, quantised), quantised, 123), rtol=0, atol=1e-3
     )
-    look_up_light(packed, quantised._replace(unit=np.float32(1), offset=np.float32(0)), np.float32(0), light)
+    lookup_light(packed, quantised._replace(unit=np.float32(1), offset=np.float32(0)), np.float32(0), light)
     exact = plain_sums(packed, quantised).astype(np.float32)
     np.testing.assert_array_equal(light, exact * exact)
 
@@ -95,7 +95,7 @@ def test_processors_without_extraction_give_the_same() -> None:
     b = quantised.bits
     shifted, light = np.empty((2, packed.size), np.float32)
     all_of(packed, quantised, (b[0], b[1], b[2], b[3], np.uint32(16 - b[0] - b[1])), shifted)
-    look_up_light(packed, quantised, np.float32(0), light)
+    lookup_light(packed, quantised, np.float32(0), light)
     np.testing.assert_array_equal(shifted, light)
 
 
@@ -106,8 +106,8 @@ def test_stays_with_the_tables_it_stands_for(press: Press) -> None:
     packed[:2] = 0, 0xFFFFFFFF
     cmyk = packed.view(np.uint8).reshape(-1, 4)
     light = np.empty(packed.size, np.float32)
-    mean, variance = exactly_looked_up(cmyk, model)
-    look_up_light(packed, quantised_table(model.mean_dn), np.float32(0), light)
+    mean, variance = exact_lookup(cmyk, model)
+    lookup_light(packed, quantised_table(model.mean_dn), np.float32(0), light)
     error = (light - mean) / np.sqrt(variance)
     assert abs(light[0] - model.white_dn) < 1e-3
     assert np.sqrt(np.mean(error**2)) < 0.1
@@ -119,8 +119,8 @@ def test_solid_inks_are_the_tables_own(press: Press) -> None:
     model = press.sensors[0]
     solid = np.array(list(product((0, 255), repeat=4)), np.uint8)
     light = np.empty(len(solid), np.float32)
-    mean, _ = exactly_looked_up(solid, model)
-    look_up_light(solid.view(np.uint32).ravel(), quantised_table(model.mean_dn), np.float32(0), light)
+    mean, _ = exact_lookup(solid, model)
+    lookup_light(solid.view(np.uint32).ravel(), quantised_table(model.mean_dn), np.float32(0), light)
     np.testing.assert_allclose(light, mean, atol=0.15)
 
 
@@ -153,7 +153,7 @@ def test_a_table_is_left_as_it_was(press: Press) -> None:
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="compiling is switched off")
 def test_compiled_look_up_and_filter_are_vectors(press: Press) -> None:
     quantised, packed = quantised_table(press.sensors[0].mean_dn), random_words(64)
-    fresh = njit(look_up_light.py_func)
+    fresh = njit(lookup_light.py_func)
     fresh(packed, quantised, np.float32(0), np.empty(64, np.float32))
     (assembly,) = fresh.inspect_asm().values()
     assert assembly.count("vpmaddwd") >= look_up_kernels.AT_ONCE

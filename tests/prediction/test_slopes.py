@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.prediction.tables import EVERY, SLOPE_NODES, mean_slopes, node_fractions
 
 if TYPE_CHECKING:

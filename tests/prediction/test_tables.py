@@ -1,6 +1,6 @@
 import numpy as np
 
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.prediction.tables import node_fractions
 from prooflight.press.artefact import Press
 

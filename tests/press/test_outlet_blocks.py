@@ -9,7 +9,7 @@ import pytest
 from tests.press.test_press_file import CONTRACT
 
 from prooflight.errors import PressFileError
-from prooflight.plant.outlets.made import outlets_of
+from prooflight.plant.outlets.configured import outlets_of
 from prooflight.plant.outlets.mqtt import Mqtt
 from prooflight.plant.outlets.opcua import OpcUa
 from prooflight.plant.outlets.webhook import Webhook

@@ -98,7 +98,7 @@ def test_the_contracts_example_reads(tmp_path: Path) -> None:
     costs = press_file.costs()
     assert (costs.misprint_rate, costs.false_alarm_cents, costs.missed_misprint_cents) == (0.02, 0.5, 3.0)
     assert press_file.good_pages_per_false_alarm == 1000
-    assert press_file.states_promise
+    assert press_file.states_rate
     geometry = press_file.geometry(camera)
     assert geometry.pixels == 2048
     assert geometry.pixel_pitch_mm == camera.pixel_pitch_mm
@@ -149,7 +149,7 @@ def test_every_block_after_the_sensor_is_optional() -> None:
     assert (
         press_file.good_pages_per_false_alarm == 100_000
     )  # of the ideal world, which is the paper's detector's
-    assert not press_file.states_promise  # ours then promises what counts support
+    assert not press_file.states_rate  # ours then promises what counts support
     assert 0 < press_file.backing_reflectance < 0.5
     assert press_file.inks().name == "built-in"
 

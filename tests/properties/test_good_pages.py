@@ -26,7 +26,7 @@ SCANS = 120
 def test_p_values_of_good_pages_are_uniform(two_sensor_press: Press, make_page: Callable[..., Page]) -> None:
     press = two_sensor_press
     test = ChiSquare(good_pages_per_false_alarm=1e5, misprint_rate=0.01, tiles=False)
-    of_pages = Inspector(press=press, detector=PaperDetector(station=press.station(), test=test))
+    of_pages = Inspector(press=press, detector=PaperDetector(press_context=press.press_context(), test=test))
     p_values = []
     for design in range(3):
         page = make_page(20 + design, width_mm=20.0, height_mm=20.0)

@@ -107,7 +107,7 @@ def test_a_form_that_differs_in_one_field_is_the_same_page(press: Press) -> None
     filled = replace(form, cmyk=form.cmyk.copy())
     filled.cmyk[220:256, 50:400] = text(90).cmyk[220:256, 50:400]
     found = sought(form, scan_of(filled, press), press)
-    assert found.found
+    assert found.located
     assert not found.foreign
 
 

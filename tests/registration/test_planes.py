@@ -177,7 +177,9 @@ def test_a_look_without_fringes_is_what_it_was(
     plain, off, on = looks
     np.testing.assert_array_equal(off.sums.tiles, plain.sums.tiles)
     np.testing.assert_array_equal(off.fit.pulls, plain.fit.pulls)
-    np.testing.assert_array_equal(on.found.planes_mm, plain.found.planes_mm)  # evidence stays registration's
+    np.testing.assert_array_equal(
+        on.registration.planes_mm, plain.registration.planes_mm
+    )  # evidence stays registration's
     followed = ink == FOUR_INKS and not residual_variance.exact
     assert np.array_equal(on.sums.tiles, plain.sums.tiles) != followed
 

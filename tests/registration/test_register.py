@@ -72,7 +72,7 @@ def test_a_good_print_is_found_to_a_tenth_of_a_pixel(
     truth = draw_placement(Amounts.stated().page, page, np.random.default_rng(seed))
     found = register(landmarks, scan_of(page, press, truth))
     off = error_pixels(found, truth, page, press)
-    assert found.found
+    assert found.located
     assert not found.off_place
     # The goal of the press world's local field is 0.12 rms; noise alone leaves far less on a page full of edges.
     assert np.sqrt(np.mean(off**2)) < 0.1
@@ -94,7 +94,7 @@ def test_a_page_far_off_its_place_is_found_there(
     page: Page, press: Press, landmarks: Landmarks, truth: Placement
 ) -> None:
     found = register(landmarks, scan_of(page, press, truth))
-    assert found.found
+    assert found.located
     assert found.off_place == (max(map(abs, truth.shift_mm)) >= 1.8 or abs(truth.skew_deg) >= 0.3)
     # A page a degree off is rendered upright in tiles of 32 pixels, 0.3 pixels off at their corners.
     assert np.abs(error_pixels(found, truth, page, press)).max() < 0.5
@@ -112,7 +112,7 @@ def test_a_page_is_found_though_refining_its_coarse_place_led_astray(
 
     monkeypatch.setattr(search, "refined", astray)
     found = register(landmarks, scan)
-    assert found.found
+    assert found.located
     assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1  # as a good print's
 
 
@@ -130,7 +130,7 @@ def test_a_missing_plane_or_block_leaves_the_page_where_it_is(
     for spoil in (without_black, without_block):
         found = register(landmarks, scan_of(painted(page, spoil), press, truth))
         off = error_pixels(found, truth, page, press)
-        assert found.found
+        assert found.located
         assert np.sqrt(np.mean(off**2)) < 0.24  # twice the goal for a whole page
         assert found.tiles_matching < 0.95
 
@@ -163,7 +163,7 @@ def test_a_blank_page_has_its_edges(press: Press, page: Page) -> None:
     blank = replace(page, cmyk=np.zeros_like(page.cmyk))
     truth = Placement(shift_mm=(0.5, 0.7), skew_deg=-0.05)
     found = register(landmarks_of(blank, press), scan_of(blank, press, truth))
-    assert found.found
+    assert found.located
     assert np.abs(error_pixels(found, truth, page, press)).max() < 0.5
 
 
@@ -171,7 +171,7 @@ def test_nothing_in_view_is_not_found(press: Press, page: Page, landmarks: Landm
     """No page at all: bare backing, with noise."""
     scan = scan_of(page, press, Placement(shift_mm=(0.0, 500.0)))
     found = register(landmarks, scan)
-    assert not found.found
+    assert not found.located
     assert found.reason
     assert not found.off_place
 
@@ -184,12 +184,12 @@ def test_another_page_is_not_taken_for_this_one(
         truth = Placement(shift_mm=(0.5, -0.4))
         found = register(landmarks, scan_of(make_page(seed), press, truth))
         assert found.tiles_foreign > 0.2
-        if found.found:
+        if found.located:
             off = np.array(found.placement.shift_mm) + found.sheet_mm - truth.shift_mm
             assert np.abs(off).max() < 0.1
     rng = np.random.default_rng(3)
     noise = rng.integers(0, 4000, (1, 456, 400), dtype=np.uint16)
-    assert not register(landmarks, noise).found
+    assert not register(landmarks, noise).located
 
 
 def test_a_page_that_repeats_itself_without_an_edge_in_view_is_ambiguous(press: Press) -> None:
@@ -199,13 +199,13 @@ def test_a_page_that_repeats_itself_without_an_edge_in_view_is_ambiguous(press: 
     cmyk[:, np.arange(columns) % 48 < 24, 3] = 255
     stripes = Page(cmyk=cmyk, dpi=DPI, name="p0001", number=1)
     found = register(landmarks_of(stripes, press), scan_of(stripes, press, Placement(shift_mm=(0.3, 0.1))))
-    assert not found.found
+    assert not found.located
 
 
 def test_two_sensors_know_more_than_one(two_sensor_press: Press, page: Page) -> None:
     truth = Placement(shift_mm=(0.33, -0.21), skew_deg=0.05)
     both = register(landmarks_of(page, two_sensor_press), scan_of(page, two_sensor_press, truth))
-    assert both.found
+    assert both.located
     assert np.abs(error_pixels(both, truth, page, two_sensor_press)).max() < 0.3
 
 
@@ -397,7 +397,7 @@ def test_tiles_that_seem_to_lie_beyond_a_step_do_not_stretch_the_page(
     monkeypatch.setattr(register_module, "measured", with_strip)
     found = register(landmarks, scan_of(page, press, truth))
     assert at_left.sum() > 3
-    assert found.found
+    assert found.located
     assert np.abs(found.placement.stretch_percent).max() < 0.03
     assert np.sqrt(np.mean(error_pixels(found, truth, page, press) ** 2)) < 0.1
 
@@ -421,7 +421,7 @@ def test_what_no_tile_tells_is_as_it_is_on_good_prints_wherever_the_search_ended
 def test_a_page_lies_off_its_place_only_for_sure(sd_mm: float, off: bool) -> None:
     found = register_module.Registration(
         placement=Placement(shift_mm=(2.0, 0.0)),
-        found=True,
+        located=True,
         planes_mm=np.zeros((4, 2)),
         plane_parts=np.zeros((2, 4)),
         shift_sd_mm=(sd_mm, 0.02),
@@ -437,7 +437,7 @@ def test_a_page_of_nearly_no_ink_lies_where_its_edges_say(page: Page, press: Pre
     truth = draw_placement(Amounts.stated().page, bare, np.random.default_rng(seed))
     found = register(landmarks_of(bare, press), scan_of(bare, press, truth, seed))
     off = error_pixels(found, truth, bare, press)
-    assert found.found
+    assert found.located
     assert np.sqrt(np.mean(off**2)) < 0.5  # a good print's warp, of which edges tell little
     assert np.abs(found.placement.stretch_percent).max() < 3 * Prior().stretch_percent
 
@@ -462,7 +462,7 @@ def test_a_sheet_as_feeders_lay_it_is_found_by_the_wide_search(
     nothing = [search.Candidate(pose=Pose(), agreeing=0.0, tiles=0)]
     monkeypatch.setattr(register_module, "candidates", lambda *_args, **_how: nothing)
     found = register(landmarks, scan_of(page, press, truth, seed=411))
-    assert found.found, found.reason
+    assert found.located, found.reason
     # Tiles are rendered upright: at 3 degrees their corners lie a pixel off.
     assert np.abs(error_pixels(found, truth, page, press)).max() < (0.5 if abs(truth.skew_deg) < 1 else 1.0)
 
@@ -486,7 +486,7 @@ def test_print_that_lies_nowhere_is_unplaced_but_a_sheet_without_print_is_judged
     ("change", "unplaced"),
     [
         ({}, True),
-        ({"found": True, "reason": ""}, False),
+        ({"located": True, "reason": ""}, False),
         ({"foreign": True}, False),
         ({"reason": register_module.TOO_LITTLE}, False),
         ({"reason": register_module.IN_PARTS}, False),
@@ -496,6 +496,6 @@ def test_print_that_lies_nowhere_is_unplaced_but_a_sheet_without_print_is_judged
 def test_only_print_without_a_place_is_unplaced(change: dict[str, object], unplaced: bool) -> None:
     none = np.zeros((4, 2))
     where = register_module.Registration(
-        placement=IN_PLACE, found=False, reason="in no one place", planes_mm=none, plane_parts=none.T
+        placement=IN_PLACE, located=False, reason="in no one place", planes_mm=none, plane_parts=none.T
     )
     assert replace(where, **change).unplaced is unplaced

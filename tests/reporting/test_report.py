@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
-from prooflight.cli.laid_out import of_job
+from prooflight.cli.imposition import of_job
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
@@ -27,7 +27,7 @@ from prooflight.reporting.report import (
 )
 from prooflight.reporting.visibility_picture import VisibleOnPage
 from prooflight.reporting.wording import mark_size
-from prooflight.reporting.zones_at_work import Looked, ZonesAtWork
+from prooflight.reporting.zones_at_work import InspectedSheet, ZonesAtWork
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
 
@@ -42,7 +42,7 @@ SUMMARY = RunSummary(
     job="leaflet",
     press="small",
     press_digest="c0ffee" * 10,
-    promise="one good page in 1,000 alarms",
+    guarantee="one good page in 1,000 alarms",
     world="ideal",
     seed=7,
     date="2001-02-03",
@@ -300,7 +300,7 @@ def test_pages_without_scan_are_said_to_be_uninspected(tmp_path: Path, run: list
 def test_names_are_text_and_never_markup(tmp_path: Path, run: list[PageEntry]) -> None:
     nasty = "\"><script>alert(1)</script><b title='&amp;"
     entries = [replace(entry, title=nasty, name=nasty) for entry in run]
-    report = written(tmp_path, entries, replace(SUMMARY, job=nasty, press=nasty, promise=nasty))
+    report = written(tmp_path, entries, replace(SUMMARY, job=nasty, press=nasty, guarantee=nasty))
     assert not report.all("script")
     assert nasty in report.one("row1").text
     assert nasty in report.all("header")[0].text
@@ -388,11 +388,11 @@ def test_what_would_be_caught_is_shown_with_the_floor(
 
 def test_zones_at_work_are_shown_with_what_each_print_came_to(tmp_path: Path, run: list[PageEntry]) -> None:
     looked = (
-        Looked(what="a spot of 6 mm in the zone stamp", before="misprint", after="good"),
-        Looked(what="a spot of 0.5 mm in the zone address", before="good", after="misprint"),
+        InspectedSheet(what="a spot of 6 mm in the zone stamp", before="misprint", after="good"),
+        InspectedSheet(what="a spot of 0.5 mm in the zone address", before="good", after="misprint"),
     )
     zones = ZonesAtWork(
-        page="p0018", picture=b"x", looked=looked, prints=35, alarmed_before=0, alarmed_after=1, counted=23
+        page="p0018", picture=b"x", inspected=looked, prints=35, alarmed_before=0, alarmed_after=1, counted=23
     )
     write_report(tmp_path / "report.html", run, SUMMARY, zones=zones)
     section = read(tmp_path / "report.html").one("zones")

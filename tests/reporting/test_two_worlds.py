@@ -42,7 +42,7 @@ def test_noise_is_white_in_one_world_and_what_is_printed_stands_out_in_the_other
 ) -> None:
     """Beyond 5 standard deviations lies 6e-7 of noise: of 27,648 pixels none in 98 of 100 seeds."""
     ideal, pale = inspected(press, page), inspected(press, page, ink=0.8)
-    found = two_worlds(ideal=ideal, plain=pale, ours=ideal, press=press)
+    found = two_worlds(ideal=ideal, plain=pale, matched_filter=ideal, press=press)
     assert found is not None
     seen, white, off, blocks = found.panels
     assert {pixels(panel.picture).shape for panel in found.panels} == {(*WINDOW, 3)}
@@ -60,4 +60,4 @@ def test_a_page_smaller_than_the_window_has_no_such_picture(
     press: Press, make_page: Callable[..., Page]
 ) -> None:
     small = inspected(press, make_page(7, width_mm=15.0, height_mm=30.0))
-    assert two_worlds(ideal=small, plain=small, ours=small, press=press) is None
+    assert two_worlds(ideal=small, plain=small, matched_filter=small, press=press) is None

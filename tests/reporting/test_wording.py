@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from prooflight.detectors.matched_filter.glyphs.telling import KINDS as GLYPH_KINDS
+from prooflight.detectors.matched_filter.glyphs.reporting import KINDS as GLYPH_KINDS
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.codes.reading import KIND as CODE
 from prooflight.reporting import wording

@@ -10,7 +10,7 @@ import numpy as np
 from tests.server.consoles import facts, good
 
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import kept_evidence
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.journal.journal import Journal, content_digest
 from prooflight.pages.files import write_tiff
 
@@ -46,7 +46,7 @@ def write_drawn(folder: Path, page: Page, press: Press, *, sheets: int = 1) -> d
         columns.start + across.start : columns.start + across.stop,
     ] = int(press.sensors[0].white_dn)
     inspection = inspector.inspect(page, scan)
-    kept = kept_evidence(inspection, page, press, whole=True)
+    kept = evidence_to_store(inspection, page, press, whole=True)
     kept = {name: array for name, array in kept.items() if not name.startswith("cut")}
     passed = replace(inspection.verdict, verdict="good", regions=(), kind=None)
     with Journal.open(str(folder / "journal.sqlite")) as journal:

@@ -100,10 +100,10 @@ def test_what_is_old_is_not_now(tmp_path: Path) -> None:
     exchange.write(TOLD)
     for suffix in (SHOWN, ASKED):
         os.utime(tmp_path / f"runs.sqlite{suffix}", (now[0], now[0]))
-    assert exchange.asked()
+    assert exchange.is_requested()
     assert exchange.read() == TOLD
     now[0] += FRESH_S + 1
-    assert not exchange.asked()
+    assert not exchange.is_requested()
     assert exchange.read() is None
     exchange.clear()
     assert list(tmp_path.iterdir()) == []
@@ -113,10 +113,10 @@ def test_lines_pass_unchanged_and_the_last_are_shown(tmp_path: Path, press: Pres
     exchange = CameraExchange(journal=tmp_path / "runs.sqlite")
     source = Lines(press, blocks=30)
     shown = ShownLines(source, exchange=exchange, press=press, name="drum:5")
-    assert shown.told() is None
+    assert shown.current_view() is None
     passed = list(shown.blocks())
     assert sum(block.lines.shape[1] for block in passed) == 30 * 64
-    told = shown.told()
+    told = shown.current_view()
     assert told is not None
     assert (told["lines"], told["lines_seen"], told["lines_lost"]) == (WINDOW_LINES, 30 * 64, 5)
     first = told["sensors"][0]
@@ -137,7 +137,7 @@ def test_nothing_is_written_until_somebody_looks(tmp_path: Path, press: Press) -
     class Exchange(CameraExchange):
         asking = False
 
-        def asked(self) -> bool:
+        def is_requested(self) -> bool:
             looks.release()
             return self.asking
 
@@ -147,7 +147,7 @@ def test_nothing_is_written_until_somebody_looks(tmp_path: Path, press: Press) -
 
     exchange = Exchange(journal=tmp_path / "runs.sqlite")
     source = Lines(press, blocks=2)
-    with ShownLines(source, exchange=exchange, press=press, name="drum", look_s=0.001) as shown:
+    with ShownLines(source, exchange=exchange, press=press, name="drum", poll_s=0.001) as shown:
         list(shown.blocks())
         for _ in range(3):
             assert looks.acquire(timeout=30)
@@ -168,6 +168,6 @@ def test_a_program_asks_for_the_view_and_gets_it(console: Served) -> None:
     client = console.client(Role.VIEWER)
     assert client.get("/api/v1/camera").json() == {"seen": None}
     exchange = CameraExchange(journal=console.journal)
-    assert exchange.asked()
+    assert exchange.is_requested()
     exchange.write(TOLD)
     assert client.get("/api/v1/camera").json()["seen"]["sensors"][0]["saturated_share"] == 0.25

@@ -189,7 +189,7 @@ def test_whoever_signed_in_may_look_and_a_token_by_its_scope(gated: Served) -> N
     nobody = gated.client()
     assert nobody.get(GATE).status_code == 401
     gated.client(Role.VIEWER)
-    for scope, code in ((Scope.READ, 200), (Scope.WORDS, 403)):
+    for scope, code in ((Scope.READ, 200), (Scope.LABELS, 403)):
         secret = gated.accounts.new_token("viewer", scope.value, [scope], by="test")[1]
         assert nobody.get(GATE, headers={"Authorization": f"Bearer {secret}"}).status_code == code
 

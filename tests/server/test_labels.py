@@ -17,8 +17,8 @@ from tests.server.consoles import facts, good, misprint, served
 from prooflight.cli import run
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import Journal
+from prooflight.journal.labels import LabelStore, labels_path
 from prooflight.journal.records import RunEnd
-from prooflight.journal.words import Words, words_path
 from prooflight.server.accounts.roles import Role, Scope
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def test_a_label_that_an_older_version_kept_of_such_an_incident_counts_for_nothi
     operator = console.client(Role.OPERATOR)
     before = again(operator)
     key = console.console.reading.run(1).facts.started_s
-    Words(console.journal).say("false-alarm", run=f"1@{key:.0f}", incident="1", by="Jan", at_s=1.0)
+    LabelStore(console.journal).say("false-alarm", run=f"1@{key:.0f}", incident="1", by="Jan", at_s=1.0)
     assert again(operator) == before
     assert operator.get(f"{API}/incidents/1").json()["word"] is None
 
@@ -243,7 +243,7 @@ def test_the_command_line_undoes_too(console: Served, capsys: pytest.CaptureFixt
 
 def test_words_of_schema_1_are_read_and_get_the_new_columns_with_the_next_word(tmp_path: Path) -> None:
     journal = tmp_path / "journal.sqlite"
-    with closing(sqlite3.connect(words_path(journal))) as connection, connection:
+    with closing(sqlite3.connect(labels_path(journal))) as connection, connection:
         connection.execute("CREATE TABLE store (kind TEXT NOT NULL, schema INTEGER NOT NULL)")
         connection.execute(
             "CREATE TABLE words (id INTEGER PRIMARY KEY, run TEXT NOT NULL, sheet INTEGER, incident TEXT,"
@@ -251,7 +251,7 @@ def test_words_of_schema_1_are_read_and_get_the_new_columns_with_the_next_word(t
         )
         connection.execute("INSERT INTO store VALUES ('prooflight words', 1)")
         connection.execute("INSERT INTO words VALUES (1, '1@1000', NULL, '2', 'false-alarm', '', 'Jan', 5.0)")
-    words = Words(journal)
+    words = LabelStore(journal)
     (old,) = words.of_run("1@1000")
     assert (old.word, old.upto, old.covers(10**6)) == ("false-alarm", None, True)
     words.undo(1, run="1@1000", by="Mei", at_s=6.0)

@@ -13,9 +13,9 @@ from tests.server.consoles import Served, facts, good, misprint, served, write_r
 from prooflight.journal.journal import Journal
 from prooflight.server.accounts.roles import Role
 from prooflight.server.pages.drawings import STEPS, heat_drawing, step_of
-from prooflight.server.reading.course import group_of, run_figures, trend
-from prooflight.server.reading.quality import Promise, quality
+from prooflight.server.reading.quality import FalseAlarms, quality
 from prooflight.server.reading.report import heat_map
+from prooflight.server.reading.trend import group_of, run_figures, trend
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,9 +34,9 @@ PAGES = (
 )
 
 
-def promise(**changes: float | int | None) -> Promise:
+def promise(**changes: float | int | None) -> FalseAlarms:
     told: dict[str, object] = {"text": "", "rate": 0.01, "good": 1000, "confirmed": 0, "unanswered": 0}
-    return Promise(**(told | {"suspended_from": None} | changes))  # type: ignore[arg-type]
+    return FalseAlarms(**(told | {"suspended_from": None} | changes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_word_changes_the_report_and_is_told_as_an_override(console: Served) -
 
     def now() -> tuple[int, int, int]:
         told = quality(held.reading, held.incidents, held.stations, held.reprints.count(run), run)
-        return told.promise.confirmed, told.promise.unanswered, len(told.overrides)
+        return told.false_alarms.confirmed, told.false_alarms.unanswered, len(told.overrides)
 
     assert now() == (0, 3, 0)
     operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm", "note": "lint"})
@@ -74,7 +74,7 @@ def test_a_word_changes_the_report_and_is_told_as_an_override(console: Served) -
     assert now() == (0, 0, 1)
     told = quality(held.reading, held.incidents, held.stations, held.reprints.count(run), run)
     assert [(one.by, one.note, one.stands) for one in told.overrides] == [("operator", "lint", False)]
-    assert sum(part["misprint"] for part in told.course) == 3
+    assert sum(part["misprint"] for part in told.trend) == 3
 
 
 @given(st.integers(1, 10_000), st.data())

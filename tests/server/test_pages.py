@@ -14,9 +14,9 @@ from tests.server.consoles import PASSWORD, Served, good, served, write_run
 
 from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.journal.journal import Journal
-from prooflight.journal.words import WORDS
+from prooflight.journal.labels import LABELS
 from prooflight.line.incidents import CAMERA_GONE, LATE, LOST_LINES, MISSING, NOT_INSPECTED, UNKNOWN
-from prooflight.server.accounts.book import LANGUAGES
+from prooflight.server.accounts.account_store import LANGUAGES
 from prooflight.server.accounts.roles import Role
 from prooflight.server.headers import POLICY
 from prooflight.server.pages.language import language
@@ -117,7 +117,7 @@ def test_everything_that_has_a_name_has_words(code: str) -> None:
         f"kind.{kind}" for kind in (*KINDS, MISSING, LOST_LINES, CAMERA_GONE, NOT_INSPECTED, LATE, UNKNOWN)
     ]
     keys += [f"state.{state}" for state in STATES] + [f"state.{state}.why" for state in STATES]
-    keys += [f"word.{word}" for word in WORDS] + [f"role.{role}" for role in Role]
+    keys += [f"word.{word}" for word in LABELS] + [f"role.{role}" for role in Role]
     keys += [f"disposition.{one}" for one in (*LEAST_FIRST, "costs")]
     keys += [f"verdict.{verdict}" for verdict in ("good", "misprint", "not-inspected")]
     assert set(keys) <= t.keys()

@@ -20,7 +20,7 @@ from tests.server.consoles import CUT_MM, facts, misprint, served
 from tests.server.drawn_sheets import MIDDLE, write_drawn
 
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import kept_evidence
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.journal.journal import Journal, content_digest
 from prooflight.journal.records import PageRecord
 from prooflight.pages.files import write_tiff
@@ -247,7 +247,7 @@ def test_seen_expected_and_difference_of_a_real_misprint(
             late=False,
             first_line=0,
             time_s=0.0,
-            evidence=kept_evidence(inspection, page, press),
+            evidence=evidence_to_store(inspection, page, press),
         )
         journal.record(run, record)
     client = console.client(Role.VIEWER)

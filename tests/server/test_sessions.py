@@ -9,7 +9,7 @@ from tests.server.consoles import PASSWORD, Served, served
 
 from prooflight.cli import run
 from prooflight.errors import RequestError
-from prooflight.server.accounts.book import LINK_S, SESSION_S
+from prooflight.server.accounts.account_store import LINK_S, SESSION_S
 from prooflight.server.accounts.passwords import TRIES, WINDOW_S, Passwords, Tries
 from prooflight.server.accounts.roles import Role
 

@@ -44,7 +44,7 @@ def zones(name: str = "face") -> JobZones:
         ZoneEntry(name=name, kind="careful", rectangle_mm=(10, 10, 30, 30)),
         ZoneEntry(name="stamp", kind="ignore", rectangle_mm=(35, 35, 20, 20)),
     ]
-    return JobZones.made(entries, [(76.2, 101.6)])
+    return JobZones.create(entries, [(76.2, 101.6)])
 
 
 def test_zones_beside_a_job_are_listed_with_their_price_and_drawn(tmp_path: Path) -> None:

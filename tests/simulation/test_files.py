@@ -13,7 +13,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.rng import stream
 from prooflight.scans.recorded import recorded_scans
-from prooflight.simulation.files import ScanToFile, kept_truths, write_truth
+from prooflight.simulation.files import ScanToFile, stored_truths, write_truth
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.worlds import worlds_digest
 
@@ -115,8 +115,8 @@ def test_pages_printed_again_replace_theirs_and_leave_the_truth_of_all_others(
     path, press = tmp_path / "truth.json", task.press
     first = [task(1), task(2)]
     write_truth(path, first, world="ideal", seed=9, press=press)
-    assert kept_truths(path, {"p0001", "p0002"}, world="press", seed=4, press=press) == []
-    kept = kept_truths(path, {"p0001"}, world="ideal", seed=9, press=press)
+    assert stored_truths(path, {"p0001", "p0002"}, world="press", seed=4, press=press) == []
+    kept = stored_truths(path, {"p0001"}, world="ideal", seed=9, press=press)
     assert [truth["page"] for truth in kept] == ["p0002"]
     again = replace(task, request=MisprintRequest(kind="spots-voids", severity=0.5))(1)
     write_truth(path, [*kept, again], world="ideal", seed=9, press=press)
@@ -134,7 +134,7 @@ def test_scans_of_another_world_or_seed_are_not_mixed(
     write_truth(path, [task(1), task(2)], world="ideal", seed=9, press=task.press)
     same: dict[str, Any] = {"world": "ideal", "seed": 9, "press": task.press}
     with pytest.raises(RequestError, match="tells of 1 scans of another world, seed or press"):
-        kept_truths(path, {"p0001"}, **(same | other))
+        stored_truths(path, {"p0001"}, **(same | other))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"scans": 3}', '{"scans": [{}]}', "\x00"])
@@ -142,6 +142,6 @@ def test_a_truth_that_is_none_is_refused_in_one_line(task: ScanToFile, tmp_path:
     path = tmp_path / "truth.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RequestError) as refused:
-        kept_truths(path, set(), world="ideal", seed=9, press=task.press)
+        stored_truths(path, set(), world="ideal", seed=9, press=task.press)
     assert "\n" not in str(refused.value)
-    assert kept_truths(tmp_path / "none.json", set(), world="ideal", seed=9, press=task.press) == []
+    assert stored_truths(tmp_path / "none.json", set(), world="ideal", seed=9, press=task.press) == []

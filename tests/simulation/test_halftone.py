@@ -12,7 +12,7 @@ from prooflight.pages.raster import Page
 from prooflight.pages.screen import Screen, screened
 from prooflight.rng import stream
 from prooflight.simulation.fast import fast_mean_variance
-from prooflight.simulation.halftone import PRINTED_DPI, dot_gain_factor, halftoned, together
+from prooflight.simulation.halftone import PRINTED_DPI, averaged, dot_gain_factor, halftoned
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
@@ -89,14 +89,14 @@ def test_a_page_is_screened_in_bands_as_it_is_at_once(press: Press) -> None:
     rows, columns = bands.cmyk.shape[:2]
     assert (rows, columns) == (round(SIDE_MM / 25.4 * 600), round(SIDE_MM / 25.4 * 600))
     plates = np.ascontiguousarray(np.broadcast_to(page.cmyk[0, 0], (2 * rows, 2 * columns, 4)))
-    whole, dpi = together(screened(plates, AM, tone=press.ink_light), AM.dpi, press.ink_light)
+    whole, dpi = averaged(screened(plates, AM, tone=press.ink_light), AM.dpi, press.ink_light)
     assert dpi == PRINTED_DPI
     assert (bands.cmyk != whole).mean() < 1e-3  # the lattice's place is rounded (``test_screen``)
 
 
 def test_pixels_that_are_not_finer_than_the_raster_are_printed_as_they_are(press: Press) -> None:
     plates = np.zeros((5, 6, 4), np.uint8)
-    cmyk, dpi = together(plates, 600.0, press.ink_light)
+    cmyk, dpi = averaged(plates, 600.0, press.ink_light)
     assert cmyk is plates
     assert dpi == 600.0
 

@@ -19,9 +19,9 @@ from prooflight.simulation.scans import simulate
 from prooflight.simulation.session import Session, session_of
 from prooflight.simulation.worlds import (
     Amounts,
-    known_world,
     measured_digest,
     measured_text,
+    world_named,
     worlds,
     worlds_digest,
 )
@@ -157,4 +157,4 @@ def test_a_day_of_studies_may_be_of_this_world(press: Press) -> None:
 
 def test_another_world_is_refused_in_one_line() -> None:
     with pytest.raises(RequestError, match="choose ideal, press or measured"):
-        known_world("real")
+        world_named("real")

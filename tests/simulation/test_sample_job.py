@@ -18,7 +18,7 @@ pytest.importorskip("skimage", reason="making the sample job needs the extra [de
 from prooflight.pages.pdf.rip import PdfJob  # noqa: E402
 from prooflight.simulation.corpus.sample_job import inks, pictures  # noqa: E402
 from prooflight.simulation.corpus.sample_job.sample_job import SampleJob, make_sample_job  # noqa: E402
-from prooflight.simulation.corpus.sample_job.sheet import KnownPatch, KnownPicture  # noqa: E402
+from prooflight.simulation.corpus.sample_job.sheet import ReferencePatch, ReferencePicture  # noqa: E402
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,7 +57,7 @@ def text(job: SampleJob) -> list[str]:
         return [page.get_text() for page in document]
 
 
-def inside(known: KnownPatch, dpi: float) -> tuple[slice, slice]:
+def inside(known: ReferencePatch, dpi: float) -> tuple[slice, slice]:
     """The pixels that lie wholly inside a patch; a thousandth of a pixel is left to rounding in the file."""
     per_mm, slack = dpi / MM_PER_INCH, 1e-3
     top = int(np.ceil(known.y_mm * per_mm - slack))
@@ -67,14 +67,14 @@ def inside(known: KnownPatch, dpi: float) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def wrong_patches(page: NDArray[np.uint8], patches: list[KnownPatch], dpi: float) -> list[KnownPatch]:
+def wrong_patches(page: NDArray[np.uint8], patches: list[ReferencePatch], dpi: float) -> list[ReferencePatch]:
     """The patches that lie on no pixel, or on one of another value."""
     areas = ((patch, page[inside(patch, dpi)]) for patch in patches)
     return [patch for patch, area in areas if not area.size or (area != patch.cmyk).any()]
 
 
-def patches_on(job: SampleJob, number: int) -> list[KnownPatch]:
-    return [known for known in job.known if isinstance(known, KnownPatch) and known.page == number]
+def patches_on(job: SampleJob, number: int) -> list[ReferencePatch]:
+    return [known for known in job.references if isinstance(known, ReferencePatch) and known.page == number]
 
 
 def test_patches_on_the_grid(job: SampleJob, ripped: dict[int, NDArray[np.uint8]]) -> None:
@@ -84,7 +84,7 @@ def test_patches_on_the_grid(job: SampleJob, ripped: dict[int, NDArray[np.uint8]
 
 def test_patches_off_the_grid(job: SampleJob) -> None:
     """At a resolution whose pixels have nothing to do with the page's measures. One page of each making."""
-    pages = {known.what: known.page for known in job.known if isinstance(known, KnownPatch)}
+    pages = {known.what: known.page for known in job.references if isinstance(known, ReferencePatch)}
     assert set(pages) >= {
         "process",
         "overprint",
@@ -100,7 +100,7 @@ def test_patches_off_the_grid(job: SampleJob) -> None:
 
 
 def test_pictures_arrive_pixel_by_pixel(job: SampleJob, ripped: dict[int, NDArray[np.uint8]]) -> None:
-    pictures = [known for known in job.known if isinstance(known, KnownPicture)]
+    pictures = [known for known in job.references if isinstance(known, ReferencePicture)]
     assert len({picture.page for picture in pictures if picture.what == "photograph"}) >= 6
     for picture in pictures:
         rows, columns = picture.cmyk.shape[:2]
@@ -119,7 +119,9 @@ def test_pictures_arrive_pixel_by_pixel(job: SampleJob, ripped: dict[int, NDArra
 
 def test_photographs_keep_the_total_ink_limit(job: SampleJob) -> None:
     photographs = [
-        known for known in job.known if isinstance(known, KnownPicture) and known.what == "photograph"
+        known
+        for known in job.references
+        if isinstance(known, ReferencePicture) and known.what == "photograph"
     ]
     limit = pictures.TOTAL_INK_LIMIT * inks.FULL
     heaviest = max(int(picture.cmyk.sum(axis=-1, dtype=np.int64).max()) for picture in photographs)

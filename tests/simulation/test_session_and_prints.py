@@ -11,7 +11,7 @@ from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.fields import ColourWaves, smooth_field, smooth_line
-from prooflight.simulation.prints import Print, Speck, plane_pixels, speck_pixels, together
+from prooflight.simulation.prints import Print, Speck, composed, plane_pixels, speck_pixels
 from prooflight.simulation.session import Session, beyond_solid, noise_curve
 from prooflight.simulation.worlds import Amounts
 
@@ -168,7 +168,7 @@ def place(**fields: Any) -> Placement:
 
 def test_displacements_add(prints: list[Print]) -> None:
     of_print = prints[0].placement
-    both = together(of_print, place(shift_mm=(3.0, -2.0), skew_deg=0.4))
+    both = composed(of_print, place(shift_mm=(3.0, -2.0), skew_deg=0.4))
     assert both.shift_mm == (of_print.shift_mm[0] + 3.0, of_print.shift_mm[1] - 2.0)
     assert both.skew_deg == of_print.skew_deg + 0.4
     assert both.warp is of_print.warp

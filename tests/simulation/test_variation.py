@@ -11,7 +11,7 @@ import pytest
 from prooflight.errors import PressFileError, RequestError
 from prooflight.press.blocks import VARIATION, VARIATION_RANGES
 from prooflight.press.press_file import PressFile
-from prooflight.simulation.worlds import WORLDS, Amounts, amounts_of, known_world, worlds
+from prooflight.simulation.worlds import WORLDS, Amounts, amounts_of, world_named, worlds
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -85,9 +85,9 @@ def test_a_wrong_variation_is_refused_by_name(prototype: PressFile, text: str, s
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_worlds_are_known_by_name(world: str) -> None:
-    assert known_world(world) == world
+    assert world_named(world) == world
     with pytest.raises(RequestError, match="ideal, press or measured"):
-        known_world(world.title())
+        world_named(world.title())
 
 
 def test_a_variation_survives_json(prototype: PressFile) -> None:

@@ -27,8 +27,8 @@ app = typer.Typer(
 )
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         sys.stdout.write(f"prooflight {__version__}\n")
         raise typer.Exit
 
@@ -64,7 +64,7 @@ def run(arguments: list[str] | None = None) -> int:
         except ProoflightError as error:
             return _unusable(str(error))
         except KeyboardInterrupt:
-            faults.told("stopped")
+            faults.report("stopped")
             return INTERRUPTED
         except OSError as error:
             return _unusable(f"{plain(error.filename or 'system')}: {error.strerror or error}")
@@ -98,10 +98,10 @@ def _misused(error: TyperException) -> int:
         errors.print(message, highlight=False, soft_wrap=True)
     else:
         path = "prooflight" if context is None else context.command_path
-        faults.told(f"{message.removesuffix('.')}; see `{path} --help`")
+        faults.report(f"{message.removesuffix('.')}; see `{path} --help`")
     return UNUSABLE_INPUT
 
 
 def _unusable(why: str) -> int:
-    faults.told(why)
+    faults.report(why)
     return UNUSABLE_INPUT

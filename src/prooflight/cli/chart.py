@@ -153,7 +153,7 @@ def _trying(*, quiet: bool) -> Callable[[str], None]:
 def _score_table(scores: Mapping[str, Score], trial: CrossValidation) -> Table:
     title = f"{trial.folds}-fold cross-validation, CIEDE2000 (D50, 2 degrees)"
     headings = ("model", "median", "95 %", "greatest", "rms reflectance", "patches")
-    table = show.table_of(title, headings, words=("model",))
+    table = show.table_of(title, headings, text_columns=("model",))
     for name, of_model in scores.items():
         table.add_row(
             show.strong(name) if name == trial.model else name,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-MISPRINT_FOUND: Final = 1
+EXIT_MISPRINT: Final = 1
 """Every sheet was inspected, and there was a misprint; for ``run replay``, a figure differs."""
 UNUSABLE_INPUT: Final = 2
 """The input cannot be used; one line states what, where, and what would be right."""
@@ -32,4 +32,4 @@ def of_run(*, misprints: int, complete: bool, overloaded: bool = False) -> int:
         return OVERLOADED
     if not complete:
         return NOT_ALL_INSPECTED
-    return MISPRINT_FOUND if misprints else 0
+    return EXIT_MISPRINT if misprints else 0

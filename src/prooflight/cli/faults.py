@@ -25,7 +25,7 @@ LOG_BYTES: Final = 1_000_000
 """Size of the log file, and of the one before it: some 300 tracebacks."""
 
 
-def told(line: object) -> None:
+def report(line: object) -> None:
     """Print one line for a person."""
     errors.print(f"prooflight: {sentence(line)}", highlight=False, soft_wrap=True)
 
@@ -42,7 +42,7 @@ class FaultLog(logging.Handler):
         line = record.getMessage()
         if record.exc_info and record.exc_info[1] is not None:
             line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._store(record)})"
-        told(line)
+        report(line)
 
     def _store(self, record: logging.LogRecord) -> str:
         for of_user in (True, False):

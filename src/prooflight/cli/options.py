@@ -16,7 +16,7 @@ Profile = Annotated[
 PressArtefact = Annotated[Path, typer.Option("--press", metavar="X.press", help="Press artefact.")]
 Pages = Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")]
 JobPath = Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")]
-LayoutWords = Annotated[
+LayoutOption = Annotated[
     str | None,
     typer.Option(
         "--layout",

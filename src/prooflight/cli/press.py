@@ -21,7 +21,7 @@ from prooflight.errors import PressFileError, RequestError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from prooflight.commissioning.training.learned_variation import StatedBesideLearned
+    from prooflight.commissioning.training.learned_variation import StatedAndLearned
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.press.artefact import Press
 
@@ -31,7 +31,7 @@ feedback.register_of_presses(app)
 rip_model.register(app)
 
 FULL = 160
-TEACHING = {"none": 0, "quick": DESIGNS, "full": FULL}
+TRAINING = {"none": 0, "quick": DESIGNS, "full": FULL}
 """Number of designs that each way of training prints."""
 
 OWN_RIP_IS_BEST = (
@@ -78,18 +78,18 @@ def build(
     """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.line_camera.dialogue import measured_columns
+    from prooflight.commissioning.line_camera.wizard import measured_columns
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.inspection.registry import promises
     from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
-    if detector not in TEACHING:
+    if detector not in TRAINING:
         what = f"there is no {detector!r}"
-        raise RequestError("detector", what, remedy=f"choose of {', '.join(TEACHING)}")
+        raise RequestError("detector", what, remedy=f"choose of {', '.join(TRAINING)}")
     if detector != "none":
-        Plan.of(designs or TEACHING[detector])  # too few end before any work
+        Plan.of(designs or TRAINING[detector])  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     if settings.rip_engine.missing:
@@ -104,8 +104,8 @@ def build(
         settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
     )
     if detector != "none":
-        rate = 1 / settings.good_pages_per_false_alarm if settings.states_promise else DEFAULT_RATE
-        training_designs = designs or TEACHING[detector]
+        rate = 1 / settings.good_pages_per_false_alarm if settings.states_rate else DEFAULT_RATE
+        training_designs = designs or TRAINING[detector]
         press = _trained(press, training_designs, rate=rate, full=detector == "full", seed=seed, quiet=json)
     differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
@@ -230,7 +230,7 @@ def learn(
     if not good:
         raise RequestError("learn", "learns from good pages alone", remedy="look at them, and say --good")
     with _alone(artefact):
-        _learn(artefact, job, scans, promise=promise, out=out, profile=profile, json=json)
+        _learn(artefact, job, scans, guaranteed_pages=promise, out=out, profile=profile, json=json)
 
 
 @contextmanager
@@ -261,7 +261,7 @@ def _learn(
     job: Path,
     scans: Path,
     *,
-    promise: float | None,
+    guaranteed_pages: float | None,
     out: Path | None,
     profile: Path | None,
     json: bool,
@@ -285,9 +285,13 @@ def _learn(
     work = ScanPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
-    rate = press.ours.promise.asked if press.ours else 1 / press.good_pages_per_false_alarm
+    rate = press.ours.guarantee.requested_rate if press.ours else 1 / press.good_pages_per_false_alarm
     done = learn_pages(
-        artefact, press, seen, false_alarm_rate=1 / promise if promise else rate, out=out or artefact
+        artefact,
+        press,
+        seen,
+        false_alarm_rate=1 / guaranteed_pages if guaranteed_pages else rate,
+        out=out or artefact,
     )
     detector = done.press.ours
     assert press.ours is not None
@@ -300,7 +304,7 @@ def _learn(
         "new": done.new,
         "alarms_before": alarms,
         "threshold": detector.threshold,
-        "promise": str(detector.promise),
+        "promise": str(detector.guarantee),
         "learned": 0 if done.waiting else len(done.designs),
         "waiting": len(done.designs) if done.waiting else 0,
         "needed": FEWEST_REAL,
@@ -340,14 +344,14 @@ def show_press(
     json: Json = False,
 ) -> None:
     """Show the content of a press artefact, and which marks it would catch."""
-    from prooflight.commissioning.training.learned_variation import stated_beside_learned
+    from prooflight.commissioning.training.learned_variation import stated_and_learned
     from prooflight.press.artefact import Press
 
     number = visible_marks.page_number(job, page, map_picture)
     press = Press.load(artefact)
     if job is not None:
         rows = visible_marks.on_page(press, job, number, picture=map_picture, profile=profile)
-    facts, learned = _facts(press), stated_beside_learned(press)
+    facts, learned = _facts(press), stated_and_learned(press)
     caught = visible_marks.on_tints(press)
     if picture is not None:
         from prooflight.reporting.press_pictures import draw_press
@@ -364,7 +368,7 @@ def show_press(
     for key, value in facts.items():
         table.add_row(key.replace("_", " "), _in_lines(value))
     show.people.print(table)
-    of_sensors = show.table_of("Sensors", ("", *(sensor["name"] for sensor in sensors)), words=("",))
+    of_sensors = show.table_of("Sensors", ("", *(sensor["name"] for sensor in sensors)), text_columns=("",))
     for key in list(sensors[0])[1:]:
         of_sensors.add_row(key.replace("_", " "), *(str(sensor[key]) for sensor in sensors))
     show.people.print(of_sensors)
@@ -381,9 +385,11 @@ def show_press(
             show.written(path)
 
 
-def _print_learned(rows: list[StatedBesideLearned]) -> None:
+def _print_learned(rows: list[StatedAndLearned]) -> None:
     title = "How much good prints vary: [variation]"
-    table = show.table_of(title, ("amount", "stated", "learned", "between", "pages"), words=("amount",))
+    table = show.table_of(
+        title, ("amount", "stated", "learned", "between", "pages"), text_columns=("amount",)
+    )
     for row in rows:
         if row.learned is not None:
             estimate = row.learned
@@ -407,7 +413,7 @@ def _in_lines(value: Any) -> str:
 
 
 def _facts(press: Press) -> dict[str, Any]:
-    from prooflight.detectors.matched_filter.visibility import floor_in_words
+    from prooflight.detectors.matched_filter.visibility import floor_text
     from prooflight.inspection.registry import promises
 
     geometry = press.geometry
@@ -434,7 +440,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "alpha": round(press.costs.alpha, 4),
         "fringes": press.fringes,
         "floor_percent_of_white": round(100 * press.floor_share, 6),
-        "floor": floor_in_words(press.floor_share) or "none",
+        "floor": floor_text(press.floor_share) or "none",
         "variation": dict(press.variation),
         "detectors": promises(press),
         "sensors": [

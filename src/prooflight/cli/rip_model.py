@@ -76,17 +76,17 @@ def rip_model(
 
     settings = PressFile.read(press_file)
     if rasters is not None:
-        found = _from_rasters(settings, job, rasters)
+        identified = _from_rasters(settings, job, rasters)
     elif press is not None and scans is not None:
-        found = _from_scans(job, scans, press)
+        identified = _from_scans(job, scans, press)
     else:
         raise RequestError(
             "rip-model", "--scans needs the press that they are of", remedy="add --press X.press"
         )
-    for sentence in found.sentences:
+    for sentence in identified.sentences:
         show.people.print(sentence)
     if out is not None:
-        _write(settings, found.model, out)
+        _write(settings, identified.model, out)
         show.people.print(show.strong(out), "written: build the press from it")
 
 
@@ -129,7 +129,7 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
 
         first = drawn(settings.rip_model)
         pages = [page[: like.shape[0], : like.shape[1]] for page, like in zip(pages, first, strict=True)]
-        return identified_from_rasters(pages, drawn, dpi=dpi, engine_is_ours=engine is None)
+        return identified_from_rasters(pages, drawn, dpi=dpi, is_own_engine=engine is None)
 
 
 def _from_scans(job: Path, scans: Path, press_path: Path) -> Identified:

@@ -15,7 +15,7 @@ from prooflight.cli.watch.console import needed
 from prooflight.errors import RequestError, visible
 
 if TYPE_CHECKING:
-    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.accounts.account_store import Accounts
     from prooflight.server.running import Listening
 
 app = typer.Typer(
@@ -158,7 +158,7 @@ def serve(
         trusted_proxies=tuple(map(_network, trusted_proxy or ())),
         provider=provider,
     )
-    run(settings, listening, ready=told)
+    run(settings, listening, ready=print_address)
 
 
 def _serve_demo(listening: Listening) -> None:
@@ -184,7 +184,7 @@ def _network(text: str) -> str:
         raise RequestError("--trusted-proxy", f"{text[:60]!r} is no address", remedy=remedy) from error
 
 
-def told(address: str, link: str | None) -> None:
+def print_address(address: str, link: str | None) -> None:
     """Print the console's address, and the link for its first admin; this link is in no log and works once."""
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
@@ -282,13 +282,13 @@ def verify(
     """
     from dataclasses import asdict
 
-    chain = _accounts(journal, data, must_exist=True).verified(held=head)
+    chain = _accounts(journal, data, must_exist=True).verified(expected_head=head)
     if json:
         show.print_json(asdict(chain) | {"whole": chain.whole})
     elif chain.whole:
         show.people.print(f"The audit is whole: {chain.entries:,} rows, head {chain.head}", soft_wrap=True)
     else:
-        faults.told(f"the audit is broken: {chain.why}")
+        faults.report(f"the audit is broken: {chain.why}")
     if not chain.whole:
         raise typer.Exit(BROKEN)
 
@@ -296,7 +296,7 @@ def verify(
 def _accounts(journal: str | None, data: Path | None, *, must_exist: bool = False) -> Accounts:
     needed()
     from prooflight.journal.opening import default_journal, journal_path
-    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.accounts.account_store import Accounts
     from prooflight.server.settings import ConsoleSettings
 
     settings = ConsoleSettings.of(journal_path(journal or str(default_journal())), data=data)

@@ -89,7 +89,7 @@ def progress(items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
             bar.advance(task)
 
 
-def told_progress(items: Iterable[Item], *, total: int, what: str, every_s: float = 2.0) -> Iterator[Item]:
+def logged_progress(items: Iterable[Item], *, total: int, what: str, every_s: float = 2.0) -> Iterator[Item]:
     """Yield the items, with a line of JSON about their number, at first and every ``every_s``."""
     printed_s = -math.inf
     for number, item in enumerate(items):
@@ -120,19 +120,19 @@ def strong(what: object) -> Text:
     return Text(visible(what), style="bold")
 
 
-def table_of(title: str, headings: Iterable[str], *, words: Collection[str] = ()) -> Table:
-    """Return a table for people; columns hold numbers, except those headed by ``words``."""
+def table_of(title: str, headings: Iterable[str], *, text_columns: Collection[str] = ()) -> Table:
+    """Return a table for people; columns hold numbers, except those headed by ``text_columns``."""
     table = Table(title=title, title_justify="left")
     for heading in headings:
         # What is too long for a narrow terminal goes on in the next line: nothing is cut.
-        table.add_column(heading, justify="left" if heading in words else "right", overflow="fold")
+        table.add_column(heading, justify="left" if heading in text_columns else "right", overflow="fold")
     return table
 
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Return verdicts as a table for people."""
-    words = ("page", "verdict", "disposition", "what", "where [mm]")
-    table = table_of(title, words, words=words)
+    text_columns = ("page", "verdict", "disposition", "what", "where [mm]")
+    table = table_of(title, text_columns, text_columns=text_columns)
     table.add_column("score", justify="right", overflow="fold")
     table.add_column("ms", justify="right", overflow="fold")
     for verdict in verdicts:

@@ -37,14 +37,16 @@ def on_tints(press: Press) -> list[OnTint]:
         return []
     rows = []
     for place, black in TINTS.items():
-        spot_mm, hair_mm = on_tint(press.ours, press.station(), black)
+        spot_mm, hair_mm = on_tint(press.ours, press.press_context(), black)
         rows.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
     return rows
 
 
 def print_tints(rows: Sequence[OnTint]) -> None:
     """Print the rows for people."""
-    table = show.table_of("What would be caught", ("on", "black spot [mm]", "hair [mm]"), words=("on",))
+    table = show.table_of(
+        "What would be caught", ("on", "black spot [mm]", "hair [mm]"), text_columns=("on",)
+    )
     for row in rows:
         table.add_row(row.place, mark_size(row.spot_mm), mark_size(row.hair_mm))
     show.people.print(table)
@@ -77,7 +79,7 @@ def on_page(
 def print_page(rows: Sequence[PlaceRow], title: str) -> None:
     """Print the rows for people."""
     headings = ("place", "of the page", "black spot [mm]", "at worst", "hair [mm]", "at worst")
-    table = show.table_of(title, headings, words=("place",))
+    table = show.table_of(title, headings, text_columns=("place",))
     for row in rows:
         sizes = row.spot_mm, row.worst_spot_mm, row.hair_mm, row.worst_hair_mm
         table.add_row(row.place, f"{row.share:.0%}", *map(mark_size, sizes))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
-from prooflight.prediction.predict import looked_up
+from prooflight.prediction.predict import expected_light
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,7 +57,7 @@ def table_accuracy(
     for sensor, model in zip(camera.sensors, sensors, strict=True):
         electrons = sensor.electrons(irradiance)
         exact, sigma = signal_dn(sensor, electrons), np.sqrt(variance_dn2(sensor, electrons))
-        mean, variance = looked_up(recipes, model)
+        mean, variance = expected_light(recipes, model)
         error, of_sigma = (mean - exact) / sigma, np.sqrt(variance) / sigma - 1
         results.append(
             TableAccuracy(

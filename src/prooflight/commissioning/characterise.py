@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.camera.camera import expose_flat
 from prooflight.camera.sensor import ROUNDING_DN2
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 from prooflight.prediction.tables import node_fractions
 from prooflight.press.artefact import ClippedShare
 

@@ -91,14 +91,14 @@ def ink_edges(
     InkEdges or None
         None: fewer than ``FEWEST_TILES`` tiles of edges.
     """
-    found: list[NDArray[np.float64]] = []
+    estimates: list[NDArray[np.float64]] = []
     for page, (there, printed) in enumerate(zip(expected, seen, strict=True)):
         tops = range(0, there.shape[0], BAND)
         order = [
             top for start in range(4) for top in tops[start::4]
         ]  # all over the page before any part of it in full
         for top in order:
-            if sum(map(len, found)) > ENOUGH:
+            if sum(map(len, estimates)) > ENOUGH:
                 break
             rows = slice(top, top + BAND)
             clear = None if alone is None else alone[page][rows]
@@ -106,8 +106,8 @@ def ink_edges(
                 one = _edges(there[rows], printed[rows], span, half, axis, clear)
                 one[:, 0] += top
                 one[:, 0] = page * 1e6 + one[:, 0] // TILE
-                found.append(one)
-    return _fitted(np.concatenate(found)) if found else None
+                estimates.append(one)
+    return _fitted(np.concatenate(estimates)) if estimates else None
 
 
 def _edges(
@@ -191,7 +191,7 @@ def identified_from_rasters(
     drawn: Callable[[RipModel], Sequence[NDArray[np.uint8]]],
     *,
     dpi: float,
-    engine_is_ours: bool = True,
+    is_own_engine: bool = True,
 ) -> Identified:
     """Identify a RIP from its rasters of pages.
 
@@ -203,10 +203,10 @@ def identified_from_rasters(
         Draws the same pages by parameters, at the same resolution and of the same sizes.
     dpi
         Of the rasters. [pixels/inch]
-    engine_is_ours
+    is_own_engine
         Whether fill rules can be tried, since MuPDF draws.
     """
-    rules: tuple[FillRule | None, ...] = FILL_RULES if engine_is_ours else (None,)
+    rules: tuple[FillRule | None, ...] = FILL_RULES if is_own_engine else (None,)
     tried = {}
     for rule in rules:
         expected = drawn(RipModel(fill=rule))
@@ -227,7 +227,7 @@ def identified_from_rasters(
             f"The RIP fills pixels by the rule {fill}: edges then lie within {tried[fill][1]:.2f} pixels of those "
             f"that are drawn, by {order[1]} within {tried[order[1]][1]:.2f}."
         )
-    elif engine_is_ours:
+    elif is_own_engine:
         sentences.append("These pages do not show by which rule the RIP fills pixels: rules fit them alike.")
     more = _stated(tried[best][0], 25400 / dpi)
     return Identified(model=RipModel(fill=fill, **more[0]), sentences=(*sentences, *more[1]))
@@ -241,34 +241,34 @@ def identified_from_edges(inks: Sequence[InkEdges | None], pixel_um: float) -> I
 
 def _residual(inks: Sequence[InkEdges | None]) -> float:
     """Return how far edges lie off in all, growth included: a rule that needs none explains more. [pixels]"""
-    known = [one for one in inks if one is not None]
-    if not known:
+    identified = [one for one in inks if one is not None]
+    if not identified:
         return 0.0
-    tiles = np.array([one.tiles for one in known], float)
-    squares = [one.edge_sd**2 + one.growth_pixels**2 for one in known]
+    tiles = np.array([one.tiles for one in identified], float)
+    squares = [one.edge_sd**2 + one.growth_pixels**2 for one in identified]
     return float(np.sqrt(np.average(squares, weights=tiles)))
 
 
 def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str, Any], list[str]]:
     """Return fields of ``RipModel``, and sentences of what was found of each ink."""
-    known = {ink: one for ink, one in enumerate(inks) if one is not None}
+    identified = {ink: one for ink, one in enumerate(inks) if one is not None}
     sentences = [
         f"{INK_NAMES[ink].capitalize()} has no edges by which its growth could be told: taken as 0, within a pixel."
         for ink in range(INKS)
-        if ink not in known
+        if ink not in identified
     ]
-    if not known:
+    if not identified:
         return {}, sentences
     growth, sd = [0.0] * INKS, [pixel_um / 12**0.5] * INKS
-    for ink, one in known.items():
+    for ink, one in identified.items():
         growth[ink], sd[ink] = pixel_um * one.growth_pixels, pixel_um * one.growth_sd
         verb = "grows" if growth[ink] >= 0 else "shrinks"
         sentences.append(
             f"{INK_NAMES[ink].capitalize()} {verb} by {abs(growth[ink]):.1f} um (standard error {sd[ink]:.1f}), and "
             f"its edges lie within {pixel_um * one.edge_sd:.1f} um (standard deviation, of {one.tiles} places)."
         )
-    tiles = np.array([one.tiles for one in known.values()], float)
-    edge = float(np.sqrt(np.average([one.edge_sd**2 for one in known.values()], weights=tiles)))
+    tiles = np.array([one.tiles for one in identified.values()], float)
+    edge = float(np.sqrt(np.average([one.edge_sd**2 for one in identified.values()], weights=tiles)))
     fields: dict[str, Any] = {
         "growth_um": tuple(round(one, 2) for one in growth),
         "growth_sd_um": tuple(round(one, 2) for one in sd),

@@ -30,7 +30,7 @@ def identified_from_scans(inspected: Iterable[tuple[Page, Inspection]], press: P
     expected: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
     seen: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
     alone: list[list[NDArray[np.bool_]]] = [[] for _ in range(INKS)]
-    station, white = press.station(), press.sensors[0].white_dn
+    press_context, white = press.press_context(), press.sensors[0].white_dn
     for page, inspection in inspected:
         if inspection.verdict.kind == "wrong-page":
             continue  # not placed
@@ -41,7 +41,7 @@ def identified_from_scans(inspected: Iterable[tuple[Page, Inspection]], press: P
                 continue
             single = np.zeros_like(page.cmyk)
             single[..., ink] = page.cmyk[..., ink]
-            prediction = station.predict(replace(page, cmyk=single), inspection.placement)
+            prediction = press_context.predict(replace(page, cmyk=single), inspection.placement)
             only = prediction.expected_dn[0][inspection.area]
             expected[ink].append(-all_inks)
             seen[ink].append(-measured)

@@ -1,7 +1,7 @@
 """The detector interface: a detector prepares a page, and the prepared page inspects scans of that page.
 
 Any class that meets ``Detector`` and ``PreparedPage`` is used by `inspect`, `watch`, the journal and the
-studies like those that come with Prooflight. ``StationDetector`` and ``PreparedOnly`` leave ``prepare`` and
+studies like those that come with Prooflight. ``ContextDetector`` and ``PreparedOnly`` leave ``prepare`` and
 ``inspect`` to write.
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.verdict import Decision, Region, Verdict
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
@@ -46,7 +46,7 @@ BLOCK_PIXELS: Final = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Station:
+class PressContext:
     """Properties of the press that a detector needs."""
 
     name: str
@@ -73,13 +73,13 @@ class Station:
 class PlannedPage:
     """A page that is to enter the press."""
 
-    def __init__(self, page: Page, station: Station, zones: PageZones | None = None) -> None:
-        self.page, self.station, self.zones = page, station, zones
+    def __init__(self, page: Page, press_context: PressContext, zones: PageZones | None = None) -> None:
+        self.page, self.press_context, self.zones = page, press_context, zones
 
     @cached_property
     def expected(self) -> Prediction:
         """The lines that the camera must see of it in its nominal place; computed at the first access."""
-        return self.station.predict(self.page)
+        return self.press_context.predict(self.page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +113,7 @@ class Inspection(Shown):
     expect: Callable[[], Prediction]
     """Prediction of the area of the page at its placement; computed on demand, if the detector itself does
     not need it."""
-    kept: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    stored_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """Arrays from which ``Detector.decided_again`` repeats the decision."""
     state: Callable[[], PrintState] = PrintState
     """State of the print, for the run's control charts."""
@@ -151,7 +151,7 @@ class PreparedPage(Protocol):
         """
         ...
 
-    def under(self, station: Station) -> PreparedPage | None:
+    def under(self, press_context: PressContext) -> PreparedPage | None:
         """Return the page under a slightly changed light of the press; None: it has to be prepared again."""
         ...
 
@@ -165,12 +165,12 @@ class Detector(Protocol):
         ...
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """False-alarm rate that is guaranteed, and its basis, in words."""
         ...
 
     @property
-    def station(self) -> Station:
+    def press_context(self) -> PressContext:
         """The press that it is for."""
         ...
 
@@ -178,11 +178,11 @@ class Detector(Protocol):
         """Compute everything that needs no scan."""
         ...
 
-    def at(self, station: Station) -> Self:
+    def at(self, press_context: PressContext) -> Self:
         """Return the detector for a slightly changed press, or another number of threads."""
         ...
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """Repeat the decision from ``Inspection.kept``; RequestError: it is not of this detector."""
         ...
 
@@ -235,31 +235,31 @@ class LeavesLostLinesOut(Protocol):
 class PreparedOnly:
     """A prepared page that cannot follow the light: it is prepared again."""
 
-    def under(self, station: Station) -> PreparedPage | None:
+    def under(self, press_context: PressContext) -> PreparedPage | None:
         """See ``PreparedPage``."""
         return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StationDetector:
+class ContextDetector:
     """Common part of detectors that know their press by its station alone."""
 
-    station: Station
+    press_context: PressContext
 
-    def at(self, station: Station) -> Self:
+    def at(self, press_context: PressContext) -> Self:
         """See ``Detector``."""
-        return replace(self, station=station)
+        return replace(self, press_context=press_context)
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``; a detector that stores no evidence cannot repeat a decision."""
-        raise kept.refusal("holds nothing to decide by")
+        raise stored.refusal("holds nothing to decide by")
 
 
 @dataclass(frozen=True, slots=True)
-class KeptArrays:
+class StoredArrays:
     """Stored evidence, of which every array is checked before a detector uses it."""
 
-    kept: Mapping[str, NDArray[Any]]
+    stored_arrays: Mapping[str, NDArray[Any]]
     detector: str
 
     @property
@@ -274,9 +274,9 @@ class KeptArrays:
 
         RequestError: it does not fit.
         """
-        if name not in self.kept:
+        if name not in self.stored_arrays:
             raise self.refusal(f"does not hold {name!r}")
-        array = np.asarray(self.kept[name])
+        array = np.asarray(self.stored_arrays[name])
         fits = len(array.shape) == len(shape) and all(
             size == wanted or (wanted is None and size)
             for size, wanted in zip(array.shape, shape, strict=True)

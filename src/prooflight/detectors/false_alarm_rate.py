@@ -55,7 +55,7 @@ def conformal_threshold(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Promise:
+class Guarantee:
     """False-alarm rate that a threshold guarantees, and its basis."""
 
     rate: float
@@ -68,9 +68,9 @@ class Promise:
     """Number of good designs of other presses that set it as well."""
     conformal: bool = True
     """False: there are too few designs for such a rate; the tail of their scores is extrapolated."""
-    asked: float = 0.0
+    requested_rate: float = 0.0
     """Requested rate; 0: the same. [-]"""
-    told: str = ""
+    label_source: str = ""
     """Description of the labelled sheets of the press that set it; empty: there were none."""
     likeness: Likeness | None = None
     """Test of the real pages against those that taught the ranking; None: there are no real pages."""
@@ -79,10 +79,10 @@ class Promise:
 
     def __str__(self) -> str:
         odds = f"at most one good page in {1 / self.rate:,.0f} alarms"
-        if self.told:
-            return f"{odds}; by count, from {self.told}"
-        if 0 < self.asked < self.rate * (1 - 1e-9):
-            odds += f" (one in {1 / self.asked:,.0f} was asked for, and is refused)"
+        if self.label_source:
+            return f"{odds}; by count, from {self.label_source}"
+        if 0 < self.requested_rate < self.rate * (1 - 1e-9):
+            odds += f" (one in {1 / self.requested_rate:,.0f} was asked for, and is refused)"
         if self.likeness is not None:
             return f"{odds}; {self._of_real_pages(self.likeness)}{self._of_kinds}"
         sources = [f"{self.real} real good pages"] if self.real else []
@@ -102,7 +102,7 @@ class Promise:
         """Return what the promise rests on, where real pages were learned."""
         pages, p_value = f"{self.real} real good pages of this press", f"p = {likeness.p_value:.2g}"
         if not self.reference:
-            if not likeness.told_apart:
+            if not likeness.is_distinct:
                 return f"by count, from {pages}"
             return f"by count, from {pages} alone: simulated pages were told apart from them ({p_value})"
         basis = "by count" if self.conformal else "extrapolated"

@@ -46,7 +46,7 @@ class Likeness:
         return cls(p_value=float(special.gammaincc(n, max(n + (combined - n) / wider, 0.0))), pages=n)
 
     @property
-    def told_apart(self) -> bool:
+    def is_distinct(self) -> bool:
         """Return whether simulated pages are shown to be unlike those of the press."""
         return self.p_value <= LEVEL
 

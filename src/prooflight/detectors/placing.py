@@ -46,7 +46,7 @@ def inside(page: Page, geometry: ScanGeometry, placement: Placement, *, lines: i
 def shift_of(registration: Registration) -> tuple[float, float] | None:
     """Return the page's position minus the nominal one, x and y [mm]; None: it could not be found."""
     x, y = registration.placement.shift_mm
-    return (round(x, 4), round(y, 4)) if registration.found else None
+    return (round(x, 4), round(y, 4)) if registration.located else None
 
 
 def shows_another(registration: Registration) -> bool:
@@ -65,7 +65,7 @@ def place_reason(registration: Registration) -> str:
         return "the page is turned by 180 degrees"
     if registration.foreign:
         return "the scan shows another page: what is printed on it is not foretold by this one"
-    if not registration.found:
+    if not registration.located:
         return f"the scan does not show this page: {registration.reason or 'its tiles show something else'}"
     x, y = registration.placement.shift_mm
     return f"the page lies {x:+.1f}, {y:+.1f} mm and {registration.placement.skew_deg:+.2f} degrees off its place"

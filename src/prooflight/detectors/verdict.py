@@ -16,7 +16,7 @@ from prooflight.shown import Shown
 if TYPE_CHECKING:
     from prooflight.detectors.cost import RunningCosts
 
-Word = Literal["good", "misprint", "not-inspected"]
+VerdictName = Literal["good", "misprint", "not-inspected"]
 NUMBERS: Final = {
     "score": "score",
     "threshold": "threshold",
@@ -100,7 +100,7 @@ class Decision:
     """Probability of a misprint, given the score [-]; None: this detector has none."""
 
     @property
-    def word(self) -> Word:
+    def verdict_name(self) -> VerdictName:
         """Verdict that it leads to."""
         if unsound(self):
             return "not-inspected"
@@ -112,7 +112,7 @@ class Verdict(Shown):
     """Verdict on one page, with everything that a person or a program needs to know."""
 
     page: str
-    verdict: Word
+    verdict: VerdictName
     probability: float | None = None
     score: float | None = None
     threshold: float | None = None
@@ -185,7 +185,7 @@ class Verdict(Shown):
             fields["expected_cost"] = costs.expected_cents(chance)
         return cls(
             page=page,
-            verdict=decision.word,
+            verdict=decision.verdict_name,
             stopping_costs_more=decision.misprint and not (always_stop or pays),
             probability=chance,
             score=decision.score,

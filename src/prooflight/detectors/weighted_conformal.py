@@ -25,7 +25,7 @@ import numpy as np
 from scipy import special
 
 from prooflight.errors import RequestError
-from prooflight.files.schema import Block, Kept, Misfit, check_arrays, checked
+from prooflight.files.schema import ArraySpec, Block, Misfit, check_arrays, checked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,7 +37,7 @@ CONFIDENCE: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToldPages:
+class LabelledPages:
     """Good pages of a press, as labelled by people, from which its threshold is set."""
 
     score: NDArray[np.float64]
@@ -162,7 +162,7 @@ class ToldPages:
     @staticmethod
     def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str) -> None:
         """Raise Misfit unless ``from_parts`` makes of them pages that support their guarantee."""
-        stated = checked(ToldFacts, facts, under=under)
+        stated = checked(LabelledFacts, facts, under=under)
         check_arrays(arrays, TABLE, {}, under=under)
         if not 0 < stated.rate < 1:
             raise Misfit(f"{under}rate", f"is {stated.rate:g}, must lie between 0 and 1")
@@ -171,7 +171,7 @@ class ToldPages:
         if not math.isfinite(stated.alarms_from):
             raise Misfit(f"{under}alarms_from", "is no finite number")
         try:
-            _ = ToldPages.from_parts(arrays, facts).threshold
+            _ = LabelledPages.from_parts(arrays, facts).threshold
         except RequestError as error:
             raise Misfit(f"{under}score", "holds too few pages for its promise") from error
 
@@ -184,8 +184,8 @@ class ToldPages:
         return cls(**stored)
 
 
-class ToldFacts(Block):
-    """Schema of ``ToldPages.facts``."""
+class LabelledFacts(Block):
+    """Schema of ``LabelledPages.facts``."""
 
     rate: float
     passed_weight: float
@@ -197,12 +197,12 @@ class ToldFacts(Block):
 
 
 TABLE: Final = {
-    "score": Kept(dtype="float64", shape=("pages",)),
-    "weight": Kept(dtype="float64", shape=("pages",), above=0),
-    "run": Kept(dtype="int64", shape=("pages",), low=1),
-    "sheet": Kept(dtype="int64", shape=("pages",), low=0),
-    "passed": Kept(dtype="uint8", shape=("pages",), low=0, high=1),
-    "design": Kept(dtype="int64", shape=("pages",), low=0, absent=True),
+    "score": ArraySpec(dtype="float64", shape=("pages",)),
+    "weight": ArraySpec(dtype="float64", shape=("pages",), above=0),
+    "run": ArraySpec(dtype="int64", shape=("pages",), low=1),
+    "sheet": ArraySpec(dtype="int64", shape=("pages",), low=0),
+    "passed": ArraySpec(dtype="uint8", shape=("pages",), low=0, high=1),
+    "design": ArraySpec(dtype="int64", shape=("pages",), low=0, absent=True),
 }
 
 
@@ -233,22 +233,22 @@ class SampleCounts:
     passed_misprints: int
 
     @property
-    def alarms_told(self) -> int:
+    def labelled_alarms(self) -> int:
         """Number of labelled alarms."""
         return self.alarms_good + self.alarms_misprints
 
     @property
-    def passed_told(self) -> int:
+    def labelled_passed(self) -> int:
         """Number of labelled sheets of the sample."""
         return self.passed_good + self.passed_misprints
 
     @property
     def missed(self) -> Estimate | None:
         """Misprints among the sheets that passed; None: none is labelled. Clopper and Pearson (1934)."""
-        if not self.passed_told:
+        if not self.labelled_passed:
             return None
-        share = self.passed_misprints / self.passed_told
-        low, high = exact_interval(self.passed_misprints, self.passed_told)
+        share = self.passed_misprints / self.labelled_passed
+        low, high = exact_interval(self.passed_misprints, self.labelled_passed)
         least = self.passed_misprints  # these are certain
         return Estimate(
             value=share * self.passed, low=max(low * self.passed, least), high=max(high * self.passed, least)
@@ -261,10 +261,10 @@ class SampleCounts:
         It is the number of labelled false alarms over good sheets in proportion, with Clopper and Pearson's
         interval, as if sheets of a day were independent and the number of good sheets were known.
         """
-        if (self.alarms and not self.alarms_told) or (self.passed and not self.passed_told):
+        if (self.alarms and not self.labelled_alarms) or (self.passed and not self.labelled_passed):
             return None
-        labelled = self.alarms_told / self.alarms if self.alarms else 1.0
-        good_passed = self.passed * self.passed_good / self.passed_told if self.passed else 0.0
+        labelled = self.labelled_alarms / self.alarms if self.alarms else 1.0
+        good_passed = self.passed * self.passed_good / self.labelled_passed if self.passed else 0.0
         trials = labelled * good_passed + self.alarms_good
         if trials <= 0:
             return None

@@ -8,9 +8,9 @@ import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INKS
 from prooflight.files.schema import (
+    ArraySpec,
     Block,
     Count,
-    Kept,
     Misfit,
     NotNegative,
     check_arrays,
@@ -68,8 +68,8 @@ def _too_many(recipes: NDArray[np.floating]) -> str:
     return "" if len(recipes) <= MOST_RECIPES else f"holds more than {MOST_RECIPES} recipes"
 
 
-def _array(*shape: int | str, **how: Any) -> Kept:
-    return Kept(dtype="float64", shape=shape, **how)
+def _array(*shape: int | str, **how: Any) -> ArraySpec:
+    return ArraySpec(dtype="float64", shape=shape, **how)
 
 
 _RECIPES: Final = _array("recipes", INKS, low=-0.01, high=1.01, rule=_too_many)
@@ -86,7 +86,7 @@ _RADIAL: Final = {
     "tail": _array(1 + INKS, BANDS),
     "smoothing": _array(1, low=0),
 }
-MODELS: Final[Mapping[str, Mapping[str, Kept]]] = {
+MODELS: Final[Mapping[str, Mapping[str, ArraySpec]]] = {
     "log-linear": {
         "paper": _array(BANDS, above=0, high=MOST_FACTOR),
         "density": _array(INKS, BANDS, low=-100, high=100),

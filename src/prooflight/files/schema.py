@@ -89,7 +89,7 @@ def _message(fault: Any) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
+class ArraySpec:
     """Required type, shape and range of one array, which must also be finite."""
 
     dtype: str
@@ -108,7 +108,7 @@ class Kept:
 
 def check_arrays(
     arrays: Mapping[str, NDArray[Any]],
-    table: Mapping[str, Kept],
+    table: Mapping[str, ArraySpec],
     sizes: Mapping[str, int],
     *,
     under: str = "",
@@ -129,7 +129,7 @@ def check_arrays(
     return extents
 
 
-def _check_array(name: str, array: NDArray[Any], spec: Kept, extents: dict[str, int]) -> None:
+def _check_array(name: str, array: NDArray[Any], spec: ArraySpec, extents: dict[str, int]) -> None:
     if array.dtype.name != spec.dtype:
         raise Misfit(name, f"is of {array.dtype.name}, must be of {spec.dtype}")
     fits = array.ndim == len(spec.shape) and all(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage, Station
+    from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage, PressContext
     from prooflight.inspection.codes.page_code import PageCode
     from prooflight.inspection.light_level import LitSquares
     from prooflight.pages.raster import Page
@@ -38,7 +38,7 @@ class Prepared:
     """Page as it enters the press, with all data that can be computed in advance of its scans."""
 
     page: Page
-    known: PreparedPage
+    prepared_page: PreparedPage
     """Page as its detector prepared it."""
     lit: LitSquares
     """Squares by which a scan's light is compared with the light that the press was calibrated for."""
@@ -77,18 +77,18 @@ class Inspector:
         return cls(press, detector(name, press), zones=zones)
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """Describe how rarely a good page alarms, and on what that rests."""
-        return self.detector.promise
+        return self.detector.guarantee
 
     def under(self, press: Press) -> Self:
         """Return the same inspector on a press whose light has changed a little."""
-        return replace(self, press=press, detector=self.detector.at(self._station(press)))
+        return replace(self, press=press, detector=self.detector.at(self._press_context(press)))
 
     def with_threads(self, threads: int | None) -> Self:
         """Return the same inspector with so many threads for one page; None: one a core."""
-        station = replace(self._station(self.press), threads=threads)
-        return replace(self, detector=self.detector.at(station))
+        press_context = replace(self._press_context(self.press), threads=threads)
+        return replace(self, detector=self.detector.at(press_context))
 
     def on(self, device: Device) -> Self:
         """Return the same inspector with images of scans computed on the processor or on a graphics card.
@@ -100,18 +100,18 @@ class Inspector:
                 what = f"{self.detector.name!r} computes on the processor alone"
                 raise RequestError("--device gpu", what, remedy="leave it out, or inspect by our detector")
             refuse_without_card()
-        station = replace(self._station(self.press), device=device)
-        return replace(self, detector=self.detector.at(station))
+        press_context = replace(self._press_context(self.press), device=device)
+        return replace(self, detector=self.detector.at(press_context))
 
     @property
     def engine(self) -> str:
         """What computes the images of scans, as journals record it: cpu, or gpu with the card's name and its driver."""
-        return engine_name(self.detector.station.device)
+        return engine_name(self.detector.press_context.device)
 
-    def _station(self, press: Press) -> Station:
+    def _press_context(self, press: Press) -> PressContext:
         """Return a press's station with this inspector's threads and device."""
-        own = self.detector.station
-        return replace(press.station(own.threads), device=own.device)
+        own = self.detector.press_context
+        return replace(press.press_context(own.threads), device=own.device)
 
     def planned(self, page: Page, *, threads: int | None = None) -> PlannedPage:
         """Return a page as it is to enter the press (``ScanGeometry.lay``).
@@ -119,8 +119,8 @@ class Inspector:
         threads: number used to prepare it.
         """
         zones = None if self.zones is None else self.zones.page(page)
-        station = self._station(self.press)
-        return PlannedPage(page, replace(station, threads=threads or station.threads), zones)
+        press_context = self._press_context(self.press)
+        return PlannedPage(page, replace(press_context, threads=threads or press_context.threads), zones)
 
     def prepare(self, page: Page | PlannedPage) -> Prepared:
         """Compute all data of a page, as it enters the press (``ScanGeometry.lay``), that need no scan."""
@@ -131,7 +131,7 @@ class Inspector:
         codes = page_codes(planned, sensors, geometry)
         if (zones := planned.zones) is not None:
             codes = tuple(code for code in codes if not zones.ignores(code.box_mm))
-        return Prepared(page=planned.page, known=prepared, lit=lit, codes=codes)
+        return Prepared(page=planned.page, prepared_page=prepared, lit=lit, codes=codes)
 
     def inspect(
         self,
@@ -170,12 +170,12 @@ class Inspector:
         if not isinstance(scan, Scan):
             scan = Scan(dn=scan, name=scan_name)
         scan = replace(scan, dn=inspected_lines(scan.name, scan.dn, prepared.page, self.press))
-        result = prepared.known.inspect(scan, seed=seed)
+        result = prepared.prepared_page.inspect(scan, seed=seed)
         lit = replace(result, verdict=self._under_its_light(result.verdict, prepared, scan))
         sensors, geometry = self.press.sensors, self.press.geometry
         done = with_codes(lit, prepared.codes, scan, page=prepared.page, sensors=sensors, geometry=geometry)
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
-        planned = PlannedPage(prepared.page, self.detector.station)
+        planned = PlannedPage(prepared.page, self.detector.press_context)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds), planned=planned)
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:

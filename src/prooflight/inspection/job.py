@@ -14,7 +14,7 @@ from prooflight.detectors.matched_filter.calibrated import ScannedPage
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ProoflightError, ScanError
-from prooflight.inspection.promise import Judged, summary_of
+from prooflight.inspection.guarantee import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import KILLED
@@ -228,11 +228,11 @@ class ScanPage:
         return ScannedPage(
             name=page.name,
             score=score,
-            values=inspection.kept["values"],
-            page_features=inspection.kept["portrait"],
-            another=bool(inspection.kept["wrong_page"]),
-            glyphs=float(inspection.kept["glyphs"]),
-            floor_mm2=float(inspection.kept["floor_mm2"]),
+            values=inspection.stored_arrays["values"],
+            page_features=inspection.stored_arrays["portrait"],
+            another=bool(inspection.stored_arrays["wrong_page"]),
+            glyphs=float(inspection.stored_arrays["glyphs"]),
+            floor_mm2=float(inspection.stored_arrays["floor_mm2"]),
             variation=inspection.variation(),
             digest=_digest(read.dn),
             design=_digest(page.cmyk),

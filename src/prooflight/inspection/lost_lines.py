@@ -81,7 +81,8 @@ def inspect_where_seen(
     given = Scan(dn=scan, name=scan_name, unseen=tuple(unseen))
     done_first = inspector.inspect(prepared, given, seed=seed)
     if not unseen or (
-        isinstance(prepared.known, LeavesLostLinesOut) and prepared.known.leaves_lost_lines_out
+        isinstance(prepared.prepared_page, LeavesLostLinesOut)
+        and prepared.prepared_page.leaves_lost_lines_out
     ):
         return done_first
     filled = as_foretold(scan, done_first, unseen, seed=seed)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
-from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.base import StoredArrays
 from prooflight.errors import RequestError
 from prooflight.inspection.codes.reading import failed_again
 from prooflight.inspection.registry import detector
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
-    Kept = Mapping[str, NDArray[Any]]
+    StoredEvidence = Mapping[str, NDArray[Any]]
 
 CUTS: Final = 3
 """Greatest number of places of a misprint of which the scan is stored."""
@@ -44,7 +44,7 @@ ROUNDING: Final = 1e-9
 """Relative tolerance of repeated figures; other processors add in another order."""
 
 
-def kept_evidence(
+def evidence_to_store(
     inspection: Inspection, page: Page, press: Press, *, whole: bool = False
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays that ``decided_again`` needs of one page, and cuts of the scan where it is a misprint.
@@ -54,15 +54,15 @@ def kept_evidence(
     page, of at most ``WHOLE_PIXELS``, and "whole_mm".
     """
     cuts = _cuts(inspection, page, press) if inspection.verdict.regions else {}
-    return {**inspection.kept, **cuts, **(_whole(inspection, page, press) if whole else {})}
+    return {**inspection.stored_arrays, **cuts, **(_whole(inspection, page, press) if whole else {})}
 
 
-def decided_again(kept: Kept, press: Press, detector_name: str) -> Decision:
+def decided_again(stored: StoredEvidence, press: Press, detector_name: str) -> Decision:
     """Repeat the decision from this evidence.
 
     RequestError if it is of another detector, or of no page at all.
     """
-    arrays = KeptArrays(kept, detector_name)
+    arrays = StoredArrays(stored, detector_name)
     _ = arrays.wrong_page  # refused where it is not told
     again = detector(detector_name, press).decided_again(arrays)
     if np.isnan(again.score):
@@ -86,7 +86,7 @@ class Figure:
         return self.recorded == self.again
 
 
-def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
+def replayed(verdict: Verdict, stored: StoredEvidence, press: Press) -> list[Figure]:
     """Repeat verdict, score, threshold, p-value and probability from evidence, with the recorded ones.
 
     RequestError: the page was not inspected, or its evidence is of another detector.
@@ -95,8 +95,8 @@ def replayed(verdict: Verdict, kept: Kept, press: Press) -> list[Figure]:
         raise RequestError(
             verdict.page, "was not compared with anything", remedy="choose a page with a score"
         )
-    again = decided_again(kept, press, verdict.detector)
-    misprint = again.misprint or KeptArrays(kept, verdict.detector).wrong_page or failed_again(kept)
+    again = decided_again(stored, press, verdict.detector)
+    misprint = again.misprint or StoredArrays(stored, verdict.detector).wrong_page or failed_again(stored)
     figures = [Figure(name="verdict", recorded=verdict.verdict, again="misprint" if misprint else "good")]
     figures += [
         Figure(name=name, recorded=getattr(verdict, name), again=getattr(again, name))

@@ -33,7 +33,7 @@ def chi_square(press: Press) -> Detector:
     test = ChiSquare(
         good_pages_per_false_alarm=press.good_pages_per_false_alarm, misprint_rate=press.costs.misprint_rate
     )
-    return PaperDetector(station=press.station(), test=test)
+    return PaperDetector(press_context=press.press_context(), test=test)
 
 
 def bayes(press: Press) -> Detector:
@@ -42,7 +42,7 @@ def bayes(press: Press) -> Detector:
         raise _untrained(press, "bayes", "`prooflight press build --detector full`")
     from prooflight.detectors.paper.detector import PaperDetector
 
-    return PaperDetector(station=press.station(), test=press.bayes)
+    return PaperDetector(press_context=press.press_context(), test=press.bayes)
 
 
 def matched_filter(press: Press) -> Detector:
@@ -51,7 +51,7 @@ def matched_filter(press: Press) -> Detector:
         raise _untrained(press, "ours", "`prooflight press build --detector quick`")
     from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 
-    return MatchedFilterDetector(station=press.station(), calibrated=press.ours)
+    return MatchedFilterDetector(press_context=press.press_context(), calibrated=press.ours)
 
 
 BUILT_IN: Final[dict[str, Factory]] = {
@@ -94,7 +94,7 @@ def promises(press: Press) -> dict[str, str]:
     """Return the stated guarantee of each of Prooflight's own detectors that this press has, by name."""
     trained = {"ours": press.ours, "bayes": press.bayes}
     has = ["chi-square", *(name for name, model in trained.items() if model is not None)]
-    return {name: detector(name, press).promise for name in has}
+    return {name: detector(name, press).guarantee for name in has}
 
 
 @cache

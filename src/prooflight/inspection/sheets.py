@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from prooflight.detectors.disposition import Disposition
-    from prooflight.detectors.verdict import Verdict, Word
+    from prooflight.detectors.verdict import Verdict, VerdictName
     from prooflight.pages.layout.imposing import Place
     from prooflight.pages.layout.plan import SheetPlan
 
-WORST_FIRST: Final[tuple[Word, ...]] = ("misprint", "not-inspected", "good")
+WORST_FIRST: Final[tuple[VerdictName, ...]] = ("misprint", "not-inspected", "good")
 OUT_OF_ORDER: Final = frozenset({"repeated", "out-of-order"})
 OPEN_SHEETS: Final = 4096
 """Greatest number of sheets that wait for a side or for the rest of their set.
@@ -71,7 +71,7 @@ class PageVerdict:
     """Number of the page in the job, from 1."""
     place: int
     """Place on its side, from 1, row by row from the top left as the side was laid out."""
-    verdict: Word
+    verdict: VerdictName
     why: str = ""
 
 
@@ -82,7 +82,7 @@ class SideVerdict:
     side: SideName
     """Side of the sheet; empty: the sheet has but one."""
     name: str
-    verdict: Word
+    verdict: VerdictName
     why: str = ""
     came: bool = True
     """Whether the camera saw it."""
@@ -105,7 +105,7 @@ class SheetVerdict:
     number: int
     """Number in the job, from 1."""
     name: str
-    verdict: Word
+    verdict: VerdictName
     why: tuple[str, ...]
     sides: tuple[SideVerdict, ...]
     set_number: int | None = None
@@ -152,7 +152,7 @@ class SetVerdict:
     """Number in the run, from 0."""
     sheets: int
     """Number of sheets that it should have."""
-    verdict: Word
+    verdict: VerdictName
     bad: tuple[int, ...] = ()
     """Sheets of the run that are misprints."""
     unseen: tuple[int, ...] = ()
@@ -192,7 +192,7 @@ def _numbers(sheets: Sequence[int]) -> str:
     return f"sheet{'s' if len(sheets) > 1 else ''} {', '.join(map(str, sheets[:NAMED]))}{more}"
 
 
-def worst(verdicts: Iterable[Word]) -> Word:
+def worst(verdicts: Iterable[VerdictName]) -> VerdictName:
     """Return the worst of the verdicts; good where there is none."""
     return min(verdicts, key=WORST_FIRST.index, default="good")
 
@@ -239,7 +239,7 @@ def page_verdicts(
     return _all_alike(pages, decision, why)
 
 
-def _all_alike(pages: Sequence[int | None], verdict: Word, why: str = "") -> tuple[PageVerdict, ...]:
+def _all_alike(pages: Sequence[int | None], verdict: VerdictName, why: str = "") -> tuple[PageVerdict, ...]:
     return tuple(
         PageVerdict(page=page, place=at, verdict=verdict, why=why)
         for at, page in enumerate(pages, start=1)
@@ -334,8 +334,8 @@ def set_verdict(plan: SheetPlan, number: int, sheets: Sequence[SheetVerdict]) ->
 class Counts:
     """Numbers of sheets and sets by verdict; a sheet or set that is counted is complete."""
 
-    sheets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
-    sets: dict[Word, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
+    sheets: dict[VerdictName, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
+    sets: dict[VerdictName, int] = field(default_factory=lambda: dict.fromkeys(WORST_FIRST, 0))
     spoiled: int = 0
     """Number of sets that may not be delivered as they are."""
 
@@ -429,7 +429,7 @@ def assembled(plan: SheetPlan, records: Iterable[SideRow]) -> Iterator[SheetVerd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ToLookAt:
+class ReviewList:
     """Sheets and sets of a run that are not clean, and the number of each kind."""
 
     sheets: tuple[SheetVerdict, ...]
@@ -437,7 +437,7 @@ class ToLookAt:
     counts: Counts
 
 
-def to_look_at(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ended: bool) -> ToLookAt:
+def to_review(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ended: bool) -> ReviewList:
     """Return the same from those rows alone that a person should see, as all others are good.
 
     passed: number of positions that have been passed. ended: whether no more come; else what lacks a side is
@@ -480,7 +480,7 @@ def to_look_at(plan: SheetPlan, records: Iterable[SideRow], *, passed: int, ende
             sets.append(set_verdict(plan, own, there))
             counts.add(sets[-1])
         counts.sets["good"] += begun - len(sets)
-    return ToLookAt(sheets=tuple(sheets.values()), sets=tuple(sets), counts=counts)
+    return ReviewList(sheets=tuple(sheets.values()), sets=tuple(sets), counts=counts)
 
 
 def _good(plan: SheetPlan, sheet: int) -> SheetVerdict:

@@ -35,7 +35,7 @@ class CameraExchange:
         """Request the view. OSError."""
         self._side_file(ASKED).touch()
 
-    def asked(self) -> bool:
+    def is_requested(self) -> bool:
         """Return whether the view is requested."""
         return self._fresh(ASKED)
 

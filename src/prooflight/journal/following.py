@@ -62,7 +62,7 @@ class Counted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class PageQuery:
     """Conditions on pages; None: no condition."""
 
     run_id: int | None = None
@@ -84,7 +84,7 @@ class Asked:
     sheets: tuple[int, ...] | None = None
     """Numbers of sheets; with ``job_pages``, pages of either are selected."""
     job_pages: tuple[int, ...] | None = None
-    to_look_at: bool = False
+    to_review: bool = False
     """Whether to leave out pages that need no review: good, in time, without fault and note."""
 
     @property
@@ -116,7 +116,7 @@ class Asked:
             conditions.append(page.sheet <= self.last_sheet)
         if self.sheets is not None or self.job_pages is not None:
             conditions.append(page.sheet.in_(self.sheets or ()) | page.job_page.in_(self.job_pages or ()))
-        if self.to_look_at:
+        if self.to_review:
             conditions.append(~rows.clearly_good())
         return conditions
 
@@ -217,23 +217,23 @@ class JournalFollower(JournalReader):
             query = query.where(stored_pages.c.run_id == run_id)
         return self._written(query, damaged)
 
-    def found(
-        self, asked: Asked, *, before: int | None = None, limit: int = 100, damaged: Damaged = refuse
+    def search(
+        self, wanted: PageQuery, *, before: int | None = None, limit: int = 100, damaged: Damaged = refuse
     ) -> list[Written]:
         """Return the pages that meet the conditions, the latest written first; before: only those of lower rows."""
-        conditions = asked.conditions()
+        conditions = wanted.conditions()
         query = select(ROW, stored_pages)
-        if asked.of_runs:
+        if wanted.of_runs:
             query = query.join(stored_runs, stored_runs.c.id == stored_pages.c.run_id)
         if before is not None:
             conditions.append(_row() < before)
         return self._written(query.where(*conditions).order_by(_row().desc()).limit(limit), damaged)
 
     def sheets(
-        self, asked: Asked, *, after: int = -1, limit: int = 100, damaged: Damaged = refuse
+        self, wanted: PageQuery, *, after: int = -1, limit: int = 100, damaged: Damaged = refuse
     ) -> list[Written]:
         """Return the pages of one run by sheet; after: only those of higher numbers."""
-        conditions = [*asked.conditions(), stored_pages.c.sheet > after]
+        conditions = [*wanted.conditions(), stored_pages.c.sheet > after]
         query = select(ROW, stored_pages).where(*conditions).order_by(stored_pages.c.sheet).limit(limit)
         return self._written(query, damaged)
 

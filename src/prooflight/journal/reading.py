@@ -88,7 +88,7 @@ class JournalReader:
         except JournalError as error:
             damaged(error)
 
-    def asked_pages(self, run_id: int, *, damaged: Damaged = refuse) -> list[PageRecord]:
+    def sampled_pages(self, run_id: int, *, damaged: Damaged = refuse) -> list[PageRecord]:
         """Return a run's pages up for review, by sheet, without their evidence; damaged: as for ``pages``."""
         page = stored_pages.c
         query = (

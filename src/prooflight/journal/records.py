@@ -78,7 +78,7 @@ class PageRecord:
     gate: Disposition | None = None
     """Disposition by the gate's policy; None: no gate decided."""
     evidence: Mapping[str, NDArray[Any]] | None = None
-    """Evidence by ``redeciding.kept_evidence``, which reproduces the verdict, and image sections for people;
+    """Evidence by ``redeciding.evidence_to_store``, which reproduces the verdict, and image sections for people;
     None: none was kept."""
 
     @property

@@ -136,7 +136,7 @@ def cache_of(function: Callable[..., Any]) -> KernelCache:
     return KernelCache(function)
 
 
-def is_kept(kernel: Any) -> bool:
+def is_cached(kernel: Any) -> bool:
     """Return whether a compiled form of a kernel is stored, of this or of an older version of it."""
     index = getattr(getattr(kernel.compiled, "_cache", None), "_cache_file", None)
     return index is not None and Path(index._index_path).exists()  # noqa: SLF001 - numba does not say it

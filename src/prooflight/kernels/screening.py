@@ -29,17 +29,17 @@ def screen_by_threshold(plates, tile, shift, starts, steps, low, share, levels, 
     is the next cell). levels: the byte that each level prints.
     """
     for row in range(plates.shape[0]):
-        words = plates[row].ravel().view(np.uint32)
+        packed_inks = plates[row].ravel().view(np.uint32)
         printed = out[row].ravel().view(np.uint32)
-        for column in range(words.size):
-            word = words[column]
-            if word == 0:
+        for column in range(packed_inks.size):
+            inks = packed_inks[column]
+            if inks == 0:
                 printed[column] = 0
                 continue
             result = np.uint32(0)
             for ink in range(4):
                 bits = np.uint32(8 * ink)
-                byte = (word >> bits) & np.uint32(255)
+                byte = (inks >> bits) & np.uint32(255)
                 if byte == 0:
                     continue
                 level, part = low[ink, byte], share[ink, byte]

@@ -36,29 +36,29 @@ def add_light(sums, scale, of_row):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "lines (N, P), held, sums (P), scale (Q), light ((held + N) // SHRINK, Q // SHRINK)",
-    where="0 <= held, Q <= P",
+    "lines (N, P), summed, sums (P), scale (Q), light ((summed + N) // SHRINK, Q // SHRINK)",
+    where="0 <= summed, Q <= P",
 )
-def shrink(lines, held, sums, scale, light):  # type: ignore[no-untyped-def]
+def shrink(lines, summed, sums, scale, light):  # type: ignore[no-untyped-def]
     """Add lines (n, pixels) uint16 of one sensor to light (rows, columns), rows of 8 lines; the remainder to sums.
 
-    held: number of lines already in sums (pixels,) uint32. scale (pixels,): light of a digital number in this
+    summed: number of lines already in sums (pixels,) uint32. scale (pixels,): light of a digital number in this
     mean.
     """
     row, n = 0, 0
     while n < lines.shape[0]:
-        if held == 0 and n + SHRINK <= lines.shape[0]:
+        if summed == 0 and n + SHRINK <= lines.shape[0]:
             sum_eight(lines, n, sums)
-            held, n = SHRINK, n + SHRINK
+            summed, n = SHRINK, n + SHRINK
         else:
             line = lines[n]
             for pixel in range(line.size):
                 sums[pixel] += line[pixel]
-            held, n = held + 1, n + 1
-        if held == SHRINK:
+            summed, n = summed + 1, n + 1
+        if summed == SHRINK:
             add_light(sums, scale, light[row])
             sums[:] = 0
-            held, row = 0, row + 1
+            summed, row = 0, row + 1
 
 
 @kernel("light (R, _), level, reach, counts (R)")

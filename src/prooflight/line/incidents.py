@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from prooflight.detectors.disposition import gravest
 from prooflight.inspection.common_cause import COLUMN_KINDS, NEAR_MM, SHEET_KINDS
 from prooflight.line.monitor.forecast import LEAST_PAGES, SLOPE_SDS
-from prooflight.line.places import around, gap_mm, in_words
+from prooflight.line.places import around, gap_mm, place_text
 from prooflight.scans.lines import CAMERA_AWAY
 
 if TYPE_CHECKING:
@@ -389,7 +389,7 @@ class _Tracked:
         """Return the incident as of the latest sheet."""
         where = ""
         if self.scope != "run":
-            where = in_words(self._around, column=self.scope == "column", size_mm=size_mm)
+            where = place_text(self._around, column=self.scope == "column", size_mm=size_mm)
         last = self._last
         return Incident(
             number=self.number,

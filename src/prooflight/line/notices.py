@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from prooflight.inspection.reasons import reason_of
-from prooflight.pages.check import in_words
+from prooflight.pages.check import warning_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator
@@ -96,9 +96,9 @@ class Silence:
 class PageWarnings:
     """Warnings of pages as these are prepared, each reported once; safe for several threads."""
 
-    def __init__(self, say: Callable[[Notice], None], known: Iterable[PageWarning] = ()) -> None:
-        """``known``: warnings that were reported before the run."""
-        self._say, self._known, self._guard = say, set(known), threading.Lock()
+    def __init__(self, say: Callable[[Notice], None], reported: Iterable[PageWarning] = ()) -> None:
+        """``reported``: warnings that were reported before the run."""
+        self._say, self._known, self._guard = say, set(reported), threading.Lock()
 
     def add(self, warnings: Iterable[PageWarning]) -> None:
         """Report the warnings of a page that have not been reported yet."""
@@ -106,7 +106,7 @@ class PageWarnings:
             new = [warning for warning in warnings if warning not in self._known]
             self._known.update(new)
         for warning in new:
-            self._say(Notice(kind="page-warning", text=in_words(warning)))
+            self._say(Notice(kind="page-warning", text=warning_text(warning)))
 
 
 class Unusable:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.inspection.promise import PromiseWatch
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight.journal.records import PageRecord
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.notices import Notice
@@ -52,7 +52,7 @@ def outcome(
     late: bool = False,
     latency_s: float | None = None,
     evidence: PageEvidence | None = None,
-    kept: Mapping[str, NDArray[Any]] | None = None,
+    stored_evidence: Mapping[str, NDArray[Any]] | None = None,
     asked: float | None = None,
 ) -> Outcome:
     """Return the outcome of a sheet that was inspected."""
@@ -70,7 +70,7 @@ def outcome(
         notes=(*lost_lines(seen), *((LEFT_OUT.format(", ".join(left_out)),) if left_out else ())),
         nuisance=dict(usable.values),
         asked=asked,
-        evidence=kept,
+        evidence=stored_evidence,
     )
     return Outcome(record=record, latency_s=latency_s, evidence=usable)
 
@@ -150,7 +150,7 @@ class RunWatch:
     adapting: Adapting | None
     sheets: int | None
     """Number of sheets in the run; None: unknown."""
-    promise: PromiseWatch = field(default_factory=PromiseWatch)
+    guarantee: GuaranteeMonitor = field(default_factory=GuaranteeMonitor)
     pace: Pace = field(default_factory=Pace)
 
     def add(self, outcome: Outcome) -> Outcome:
@@ -163,11 +163,11 @@ class RunWatch:
                 announcements += self.monitor.excursion(number, name, level, pages_left=left)
         news = []
         design = number if outcome.record.job_page is None else outcome.record.job_page
-        if self.promise.add(outcome.record.verdict, evidence.summary, design):
-            news.append(Notice(kind="promise-suspended", text=self.promise.suspended))
+        if self.guarantee.add(outcome.record.verdict, evidence.summary, design):
+            news.append(Notice(kind="promise-suspended", text=self.guarantee.suspended))
         if outcome.came and (said_of_pace := self.pace.add(outcome.record)) is not None:
             news.append(said_of_pace)
-        verdict = self.promise.marked(outcome.record.verdict)
+        verdict = self.guarantee.marked(outcome.record.verdict)
         if not (announcements or news) and verdict is outcome.record.verdict:
             return outcome
         notes = (*outcome.record.notes, *(one.text for one in announcements), *(one.text for one in news))

@@ -111,10 +111,10 @@ class PackedDesign:
     @classmethod
     def of(cls, known: Known) -> Self:
         """Pack a design; those of a graphics card stay as they are, since it keeps their images."""
-        page = known.prepared.known
-        if not isinstance(page, MatchedFilterPage) or page.detector.station.device != "cpu":
+        page = known.prepared.prepared_page
+        if not isinstance(page, MatchedFilterPage) or page.detector.press_context.device != "cpu":
             return cls(bare=known)
-        design = page.known
+        design = page.prepared_page
         large: dict[str, NDArray[Any] | None] = {
             "raster": design.page.cmyk,
             "levels": design.images.levels,
@@ -132,7 +132,7 @@ class PackedDesign:
             hidden=None,
             unresolved=None,
         )
-        prepared = replace(known.prepared, page=bare.page, known=replace(page, known=bare))
+        prepared = replace(known.prepared, page=bare.page, prepared_page=replace(page, prepared_page=bare))
         return cls(bare=replace(known, prepared=prepared), arrays=arrays)
 
     @property
@@ -143,8 +143,12 @@ class PackedDesign:
     @property
     def nbytes(self) -> int:
         """Memory that it takes beside that of its press. [bytes]"""
-        page = self.bare.prepared.known
-        own = (page.detector, page.known.binned_sensors) if isinstance(page, MatchedFilterPage) else None
+        page = self.bare.prepared.prepared_page
+        own = (
+            (page.detector, page.prepared_page.binned_sensors)
+            if isinstance(page, MatchedFilterPage)
+            else None
+        )
         return size_bytes((self.bare, list(self.arrays.values())), shared=own)
 
     def unpacked(self, *, threads: int = 1) -> Known:
@@ -152,8 +156,8 @@ class PackedDesign:
         if not self.arrays:
             return self.bare
         there = {name: one.written(threads=threads) for name, one in self.arrays.items()}
-        page: Any = self.bare.prepared.known
-        design = page.known
+        page: Any = self.bare.prepared.prepared_page
+        design = page.prepared_page
         raster = replace(design.page, cmyk=there["raster"])
         whole = replace(
             design,
@@ -163,5 +167,5 @@ class PackedDesign:
             hidden=there.get("hidden"),
             unresolved=there.get("unresolved"),
         )
-        prepared = replace(self.bare.prepared, page=raster, known=replace(page, known=whole))
+        prepared = replace(self.bare.prepared, page=raster, prepared_page=replace(page, prepared_page=whole))
         return replace(self.bare, prepared=prepared)

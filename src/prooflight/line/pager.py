@@ -151,7 +151,7 @@ class Pager:
     def warm_up(self) -> None:
         """Run all steps once, so that the first sheet need not wait for compilers and caches."""
         self._shrinker.picture(np.repeat(self._store.backing_dn[:, None], SHRINK, axis=1))
-        for page in self._following.known_near()[:1]:
+        for page in self._following.thumbnails_near()[:1]:
             self._following.identify(page.light.astype(np.float32) / np.float32(STEPS), longer=0.0)
 
     def push(self, block: LineBlock) -> list[SeenPage | MissingPage]:
@@ -410,7 +410,7 @@ class Pager:
 
     def _page_of_length(self, sheet: Sheet) -> Thumbnail | None:
         """Return the expected page, or the first near it that is as long as the sheet."""
-        near = self._following.known_near()
+        near = self._following.thumbnails_near()
         pitch, length = self._geometry.line_pitch_mm, sheet.end - sheet.start
         for page in near if sheet.free else []:
             if abs(page.height_mm / pitch - length) <= STRETCH * length + EDGE_LINES:
@@ -420,12 +420,14 @@ class Pager:
     def _lengths(self) -> list[int]:
         """Return the lengths in lines of the sheets that may come, the next one's first."""
         pitch = self._geometry.line_pitch_mm
-        return list(dict.fromkeys(round(page.height_mm / pitch) for page in self._following.known_near()))
+        return list(
+            dict.fromkeys(round(page.height_mm / pitch) for page in self._following.thumbnails_near())
+        )
 
     def _like_gap(self, below: int) -> bool:
         """Return whether a page that may come next resembles the backing so many lines below its edge."""
         row = (below + self._lead_in) // SHRINK
-        for page in self._following.known_near()[:PAGES_LIKE_GAP]:
+        for page in self._following.thumbnails_near()[:PAGES_LIKE_GAP]:
             end = len(page.light) - self._lead_out // SHRINK - 2
             rows = page.light[max(row - 2, 0) : min(row + 3, end)].astype(np.float32) / STEPS
             off = np.abs(rows - self._store.backing_light)

@@ -15,20 +15,22 @@ DOWN: Final = ("top", "middle", "bottom")
 ACROSS: Final = ("left", "centre", "right")
 
 
-def in_words(box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, float] | None = None) -> str:
+def place_text(
+    box_mm: Box | None, *, column: bool = False, size_mm: tuple[float, float] | None = None
+) -> str:
     """Return a description of a box's place on the sheet.
 
     column: only the position across counts, as for a streak. size_mm: of the sheet, if known.
 
-    >>> in_words((52.0, 12.0, 3.2, 4.1), size_mm=(210.0, 297.0))
+    >>> place_text((52.0, 12.0, 3.2, 4.1), size_mm=(210.0, 297.0))
     'top left, around 54 mm from the left and 14 mm from the top (3.2 x 4.1 mm)'
-    >>> in_words((119.5, 0.0, 1.0, 297.0), column=True, size_mm=(210.0, 297.0))
+    >>> place_text((119.5, 0.0, 1.0, 297.0), column=True, size_mm=(210.0, 297.0))
     'centre, 120 mm from the left, along the travel'
-    >>> in_words((0.0, 30.0, 210.0, 12.0), size_mm=(210.0, 297.0))
+    >>> place_text((0.0, 30.0, 210.0, 12.0), size_mm=(210.0, 297.0))
     'top, across the sheet from 30 to 42 mm from the top'
-    >>> in_words((52.0, 12.0, 30.0, 41.0))
+    >>> place_text((52.0, 12.0, 30.0, 41.0))
     'around 67 mm from the left and 32 mm from the top (30 x 41 mm)'
-    >>> in_words(None)
+    >>> place_text(None)
     'all over the sheet'
     """
     if box_mm is None:

@@ -28,10 +28,10 @@ machine holds at most."""
 RETRY_S: Final = 30.0
 """Time until a design that failed is tried again: its file may have been sent once more."""
 Ready = TypeVar("Ready")
-Made = TypeVar("Made")
+Read = TypeVar("Read")
 
 
-class PageBook(Protocol):
+class PageStore(Protocol):
     """The sheets of a job."""
 
     def __len__(self) -> int: ...
@@ -79,7 +79,7 @@ class DesignPrefetcher(Generic[Ready]):
 
     def __init__(
         self,
-        book: PageBook,
+        page_store: PageStore,
         prepare: Callable[[Page], Ready],
         *,
         depth: int,
@@ -87,7 +87,7 @@ class DesignPrefetcher(Generic[Ready]):
         threads: int = 1,
         took: Callable[[float], None] = lambda _seconds: None,
         size: Callable[[Ready], int] = size_bytes,
-        made: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
+        on_ready: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
         stored: Callable[[Hashable], Ready | None] = lambda _design: None,
         store: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
@@ -104,8 +104,8 @@ class DesignPrefetcher(Generic[Ready]):
         store
             Called with every design that was prepared now, when it is ready.
         """
-        self._book, self._prepare = book, prepare
-        self._took, self._size, self._on_ready = took, size, made
+        self._page_store, self._prepare = page_store, prepare
+        self._took, self._size, self._on_ready = took, size, on_ready
         self._on_failed, self._stored, self._store, self._clock = failed, stored, store, clock
         self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
@@ -142,7 +142,7 @@ class DesignPrefetcher(Generic[Ready]):
         """Announce that a sheet of the job and those after it come next."""
         self._next = sheet
         self._drop_before(sheet)
-        last = len(self._book) if len(self._book) else sheet + self._depth
+        last = len(self._page_store) if len(self._page_store) else sheet + self._depth
         coming = range(sheet, min(sheet + self._depth, last))
         self.begin(coming)
         self._renew_one(coming)
@@ -157,7 +157,7 @@ class DesignPrefetcher(Generic[Ready]):
         """Return a sheet's design, prepared now if need be; raise the error of its preparation, or TimeoutError."""
         requested = self._requested(sheet)
         with self._guard:
-            self._queued.pop(self._book.design(sheet), None)
+            self._queued.pop(self._page_store.design(sheet), None)
         return requested.result(timeout_s)
 
     def renew(
@@ -177,7 +177,7 @@ class DesignPrefetcher(Generic[Ready]):
             pool.shutdown(wait=True, cancel_futures=True)
 
     def _requested(self, sheet: int) -> Future[Ready]:
-        design = self._book.design(sheet)
+        design = self._page_store.design(sheet)
         with self._guard:
             cached = self._cached.get(design)
             if cached is not None:
@@ -192,7 +192,7 @@ class DesignPrefetcher(Generic[Ready]):
 
     def _failed_lately(self, sheet: int) -> bool:
         with self._guard:
-            failed_s = self._failed_s.get(self._book.design(sheet))
+            failed_s = self._failed_s.get(self._page_store.design(sheet))
         return failed_s is not None and self._clock() - failed_s < RETRY_S
 
     def _drop_before(self, sheet: int) -> None:
@@ -204,12 +204,12 @@ class DesignPrefetcher(Generic[Ready]):
     def _renew_one(self, coming: range) -> None:
         """Prepare one stale design again, the last to be needed: it can be used as it is, so nothing must wait."""
         with self._guard:
-            stale = (number for number in reversed(coming) if self._book.design(number) in self._stale)
+            stale = (number for number in reversed(coming) if self._page_store.design(number) in self._stale)
             sheet = next(stale, None)
             if sheet is None or self._renewing:
                 return
             self._renewing = True
-            design = self._book.design(sheet)
+            design = self._page_store.design(sheet)
             self._stale.discard(design)
             self._renewer.submit(self._again, design, sheet)
 
@@ -253,9 +253,9 @@ class DesignPrefetcher(Generic[Ready]):
             self._renewing = False
 
     def _timed(self, sheet: int) -> Ready:
-        return self._timed_call(self._prepare, self._reader.submit(self._book.page, sheet).result())
+        return self._timed_call(self._prepare, self._reader.submit(self._page_store.page, sheet).result())
 
-    def _timed_call(self, make: Callable[[Made], Ready], of: Made) -> Ready:
+    def _timed_call(self, make: Callable[[Read], Ready], of: Read) -> Ready:
         started = time.perf_counter()
         ready = make(of)
         self._took(time.perf_counter() - started)
@@ -276,9 +276,9 @@ class DesignPrefetcher(Generic[Ready]):
         """Return the next sheet of each of these designs that comes soon."""
         wanted: set[Hashable] = set(designs)
         needed: dict[Hashable, int] = {}
-        last = min(self._next + FORESIGHT, len(self._book) or self._next + FORESIGHT)
+        last = min(self._next + FORESIGHT, len(self._page_store) or self._next + FORESIGHT)
         for sheet in range(self._next, last):
-            design = self._book.design(sheet)
+            design = self._page_store.design(sheet)
             if design in wanted:
                 wanted.discard(design)
                 needed[design] = sheet

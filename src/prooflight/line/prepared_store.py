@@ -94,7 +94,7 @@ class PreparedStore:
         try:
             with path.open("rb") as file:
                 # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
-                known = self._decoded(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
+                ready = self._decoded(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None
@@ -102,7 +102,7 @@ class PreparedStore:
             _log.warning("%s cannot be used (%s); the design is prepared again", path, error)
             path.unlink(missing_ok=True)
             return None
-        return known
+        return ready
 
     def prepared(self, number: int) -> Prepared | None:
         """See ``inspection.job.StoredDesigns``."""
@@ -122,13 +122,13 @@ class PreparedStore:
         return self.folder / f"{design:06d}.design"
 
     def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
-        page, file = packed.bare.prepared.known, io.BytesIO()
+        page, file = packed.bare.prepared.prepared_page, io.BytesIO()
         if not isinstance(page, MatchedFilterPage):
             raise TypeError(f"{type(page).__name__} cannot be stored")
         arrays: list[bytes | memoryview] = []
-        prepared: Any = replace(packed.bare.prepared, known=None)  # type: ignore[arg-type]
-        _Pickler(file, self.inspector, page.known, arrays).dump(
-            (prepared, packed.bare.thumbnail, page.known, page.inks, page.widening, packed.arrays)
+        prepared: Any = replace(packed.bare.prepared, prepared_page=None)  # type: ignore[arg-type]
+        _Pickler(file, self.inspector, page.prepared_page, arrays).dump(
+            (prepared, packed.bare.thumbnail, page.prepared_page, page.inks, page.widening, packed.arrays)
         )
         pieces = [file.getvalue(), *arrays]
         sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
@@ -147,19 +147,19 @@ class PreparedStore:
         return self._restored(*_Unpickler(io.BytesIO(pieces[0]), self.inspector, pieces[1:]).load())
 
     def _restored(
-        self, prepared: Any, thumbnail: Any, known: Any, inks: Any, widening: Any, arrays: Any
+        self, prepared: Any, thumbnail: Any, ready: Any, inks: Any, widening: Any, arrays: Any
     ) -> PackedDesign:
         """Return a design with what is not stored of it."""
         detector = self.inspector.detector
         assert isinstance(detector, MatchedFilterDetector)  # see ``of``
         page = MatchedFilterPage(
             detector=detector,
-            known=known,
+            prepared_page=ready,
             inks=inks,
             model=detector.calibrated.model.widened(widening),
             widening=widening,
         )
-        bare = Known(prepared=replace(prepared, known=page), thumbnail=thumbnail)
+        bare = Known(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
         return PackedDesign(bare=bare, arrays=arrays)
 
 
@@ -204,7 +204,7 @@ class _Pickler(pickle.Pickler):
         self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes | memoryview]
     ) -> None:
         super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw()))
-        own = inspector.detector.station.sensors
+        own = inspector.detector.press_context.sensors
         self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
         self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
         self._held |= {id(one): ("binned", index) for index, one in enumerate(bare.binned_sensors)}
@@ -223,8 +223,11 @@ class _Unpickler(pickle.Unpickler):
 
     def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[memoryview]) -> None:
         super().__init__(file, buffers=arrays)
-        station = inspector.detector.station
-        self._parts = {"camera": station.sensors, "binned": mode_sensors(station.sensors, station.geometry)}
+        press_context = inspector.detector.press_context
+        self._parts = {
+            "camera": press_context.sensors,
+            "binned": mode_sensors(press_context.sensors, press_context.geometry),
+        }
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""
@@ -236,7 +239,7 @@ class _Unpickler(pickle.Unpickler):
         if (module, name) in OF_NUMPY:
             return super().find_class(module, name)
         if module.startswith("prooflight."):
-            found = super().find_class(module, name)
-            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
-                return found
+            loaded = super().find_class(module, name)
+            if isinstance(loaded, type) and (is_dataclass(loaded) or issubclass(loaded, tuple)):
+                return loaded
         raise pickle.UnpicklingError(f"{module}.{name} is no part of a design")

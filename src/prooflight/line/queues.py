@@ -61,7 +61,7 @@ class Waiting(Generic[Item]):
             return dropped
 
     def take(
-        self, ready_s: Callable[[], float], *, behind: Callable[[], bool] = lambda: False
+        self, ready_s: Callable[[], float], *, is_late: Callable[[], bool] = lambda: False
     ) -> tuple[Item | None, list[Item]]:
         """Wait for a sheet; return it, or None, and those dropped; None and none dropped: closed and empty.
 
@@ -72,7 +72,7 @@ class Waiting(Generic[Item]):
             while not self._items and not self._closed:
                 self._changed.wait()
             dropped = []
-            while self._items and self._items[0][1] < ready_s() and (len(self._items) > 1 or behind()):
+            while self._items and self._items[0][1] < ready_s() and (len(self._items) > 1 or is_late()):
                 dropped.append(self._items.popleft()[0])
             taken = self._items.popleft()[0] if self._items else None
             self._changed.notify_all()

@@ -26,7 +26,6 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.errors import ProoflightError
 from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN, unseen_share
 from prooflight.inspection.reasons import reason_of
-from prooflight.line.book import ThumbnailCache
 from prooflight.line.notices import Notice, Silence, Unusable
 from prooflight.line.outcomes import (
     InOrder,
@@ -39,6 +38,7 @@ from prooflight.line.outcomes import (
     unknown_sheet,
 )
 from prooflight.line.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
+from prooflight.line.page_store import ThumbnailCache
 from prooflight.line.prefetch import DesignPrefetcher
 from prooflight.line.queues import Sheet, Waiting
 from prooflight.line.sheets.records import MissingPage, SeenPage
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from prooflight.line.outcomes import RunWatch
     from prooflight.line.packed_design import PackedDesign
     from prooflight.line.pager import Pager
-    from prooflight.line.prefetch import PageBook
+    from prooflight.line.prefetch import PageStore
     from prooflight.line.settings import Settings
     from prooflight.line.sheet_inspector import SheetInspector, SheetResult
     from prooflight.line.sheets.following import Expected
@@ -93,7 +93,7 @@ class Running:
         press: Press,
         source: LineSource,
         pager: Callable[[Expected], Pager],
-        book: PageBook,
+        page_store: PageStore,
         inspector: SheetInspector,
         watch: RunWatch,
         settings: Settings,
@@ -130,7 +130,7 @@ class Running:
         store
             Called with designs that were prepared now for the press as it was then.
         """
-        self._press, self._source, self._make_pager, self._book = press, source, pager, book
+        self._press, self._source, self._make_pager, self._page_store = press, source, pager, page_store
         self._inspector, self._watch, self._settings = inspector, watch, settings
         self._first_inspector = inspector
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
@@ -138,19 +138,19 @@ class Running:
         self._stored, self._store = stored, store
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
-        self._thumbnails = ThumbnailCache(book)
+        self._thumbnails = ThumbnailCache(page_store)
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
         self._unusable = Unusable(self._done.put)
         self._silence = Silence(settings.stall_s, self._done.put, clock=clock)
         self._prefetcher: DesignPrefetcher[ReadyDesign] = DesignPrefetcher(
-            book,
+            page_store,
             self._maker(inspector),
             depth=settings.ahead,
             room_bytes=settings.ahead_bytes,
             threads=settings.preparers,
             took=lambda seconds: self.tally.took("prepare", seconds),
-            size=lambda made: made[1].nbytes,
-            made=self._design_ready,
+            size=lambda ready: ready[1].nbytes,
+            on_ready=self._design_ready,
             failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
             stored=self._taken,
             store=self._store_first,
@@ -236,7 +236,7 @@ class Running:
         """Prepare the job's designs, as many as fit into memory, and compile everything, before the first line."""
         self.tally.phase = Phase.PREPARING
         for sheet, flaw in self._flaws.items():
-            self._unusable.add(self._book.design(sheet), self._name(sheet), flaw)
+            self._unusable.add(self._page_store.design(sheet), self._name(sheet), flaw)
         first = self._first_of_designs()
         self.tally.to_prepare = len(first)
         self.tally.to_rehearse = REHEARSALS * (self._settings.inspectors + 1)
@@ -272,8 +272,8 @@ class Running:
         """
         if self._settings.start_at_once:
             return [0]
-        sheets = range(max(min(MOST_DESIGNS, len(self._book)), 1))
-        first = list({self._book.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
+        sheets = range(max(min(MOST_DESIGNS, len(self._page_store)), 1))
+        first = list({self._page_store.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
         return first[: self._settings.ahead] if self._settings.source_waits else first
 
     def _read_all(self) -> None:
@@ -317,12 +317,12 @@ class Running:
 
     def _unknown(self, sheet: int) -> bool:
         """Return whether a sheet's design has not been prepared."""
-        return sheet < len(self._book) and self._thumbnails[sheet] is None
+        return sheet < len(self._page_store) and self._thumbnails[sheet] is None
 
     def _ready(self, sheet: int, *, within_s: float = math.inf) -> None:
         """Wait for a sheet's design; a failure is reported as soon as it is known, and ends the wait."""
         begun_s = self._clock()
-        while sheet < len(self._book) and not self._unusable[self._book.design(sheet)]:
+        while sheet < len(self._page_store) and not self._unusable[self._page_store.design(sheet)]:
             left_s = within_s - (self._clock() - begun_s)
             try:
                 self._prefetcher.get(sheet, timeout_s=max(min(left_s, MIND_S), 0.0))
@@ -333,8 +333,8 @@ class Running:
                 _log.debug("sheet %d", sheet, exc_info=error)  # `_unusable` has reported it
             return
 
-    def _design_ready(self, design: Hashable, made: ReadyDesign) -> None:
-        self._thumbnails.add(design, made[1].thumbnail)
+    def _design_ready(self, design: Hashable, ready: ReadyDesign) -> None:
+        self._thumbnails.add(design, ready[1].thumbnail)
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
@@ -395,7 +395,7 @@ class Running:
 
     def _why_unusable(self, sheet: int) -> str:
         """Return why a sheet's page cannot be used; empty: no failure is recorded."""
-        return self._unusable[self._book.design(sheet)] if sheet < len(self._book) else ""
+        return self._unusable[self._page_store.design(sheet)] if sheet < len(self._page_store) else ""
 
     def _doubt(self, next_page: int) -> str:
         """Return why a sheet may show a page that cannot be used; empty: no page that may come is such."""
@@ -407,7 +407,7 @@ class Running:
     def _inspect_all(self) -> None:
         while True:
             sheet, dropped = self._waiting.take(
-                lambda: self._clock() + self._inspect_s(), behind=lambda: self._behind
+                lambda: self._clock() + self._inspect_s(), is_late=lambda: self._behind
             )
             for late in dropped:
                 self._pass(late, TOO_LATE)
@@ -465,7 +465,7 @@ class Running:
             late=decided_s > sheet.deadline_s,
             latency_s=decided_s - sheet.arrived_s,
             evidence=evidence,
-            kept=result.kept,
+            stored_evidence=result.stored_evidence,
             asked=result.asked,
         )
 
@@ -520,7 +520,7 @@ class Running:
             self._inspector = inspector = self._inspector.following(press)
             used = adapting.used.copy()
             self._prefetcher.renew(
-                self._maker(inspector), again=lambda made: (inspector, inspector.renewed(made[1]), used)
+                self._maker(inspector), again=lambda ready: (inspector, inspector.renewed(ready[1]), used)
             )
         self._tell(finished)
 
@@ -547,12 +547,12 @@ class Running:
         used = None if adapting is None else adapting.used.copy()
         return inspector, inspector.renewed(known), used
 
-    def _store_first(self, design: Hashable, made: ReadyDesign) -> None:
+    def _store_first(self, design: Hashable, ready: ReadyDesign) -> None:
         """Store a design unless it was prepared for light that this run has followed; a full disk costs no sheet."""
-        if made[0] is not self._first_inspector:
+        if ready[0] is not self._first_inspector:
             return
         try:
-            self._store(design, made[1])
+            self._store(design, ready[1])
         except OSError as error:
             _log.warning("design %s was not stored: %s", design, error)
 

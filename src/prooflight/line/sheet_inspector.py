@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 
 from prooflight.inspection.lost_lines import inspect_where_seen
-from prooflight.inspection.redeciding import kept_evidence
-from prooflight.line.asking import Asking
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
 from prooflight.line.packed_design import Known, PackedDesign
+from prooflight.line.sampling import Sampling
 from prooflight.line.sheets.thumbnails import thumbnail_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class SheetResult:
 
     verdict: Verdict
     evidence: PageEvidence = field(default_factory=PageEvidence)
-    kept: Mapping[str, NDArray[Any]] | None = None
+    stored_evidence: Mapping[str, NDArray[Any]] | None = None
     asked: float | None = None
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
@@ -51,7 +51,7 @@ class SheetInspector:
     inspector: Inspector
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
-    asking: Asking = field(default_factory=Asking)
+    sampling: Sampling = field(default_factory=Sampling)
 
     def prepare(self, page: Page) -> PackedDesign:
         """Prepare a design ahead of its sheets.
@@ -61,7 +61,7 @@ class SheetInspector:
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
-        return PackedDesign.of(Known(prepared=prepared, thumbnail=thumbnail))
+        return PackedDesign.of(ReadyPage(prepared=prepared, thumbnail=thumbnail))
 
     def inspect(
         self,
@@ -95,20 +95,22 @@ class SheetInspector:
         ScanError
             The scan does not fit the press or the page.
         """
-        threads = self.inspector.detector.station.threads or os.cpu_count() or 1
+        threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
         prepared, press = ready.unpacked(threads=threads).prepared, self.inspector.press
         inspection = inspect_where_seen(
             self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
         )
         evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
         misprint = inspection.verdict.verdict == "misprint"
-        asked = self.asking.probability(inspection.verdict, sheet)
+        asked = self.sampling.probability(inspection.verdict, sheet)
         drawn = asked is not None and not misprint
-        kept = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
+        is_stored = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
         return SheetResult(
             verdict=inspection.verdict,
             evidence=evidence,
-            kept=kept_evidence(inspection, prepared.page, press, whole=drawn) if kept else None,
+            stored_evidence=evidence_to_store(inspection, prepared.page, press, whole=drawn)
+            if is_stored
+            else None,
             asked=asked,
         )
 
@@ -133,9 +135,9 @@ class SheetInspector:
 
     def renewed(self, ready: PackedDesign) -> PackedDesign:
         """Return a prepared design under the press as it is now; cheap if the detector can adapt it."""
-        context = self.inspector.detector.station
+        context = self.inspector.detector.press_context
         bare = ready.bare
-        adapted = bare.prepared.known.under(context)
+        adapted = bare.prepared.prepared_page.under(context)
         if adapted is None:
             return self.prepare(ready.unpacked().prepared.page)
-        return replace(ready, bare=replace(bare, prepared=replace(bare.prepared, known=adapted)))
+        return replace(ready, bare=replace(bare, prepared=replace(bare.prepared, prepared_page=adapted)))

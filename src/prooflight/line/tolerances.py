@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from prooflight.inspection.common_cause import NEAR_MM
-from prooflight.journal.words import FALSE_ALARM, OF_GOOD, Labels, run_key
+from prooflight.journal.labels import FALSE_ALARM, OF_GOOD, Labels, run_key
 from prooflight.line.incidents import causes_of
-from prooflight.line.places import around, gap_mm, in_words
-from prooflight.line.told import incidents_by_sheet
+from prooflight.line.labelled_sheets import incidents_by_sheet
+from prooflight.line.places import around, gap_mm, place_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from prooflight.journal.labels import LabelStore
     from prooflight.journal.reading import JournalReader
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Words
     from prooflight.line.incidents import Cause
     from prooflight.line.places import Box
 
@@ -56,7 +56,7 @@ class Proposal:
     """Unlabelled alarms of this kind at this place that would pass too."""
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """Description of the proposal, in lines."""
         x, y, width, height = self.box_mm
         return (
@@ -76,9 +76,9 @@ class _Alarm:
     label: str
 
 
-def proposals(reader: JournalReader, words: Words, runs: Sequence[RunRow]) -> list[Proposal]:
+def proposals(reader: JournalReader, label_store: LabelStore, runs: Sequence[RunRow]) -> list[Proposal]:
     """Return the proposals from these runs, those with most false alarms first; JournalError."""
-    alarms = [one for run in runs for one in _alarms(reader, words, run)]
+    alarms = [one for run in runs for one in _alarms(reader, label_store, run)]
     grouped: list[list[_Alarm]] = []
     for one in alarms:
         if one.label != FALSE_ALARM:
@@ -92,9 +92,9 @@ def proposals(reader: JournalReader, words: Words, runs: Sequence[RunRow]) -> li
     return sorted(proposed, key=lambda one: -one.sheets)
 
 
-def _alarms(reader: JournalReader, words: Words, run: RunRow) -> Iterator[_Alarm]:
+def _alarms(reader: JournalReader, label_store: LabelStore, run: RunRow) -> Iterator[_Alarm]:
     """Yield the misprints at a place, each with its label: "" for none."""
-    labelled = words.of_run(run_key(run))
+    labelled = label_store.of_run(run_key(run))
     if not labelled:
         return
     records = list(reader.pages(run.id, passed=False, damaged=lambda _: None))
@@ -132,7 +132,7 @@ def _proposal(group: list[_Alarm], alarms: Sequence[_Alarm]) -> Proposal:
     return Proposal(
         kind=cause.kind,
         box_mm=tuple(round(value, 2) for value in box),  # type: ignore[arg-type]
-        where=in_words(box, column=cause.scope == "column", size_mm=None),
+        where=place_text(box, column=cause.scope == "column", size_mm=None),
         pages=tuple(pages)[:MOST_PAGES],
         runs=tuple(sorted({one.run for one in group})),
         sheets=len(group),

@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-from prooflight.inspection.promise import PromiseWatch
-from prooflight.line.asking import Asking
+from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns_mm
 from prooflight.line.monitor.run import RunMonitor
 from prooflight.line.outcomes import RunWatch
 from prooflight.line.pager import Pager, SheetEdge
 from prooflight.line.runner import Running
+from prooflight.line.sampling import Sampling
 from prooflight.line.settings import Settings
 from prooflight.line.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
     from prooflight.inspection.inspector import Inspector
     from prooflight.line.pager import PageStart
-    from prooflight.line.prefetch import PageBook
+    from prooflight.line.prefetch import PageStore
     from prooflight.line.sheet_inspector import Keep
     from prooflight.line.sheets.following import Expected
     from prooflight.scans.lines import LineSource
@@ -29,7 +29,7 @@ def watched(
     inspector: Inspector,
     *,
     source: LineSource,
-    book: PageBook,
+    page_store: PageStore,
     settings: Settings,
     start: PageStart | None = None,
     keep: Keep = "none",
@@ -58,17 +58,17 @@ def watched(
         press=press,
         source=source,
         pager=pager,
-        book=book,
+        page_store=page_store,
         inspector=SheetInspector(
             inspector=inspector.with_threads(threads_a_sheet(settings)),
             keep=keep,
-            asking=Asking(sample=settings.sample, seed=settings.seed),
+            sampling=Sampling(sample=settings.sample, seed=settings.seed),
         ),
         watch=RunWatch(
             monitor=monitor,
             adapting=Adapting.begin(press) if follow else None,
-            sheets=len(book) or None,
-            promise=PromiseWatch.of(inspector.detector, seed=settings.seed),
+            sheets=len(page_store) or None,
+            guarantee=GuaranteeMonitor.of(inspector.detector, seed=settings.seed),
         ),
         settings=settings,
         **told,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 EARLY_S: Final = 10.0
 """Time in which pages are drawn for their warnings before the first sheet, so that a run need not wait for
 thousands of pages."""
-KEPT_MAX: Final = 500
+WARNINGS_MAX: Final = 500
 """Largest number of a job's warnings that a run stores in its journal."""
 REFUSED: Final = "page-refused"
 """Kind of the warning that a page cannot be used at all."""
@@ -89,7 +89,7 @@ class EarlyWarnings:
     """Number of pages that were checked, from the first."""
     of: int = 0
     """Number of pages of the job."""
-    known: frozenset[PageWarning] = field(default_factory=frozenset)
+    at_start: frozenset[PageWarning] = field(default_factory=frozenset)
     """The same warnings as a set, to recognise later ones as new."""
 
     @property
@@ -104,8 +104,8 @@ class EarlyWarnings:
 
     @property
     def plain(self) -> list[dict[str, Any]]:
-        """The first ``KEPT_MAX`` warnings in the form of JSON."""
-        return [plain(warning) for warning in self.warnings[:KEPT_MAX]]
+        """The first ``WARNINGS_MAX`` warnings in the form of JSON."""
+        return [plain(warning) for warning in self.warnings[:WARNINGS_MAX]]
 
 
 def early_warnings(
@@ -132,7 +132,7 @@ def early_warnings(
         pages = number
     of_files = dict.fromkeys(warning for warning in job.warnings if warning.page < 0)
     every = tuple(of_files | warnings)
-    return EarlyWarnings(warnings=every, pages=pages, of=job.own_pages, known=frozenset(every))
+    return EarlyWarnings(warnings=every, pages=pages, of=job.own_pages, at_start=frozenset(every))
 
 
 def plain(warning: PageWarning) -> dict[str, Any]:
@@ -145,12 +145,12 @@ def plain(warning: PageWarning) -> dict[str, Any]:
     }
 
 
-def in_words(warning: PageWarning) -> str:
+def warning_text(warning: PageWarning) -> str:
     """Return a warning as one line for people, which names the page."""
     return in_line(plain(warning))
 
 
 def in_line(warning: Mapping[str, Any]) -> str:
-    """Return a warning as ``in_words``, from the result of ``plain``."""
+    """Return a warning as ``warning_text``, from the result of ``plain``."""
     page, message = warning["page"], warning["message"]
     return str(message) if page is None else f"{page_name(page)}: {message}"

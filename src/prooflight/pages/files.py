@@ -144,7 +144,7 @@ def _tiff_page(path: Path, number: int) -> Iterator[_Stored]:
         where = path if len(images) == 1 else f"{path}, page {number}"
         _check_tiff(where, page)
         refuse_oversize(where, page.imagelength, page.imagewidth)
-        images.check(where, page, kept_bytes=PAGE_BYTES_PER_PIXEL * page.imagelength * page.imagewidth)
+        images.check(where, page, result_bytes=PAGE_BYTES_PER_PIXEL * page.imagelength * page.imagewidth)
         yield _Stored(
             where=where,
             rows=page.imagelength,

@@ -7,7 +7,7 @@ from typing import Final
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
 """Parameter numbers of glibc's mallopt(3)."""
-KEPT_BYTES: Final = 2**31 - 1
+RETAINED_BYTES: Final = 2**31 - 1
 
 
 def keep_memory() -> None:
@@ -17,5 +17,5 @@ def keep_memory() -> None:
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        for name, value in ((TRIM_THRESHOLD, KEPT_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
+        for name, value in ((TRIM_THRESHOLD, RETAINED_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
             mallopt(name, value)

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.pages.layout.layout import Layout
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.facts import PageFacts
-    from prooflight.pages.pdf.taking_together import InkLight
     from prooflight.pages.warnings import PageWarning
 
 

@@ -96,7 +96,7 @@ class _WorkerPool:
             self.leave()
 
 
-_made = cache(_WorkerPool)
+_cached_pool = cache(_WorkerPool)
 _making = threading.Lock()
 
 
@@ -116,7 +116,7 @@ _page = _Page()
 
 def _pool_of(processors: int) -> _WorkerPool:
     with _making:  # or two threads that are the first would have a crew each
-        return _made(processors)
+        return _cached_pool(processors)
 
 
 @contextmanager
@@ -142,7 +142,7 @@ def shared_out(tasks: Iterable[Callable[[], Result]], *, threads: int) -> list[R
     In a process of ``in_order`` they run one after the other: other pages use the other processors.
     """
     tasks = list(tasks)
-    if threads == 1 or len(tasks) <= 1 or _held:
+    if threads == 1 or len(tasks) <= 1 or _stored:
         return [task() for task in tasks]
     own, due_s, ended = _page.pool, _page.due_s(), threading.Event()
     goes_on = ended.set if own is None else partial(own.ask, ended.set, due_s)
@@ -207,7 +207,7 @@ def _in_processes(
         # No more is begun than is soon fetched: results hold pictures.
         begun: deque[Future[Result]] = deque()
         for item in waiting:
-            begun.append(pool.submit(_held_work, item))
+            begun.append(pool.submit(_run_stored, item))
             if len(begun) > 2 * processes:
                 yield begun.popleft().result()
         while begun:
@@ -226,7 +226,7 @@ def _alone(work: Callable[[Item], Result], item: Item, killed: Callable[[Item], 
         return killed(item)
 
 
-_held: list[Callable[[Any], Any]] = []
+_stored: list[Callable[[Any], Any]] = []
 """Work that a worker process was started for; empty in all other processes."""
 
 
@@ -240,7 +240,7 @@ def _hold(work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _settle()
-    _held[:] = [work]
+    _stored[:] = [work]
 
 
 def _end_with_parent() -> None:
@@ -251,5 +251,5 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _held_work(item: Any) -> Any:
-    return _held[0](item)
+def _run_stored(item: Any) -> Any:
+    return _stored[0](item)

@@ -106,7 +106,7 @@ def taps(
     edges = (first[:, None] + np.arange(count + 1)) * raster_pixel_mm - centres_mm[:, None]
     offsets = np.linspace(-reach_mm, reach_mm, cumulative.size)
     weights = np.diff(np.interp(edges, offsets, cumulative, left=0.0, right=1.0), axis=1)
-    return _kept_inside(first, weights, raster_pixels)
+    return _clipped(first, weights, raster_pixels)
 
 
 def transfer(
@@ -125,7 +125,7 @@ def transfer(
     return np.asarray(np.cos(2 * np.pi * frequency[:, None] * offsets) @ weights, dtype=np.float64)
 
 
-def _kept_inside(first: NDArray[np.int64], weights: NDArray[np.float64], raster_pixels: int) -> Taps:
+def _clipped(first: NDArray[np.int64], weights: NDArray[np.float64], raster_pixels: int) -> Taps:
     """Move every window into the raster, with weight 0 for what is off the page."""
     count = min(weights.shape[1], raster_pixels)
     start = np.clip(first, 0, raster_pixels - count)

@@ -26,7 +26,7 @@ from prooflight.rng import stream
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
 
 ScreenKind = Literal["am", "fm", "error-diffusion"]
 DotShape = Literal["round", "euclidean", "line"]

@@ -108,10 +108,10 @@ class TiffImages:
         """Return the page as tifffile has it; nothing of it is decoded yet."""
         return self._pages[self._places[place]]
 
-    def check(self, where: object, page: Any, *, kept_bytes: float) -> None:
+    def check(self, where: object, page: Any, *, result_bytes: float) -> None:
         """Raise if an image needs more memory than its file and the system allow, or too much time.
 
-        ``kept_bytes`` is the memory that the caller will hold of it.
+        ``result_bytes`` is the memory that the caller will hold of it.
         """
         what = _unreadable(page, self._file_bytes)
         if what:
@@ -119,7 +119,7 @@ class TiffImages:
         size = f"{page.imagewidth} x {page.imagelength} pixels"
         decoding = _chunk_bytes(page) + max(page.databytecounts)
         refuse_unaffordable(
-            self._refused, where, size, needed_bytes=kept_bytes + decoding, file_bytes=self._file_bytes
+            self._refused, where, size, needed_bytes=result_bytes + decoding, file_bytes=self._file_bytes
         )
 
 

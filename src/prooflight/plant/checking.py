@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from prooflight.plant.gate.gate import exchange_s, try_controller
 from prooflight.plant.gate.log import PlantError
 from prooflight.plant.gate.registers import PlcStatus
-from prooflight.plant.outlets.made import outlets_of
+from prooflight.plant.outlets.configured import outlets_of
 from prooflight.plant.outlets.outlet import check
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def answers(plant: PressFile) -> list[Answer]:
         results.append(_of_gate(settings))
     for outlet in outlets_of(plant):
         tried = check(outlet)
-        report = f"{tried.said} ({tried.milliseconds:.0f} ms)"
+        report = f"{tried.answer} ({tried.milliseconds:.0f} ms)"
         results.append(Answer(what="outlet", where=tried.name, answers=tried.ok, says=report))
     return results
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_
 from pydantic import ConfigDict, Field, TypeAdapter
 
 from prooflight.detectors.disposition import DecidedBy, Disposition
-from prooflight.detectors.verdict import Word
+from prooflight.detectors.verdict import VerdictName
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunFacts
@@ -206,7 +206,7 @@ class SheetJudged(Part):
     """Position in the run's pages that the sheet shows, from 0; None: none of them."""
     page: str
     """Name of the page in the job."""
-    verdict: Word
+    verdict: VerdictName
     disposition: Disposition
     """Action for the sheet. accept: it goes to the good sheets. hold: it is not released before a person
     has seen it. divert: it is taken out of the good sheets. stop: it is taken out, and the press is

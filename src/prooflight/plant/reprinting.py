@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.detectors.disposition import NOT_WHOLE
 from prooflight.inspection.sheets import WORST_FIRST, came, why_of
-from prooflight.journal.words import OF_GOOD, VOUCHED
+from prooflight.journal.labels import OF_GOOD, VOUCHED
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan, facts_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 
-    from prooflight.detectors.verdict import Word
+    from prooflight.detectors.verdict import VerdictName
+    from prooflight.journal.labels import Labels
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Labels
-    from prooflight.plant.gate.log import KeptDecisions
+    from prooflight.plant.gate.log import LoggedDecisions
     from prooflight.plant.gate.reconciling import Accounted, Reconciliation, TraySource
 
 NEVER: Final = "no sheet of it was seen"
@@ -70,7 +70,7 @@ class Reprint:
     leaves the good tray with its set."""
     job_page: int | None = None
     """Position of that side in the run's pages."""
-    verdict: Word = "good"
+    verdict: VerdictName = "good"
     """Verdict of that side; not-inspected if the sheet did not come."""
     kind: str | None = None
 
@@ -96,9 +96,9 @@ class ReprintList:
     def all(self) -> Iterator[Reprint]:
         """Yield all sheets, including those that were not printed."""
         yield from self.sheets
-        behind = _name_below(self)
+        after = _name_below(self)
         for sheet in self.unprinted:
-            yield _reprint(self.plan, sheet, _Lacking(why=NOT_PRINTED), behind=behind)
+            yield _reprint(self.plan, sheet, _Lacking(why=NOT_PRINTED), after=after)
 
     def pages(self) -> Counter[str]:
         """Count how often each sheet of the job is to be printed again, by its name."""
@@ -112,7 +112,7 @@ class _Lacking:
     why: str
     name: str = ""
     """Name of the sheet; empty: the name in the plan."""
-    verdict: Word = "not-inspected"
+    verdict: VerdictName = "not-inspected"
     """Verdict, used where the journal has no row for the sheet."""
     sheet: int | None = None
     """Number of the sheet in the run, if the journal has it."""
@@ -140,7 +140,7 @@ def reprint_list(
     passed: int,
     labels: Labels,
     incident_of: Callable[[int], int | None],
-    gate: tuple[KeptDecisions, Reconciliation] | None = None,
+    gate: tuple[LoggedDecisions, Reconciliation] | None = None,
 ) -> ReprintList:
     """Return the sheets of a run that are to be printed again.
 
@@ -318,7 +318,7 @@ def _by_trays(
             on_way.add(one.job_page)
         else:
             assumed = "good" if one.decision == "accept" else "not-inspected"
-            verdict: Word = one.verdict or assumed  # type: ignore[assignment]
+            verdict: VerdictName = one.verdict or assumed  # type: ignore[assignment]
             tally.lacking.setdefault(
                 one.job_page,
                 _Lacking(
@@ -344,7 +344,7 @@ def _by_trays(
     return tally
 
 
-def _accepted_by_output(gate_log: KeptDecisions, accounts: Reconciliation) -> set[int]:
+def _accepted_by_output(gate_log: LoggedDecisions, accounts: Reconciliation) -> set[int]:
     """Return the sheets for which the output was switched, if the gate is one output without a log of trays."""
     style = gate_log.began.get("settings", {}).get("plc", {}).get("style")
     if style != "coil" or accounts.source == "file":
@@ -369,16 +369,16 @@ def _reprints(plan: SheetPlan, tally: _Sheets, rows: Mapping[int, list[PageRecor
     if of_set > 1:
         sets = dict.fromkeys(sheet // of_set for sheet in again)
         again = {at: None for own in sets for at in range(own * of_set, min((own + 1) * of_set, tally.upto))}
-    behind = ""
+    after = ""
     for sheet in again:
         if sheet and sheet - 1 not in again:
-            behind = tally.delivered.get(sheet - 1) or plan.name(sheet - 1)
+            after = tally.delivered.get(sheet - 1) or plan.name(sheet - 1)
         with_set = _Lacking(why=OF_ITS_SET, name=tally.delivered.get(sheet, ""), verdict="good")
         yield _reprint(
             plan,
             sheet,
             tally.lacking.get(sheet, with_set),
-            behind=behind,
+            after=after,
             take_out=sheet not in tally.lacking or sheet in tally.taken_out,
             rows=rows.get(sheet, ()),
         )
@@ -389,7 +389,7 @@ def _reprint(
     sheet: int,
     lacks: _Lacking,
     *,
-    behind: str,
+    after: str,
     take_out: bool = False,
     rows: Sequence[PageRecord] = (),
 ) -> Reprint:
@@ -406,7 +406,7 @@ def _reprint(
         pages=plan.pages(sheet),
         set_number=sheet // (plan.layout.sheets_a_set or 1) + 1,
         why=lacks.why,
-        behind=behind,
+        behind=after,
         take_out=take_out,
         sheet=lacks.sheet if row is None else row.sheet,
         job_page=None if row is None else row.job_page,
@@ -426,7 +426,7 @@ def _name_below(listed: ReprintList) -> str:
 # --- parts ---
 
 
-def _plan(run: RunRow, gate_log: KeptDecisions | None) -> SheetPlan:
+def _plan(run: RunRow, gate_log: LoggedDecisions | None) -> SheetPlan:
     """Return how the run's job is imposed on sheets."""
     began: dict[str, Any] = {} if gate_log is None else gate_log.began
     plan = SheetPlan.of(began.get("layout")) or facts_plan(run.facts.settings)

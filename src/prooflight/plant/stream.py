@@ -108,7 +108,7 @@ class EventStream:
         """Publish that the run begins."""
         self.publish(run_started(facts, self._size_mm))
 
-    def told(self, outcome: Outcome) -> None:
+    def observe(self, outcome: Outcome) -> None:
         """Publish the outcome of the next sheet, in the order of the run."""
         record = outcome.record
         with self._guard:

@@ -17,7 +17,7 @@ from prooflight.kernels.prediction.lines import (
     relight,
     to_columns,
 )
-from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
+from prooflight.kernels.prediction.lookup import AT_ONCE, lookup_light
 from prooflight.kernels.prediction.moving import filter_moved_lines
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.lens_correction import correct_light
@@ -160,19 +160,19 @@ def cut(prediction: Prediction, area: tuple[slice, slice]) -> Prediction:
     return Prediction(expected_dn=prediction.expected_dn[part], variance_dn2=prediction.variance_dn2[part])
 
 
-def looked_up(
+def expected_light(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return mean and variance of recipes (n, 4) as prediction looks them up, (n,) each [DN, DN^2], column gain 1."""
     packed = np.zeros(-(-max(len(cmyk), 1) // AT_ONCE) * AT_ONCE, np.uint32)
     packed[: len(cmyk)] = np.ascontiguousarray(cmyk).view(np.uint32)[:, 0]
     mean, variance = np.empty((2, packed.size), np.float32)
-    look_up_light(packed, quantised_table(sensor.mean_dn), np.float32(0), mean)
+    lookup_light(packed, quantised_table(sensor.mean_dn), np.float32(0), mean)
     slope = shot_slope(sensor)
     if slope > 0:
         variance = (sensor.backing_variance_dn2 + slope * (mean - sensor.backing_dn)).astype(np.float32)
     else:
-        look_up_light(packed, quantised_table(sensor.variance_dn2), np.float32(0), variance)
+        lookup_light(packed, quantised_table(sensor.variance_dn2), np.float32(0), variance)
     return mean[: len(cmyk)], variance[: len(cmyk)]
 
 

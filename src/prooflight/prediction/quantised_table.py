@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 
 from prooflight.cmyk import INKS
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.prediction.tables import SameArray
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
-from prooflight.detectors.base import Station
+from prooflight.detectors.base import PressContext
 from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import BayesDetector
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
 
 SCHEMA = 10
 KIND = "prooflight press"
@@ -157,12 +157,12 @@ class Press(Shown):
             absorbed.append(tuple((taken / taken[-1]).tolist()))
         return tuple(absorbed)
 
-    def station(self, threads: int | None = None) -> Station:
+    def press_context(self, threads: int | None = None) -> PressContext:
         """Return the part of the press that a detector needs.
 
         threads: number of threads that one page may use; None: one a core.
         """
-        return Station(
+        return PressContext(
             name=self.name,
             sensors=self.sensors,
             geometry=self.geometry,

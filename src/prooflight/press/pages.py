@@ -67,4 +67,4 @@ def predict(page: Page, press: Press) -> Prediction:
 
     page: as it enters the press (``ScanGeometry.lay``); pages of ``open_job`` do.
     """
-    return press.station().predict(page)
+    return press.press_context().predict(page)

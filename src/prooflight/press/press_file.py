@@ -100,7 +100,7 @@ class PressFile:
         return self._document.decision.good_pages_per_false_alarm or IN_IDEAL
 
     @property
-    def states_promise(self) -> bool:
+    def states_rate(self) -> bool:
         """Return whether ``[decision]`` states the false-alarm rate."""
         return self._document.decision.good_pages_per_false_alarm is not None
 

@@ -56,8 +56,8 @@ def scanner_press_text(*, dpi: float = PRESET_DPI, grey: bool = False, width_mm:
     if grey:
         head, *sensors = text.split("[[sensor]]")
         rest = sensors[-1][sensors[-1].index("[transport]") :]
-        kept = next(one for one in sensors if f'name = "{GREY}"' in one)
-        text = f"{head}[[sensor]]{kept}{rest}"
+        grey_block = next(one for one in sensors if f'name = "{GREY}"' in one)
+        text = f"{head}[[sensor]]{grey_block}{rest}"
     pitch_mm = MM_PER_INCH / dpi
     numbers = {
         "pixels": f"{math.ceil(width_mm / pitch_mm)}",

@@ -15,9 +15,9 @@ from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.paper.bayes import BayesDetector
 from prooflight.files.ink_schema import check_inks, check_score
 from prooflight.files.schema import (
+    ArraySpec,
     Block,
     Chance,
-    Kept,
     Misfit,
     Name,
     Positive,
@@ -28,7 +28,7 @@ from prooflight.files.schema import (
     part_of,
 )
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 from prooflight.pages.pdf.engine import ARGUMENT_LETTERS_MAX, EngineName, RipEngine
 from prooflight.pages.pdf.rip_model import FillRule, RipModel
 from prooflight.pages.raster import MM_PER_INCH
@@ -287,17 +287,17 @@ def _not_odd(weights: NDArray[np.floating]) -> str:
     return "" if len(weights) % 2 else "must be of an odd number of weights either way"
 
 
-APPEARANCE: Final = Kept(dtype="uint8", shape=("steps",) * 4 + (3,))
+APPEARANCE: Final = ArraySpec(dtype="uint8", shape=("steps",) * 4 + (3,))
 SENSOR: Final = {
-    "mean_dn": Kept(dtype="float32", shape=("nodes",) * 4),
-    "variance_dn2": Kept(dtype="float32", shape=("nodes",) * 4, above=0, high=MOST_CODE**2),
-    "column_offset_dn": Kept(dtype="float32", shape=("pixels",)),
-    "column_gain": Kept(dtype="float32", shape=("pixels",), low=1e-3, high=1e3),
-    "footprint_across": Kept(dtype="float64", shape=("offsets",), rule=_no_edge),
-    "footprint_along": Kept(dtype="float64", shape=("offsets",), rule=_no_edge),
-    "correction_near": Kept(dtype="float32", shape=("neighbours", "neighbours"), low=-10, high=10),
-    "correction_far": Kept(dtype="float32", shape=("far", "far"), low=-10, high=10, rule=_not_odd),
-    "correction_farther": Kept(
+    "mean_dn": ArraySpec(dtype="float32", shape=("nodes",) * 4),
+    "variance_dn2": ArraySpec(dtype="float32", shape=("nodes",) * 4, above=0, high=MOST_CODE**2),
+    "column_offset_dn": ArraySpec(dtype="float32", shape=("pixels",)),
+    "column_gain": ArraySpec(dtype="float32", shape=("pixels",), low=1e-3, high=1e3),
+    "footprint_across": ArraySpec(dtype="float64", shape=("offsets",), rule=_no_edge),
+    "footprint_along": ArraySpec(dtype="float64", shape=("offsets",), rule=_no_edge),
+    "correction_near": ArraySpec(dtype="float32", shape=("neighbours", "neighbours"), low=-10, high=10),
+    "correction_far": ArraySpec(dtype="float32", shape=("far", "far"), low=-10, high=10, rule=_not_odd),
+    "correction_farther": ArraySpec(
         dtype="float32", shape=("farther", "farther"), low=-10, high=10, rule=_not_odd
     ),
 }

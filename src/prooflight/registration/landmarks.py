@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.kernels.registration.landmarks import edge_shares, tile_information, tile_signals

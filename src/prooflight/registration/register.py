@@ -164,7 +164,7 @@ class Registration:
     placement: Placement
     """Placement of the print, as prediction needs it: a mean of the planes, weighted by their edges on this
     page."""
-    found: bool
+    located: bool
     """Whether the placement is reliable; if not, it is the best guess or the nominal place."""
     reason: str = ""
     """Why it is not; empty if it is."""
@@ -205,8 +205,8 @@ class Registration:
         A page of which little is printed is judged in its nominal place, and so is a scan that lacks its print. Where
         parts of the page lie apart they were found: planes far out of register do that, and are a misprint.
         """
-        lies_somewhere = self.found or self.foreign or self.reason in (TOO_LITTLE, IN_PARTS)
-        return not lies_somewhere and self.print_seen >= LEAST_PRINT
+        has_position = self.located or self.foreign or self.reason in (TOO_LITTLE, IN_PARTS)
+        return not has_position and self.print_seen >= LEAST_PRINT
 
     @property
     def off_place(self) -> bool:
@@ -216,7 +216,7 @@ class Registration:
             for shift, sd in zip(self.placement.shift_mm, self.shift_sd_mm, strict=True)
         )
         turned = abs(self.placement.skew_deg) - SURE * self.skew_sd_deg >= WRONG_SKEW_DEG
-        return self.found and (far or turned)
+        return self.located and (far or turned)
 
 
 def register(
@@ -238,15 +238,15 @@ def register(
     threads : number of threads that measure tiles
     """
     where = _placed(landmarks, scan, lost, threads)
-    if where.found and where.print_matching >= DOUBTFUL:
+    if where.located and where.print_matching >= DOUBTFUL:
         return where
     where = _recognised(where, landmarks, seen_coarsely(landmarks, scan, lost))
     # A wider search of a page that repeats itself finds one of its periods and cannot tell which.
-    if where.found or where.reason in (TOO_LITTLE, REPEATS) or where.print_seen < LEAST_PRINT:
+    if where.located or where.reason in (TOO_LITTLE, REPEATS) or where.print_seen < LEAST_PRINT:
         return where
     basis = landmarks.basis.loosened(turn_deg=WIDE_TURN_DEG, stretch_percent=WIDE_STRETCH_PERCENT)
     wide = _placed(replace(landmarks, basis=basis), scan, lost, threads, search=wide_candidates)
-    return wide if wide.found and wide.print_matching >= LEAST_WIDE else where
+    return wide if wide.located and wide.print_matching >= LEAST_WIDE else where
 
 
 def _placed(
@@ -263,7 +263,7 @@ def _placed(
     if best.tiles < LEAST_TILES:
         none = np.zeros((4, 2))
         return Registration(
-            placement=IN_PLACE, found=False, reason=reason, planes_mm=none, plane_parts=none.T
+            placement=IN_PLACE, located=False, reason=reason, planes_mm=none, plane_parts=none.T
         )
     measure = partial(measured, landmarks, scan, lost=lost, threads=threads)
     return _fielded(landmarks, measure, best.pose, reason)
@@ -399,7 +399,7 @@ def _registration(
         reason = TOO_LITTLE
     return Registration(
         placement=_placement(landmarks, pose, field, of_print),
-        found=not reason,
+        located=not reason,
         reason=reason,
         planes_mm=np.where(part.T > 0.01, field.planes_mm - of_print, 0.0),
         plane_parts=part,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.base import Inspection
-from prooflight.detectors.golden.detector import PROMISE
+from prooflight.detectors.golden.detector import GUARANTEE
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.job import UNUSABLE, unusable
 from prooflight.pages.parallel import KILLED
@@ -102,7 +102,7 @@ def golden_summary(inspector: GoldenInspector, *, scans: str, golden: str, pages
         job=f"{scans} against {golden}",
         press="unknown" if press is None else press.name,
         press_digest="none" if press is None else press.digest,
-        promise=PROMISE,
+        guarantee=GUARANTEE,
         world=None,
         seed=None,
         date=datetime.now(UTC).strftime("%Y-%m-%d"),

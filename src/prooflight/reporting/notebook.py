@@ -51,7 +51,7 @@ def picture(inspection: Inspection) -> Image.Image:
         remedy = "inspect by pf.Inspector(press, detector)"
         raise RequestError(inspection.verdict.page, "is not known by its press", remedy=remedy)
     frame = pictures.frame_of(inspection, planned)
-    expected, measured = pictures.signals(inspection, planned.station)
+    expected, measured = pictures.signals(inspection, planned.press_context)
     width = min(PANEL_PX, max(expected.shape[1], LEAST_PX))
     images = (
         pictures.grey_picture(expected, frame, width_px=width),

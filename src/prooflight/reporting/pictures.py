@@ -18,7 +18,7 @@ from prooflight.spectra import srgb_encoded
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Inspection, PlannedPage, Station
+    from prooflight.detectors.base import Inspection, PlannedPage, PressContext
     from prooflight.detectors.verdict import Region
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -127,10 +127,10 @@ def page_frame(page: Page, press: Press) -> Frame:
 
 def frame_of(inspection: Inspection, planned: PlannedPage) -> Frame:
     """Return the part of its page that the pictures of an inspection show."""
-    return _frame(planned.page, planned.station, inspection.area, inspection.placement)
+    return _frame(planned.page, planned.press_context, inspection.area, inspection.placement)
 
 
-def _frame(page: Page, press: Press | Station, area: tuple[slice, slice], placement: Placement) -> Frame:
+def _frame(page: Page, press: Press | PressContext, area: tuple[slice, slice], placement: Placement) -> Frame:
     """Return the part of a page that lines and columns of a scan show at a placement; turn and warp are neglected."""
     geometry = press.geometry
     lines, columns = area
@@ -145,7 +145,7 @@ def _frame(page: Page, press: Press | Station, area: tuple[slice, slice], placem
 
 
 def signals(
-    inspection: Inspection, press: Press | Station
+    inspection: Inspection, press: Press | PressContext
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return expected and measured signal of the first sensor (lines, pixels), columns corrected; paper is 1. [-]"""
     sensor, (_, columns) = press.sensors[0], inspection.area

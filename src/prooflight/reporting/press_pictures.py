@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from prooflight.files.atomic import whole_file
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 from prooflight.prediction.tables import node_fractions
 from prooflight.reporting.camera_pictures import COLOURS, DASHES
 from prooflight.reporting.pictures import appearance

@@ -13,8 +13,8 @@ from prooflight.detectors.base import Inspection
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.files.atomic import whole_file
+from prooflight.inspection.guarantee import summary_of
 from prooflight.inspection.job import UNUSABLE, lacks_scan, scan_missing, unusable
-from prooflight.inspection.promise import summary_of
 from prooflight.inspection.sheets import Counts as SheetCounts
 from prooflight.inspection.sheets import SetVerdict, SheetVerdict
 from prooflight.pages.parallel import KILLED
@@ -81,7 +81,7 @@ class RunSummary:
     job: str
     press: str
     press_digest: str
-    promise: str
+    guarantee: str
     """False-alarm rate of good pages, in words."""
     world: str | None
     """Simulated world, in which the truth about every page is known; None for a real run."""
@@ -110,7 +110,7 @@ class RunSummary:
             job=job,
             press=inspector.press.name,
             press_digest=inspector.press.digest,
-            promise=inspector.promise,
+            guarantee=inspector.guarantee,
             world=world,
             seed=seed,
             date=datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -256,7 +256,7 @@ def write_report(
         in the order in which sheets number them
     """
     count, unit = counts(entries), "side" if sheets else "page"
-    truth_known = summary.world is not None
+    has_truth = summary.world is not None
     numbered = list(enumerate(entries, start=1))
     text = template("report").render(
         summary=summary,
@@ -264,7 +264,7 @@ def write_report(
         zones=zones,
         visible=visible,
         count=count,
-        known=truth_known,
+        known=has_truth,
         sentence=sentence(count, unit),
         unit=unit,
         of_sheets=SheetCounts.of(sheets),

@@ -46,7 +46,9 @@ class TwoWorlds:
     panels: tuple[Panel, ...]
 
 
-def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press: Press) -> TwoWorlds | None:
+def two_worlds(
+    *, ideal: Inspection, plain: Inspection, matched_filter: Inspection, press: Press
+) -> TwoWorlds | None:
     """Compare a good page's print in the ideal world and one in the press world.
 
     ideal, plain: inspections of the two by chi-square; ours: of the second by the matched filter. None if the
@@ -57,7 +59,7 @@ def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press:
         return None
     window = _busiest(measured)
     seen = Image.fromarray((255 * srgb_encoded(measured[window].clip(0, 1))).astype(np.uint8))
-    paper, of_ours = plain.verdict, ours.verdict
+    paper, of_ours = plain.verdict, matched_filter.verdict
     return TwoWorlds(
         page=plain.verdict.page,
         width_mm=WINDOW[1] * press.geometry.pixel_pitch_mm,
@@ -87,7 +89,7 @@ def two_worlds(*, ideal: Inspection, plain: Inspection, ours: Inspection, press:
                 caption="What good prints do is found and taken out; the rest, in standard deviations of good prints. "
                 + _scores_text("Ours", of_ours),
                 verdict=of_ours.verdict,
-                picture=_coloured(_block_z(ours, plain.area, window)),
+                picture=_coloured(_block_z(matched_filter, plain.area, window)),
             ),
         ),
     )

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from PIL import Image
 
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.visibility import VisibleMarks, floor_in_words
+from prooflight.detectors.matched_filter.visibility import VisibleMarks, floor_text
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.pictures import encoded, page_picture
 
@@ -66,7 +66,7 @@ class VisibleOnPage:
             page=page.name,
             picture=encoded(picture, quality=88),
             rows=tuple(marks.rows()),
-            floor=floor_in_words(press.floor_share),
+            floor=floor_text(press.floor_share),
         )
 
 

@@ -126,10 +126,10 @@ def family(name: str | None) -> str:
     """
     if name is None:
         return "–"
-    from prooflight.detectors.matched_filter.naming import family_in_words
+    from prooflight.detectors.matched_filter.naming import family_text
     from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
-    what = family_in_words(Statistic.parse(name).word)
+    what = family_text(Statistic.parse(name).label)
     return f"{what} ({name})" if what else name
 
 

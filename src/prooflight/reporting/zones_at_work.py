@@ -11,20 +11,20 @@ from prooflight.reporting.zones_picture import zones_picture
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.detectors.verdict import Word
+    from prooflight.detectors.verdict import VerdictName
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Zone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Looked:
+class InspectedSheet:
     """Verdicts of one print."""
 
     what: str
     """Description of the print."""
-    before: Word
+    before: VerdictName
     """Verdict without zones."""
-    after: Word
+    after: VerdictName
     """Verdict with zones."""
 
 
@@ -35,7 +35,7 @@ class ZonesAtWork:
     page: str
     picture: bytes
     """The page with its zones, as WebP."""
-    looked: tuple[Looked, ...]
+    inspected: tuple[InspectedSheet, ...]
     prints: int
     """Number of good prints by which the zones were priced."""
     alarmed_before: int

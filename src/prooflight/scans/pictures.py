@@ -121,7 +121,7 @@ def _read_tiff(file: PictureFile) -> Picture:
             raise ScanError(path, what, remedy="give images of one size for each page")
         shape = (sum(map(_channels, pages)), pages[0].imagelength, pages[0].imagewidth)
         for page in pages:
-            images.check(path, page, kept_bytes=BYTES_PER_SAMPLE * prod(shape))
+            images.check(path, page, result_bytes=BYTES_PER_SAMPLE * prod(shape))
         light = np.empty(shape, np.float32)
         start = 0
         for page in pages:

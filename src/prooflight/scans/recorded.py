@@ -58,7 +58,7 @@ class RecordedScan:
                 limit = "" if lines_max is None else f", at most {lines_max} lines for this page"
                 raise ScanError(self.path, what, remedy=f"the press has {pixels or wide} pixels{limit}")
             for image in images:
-                file.check(self.path, image, kept_bytes=2.0 * self.sensors * lines * wide)
+                file.check(self.path, image, result_bytes=2.0 * self.sensors * lines * wide)
             dn = np.empty((self.sensors, lines, wide), np.uint16)
             for image, out in zip(images, dn, strict=True):
                 decode_into(image, out[..., None])

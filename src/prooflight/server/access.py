@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.routing import APIRoute
 
-from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.account_store import Accounts
 from prooflight.server.accounts.roles import Role, Scope, Who
 from prooflight.server.problems import Problem
 from prooflight.server.settings import ConsoleSettings

@@ -12,10 +12,10 @@ from starlette.middleware.gzip import GZipMiddleware
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from prooflight import __version__
-from prooflight.journal.words import Words
+from prooflight.journal.labels import LabelStore
 from prooflight.server import problems
 from prooflight.server.access import include, refuse_unguarded
-from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.account_store import Accounts
 from prooflight.server.accounts.passwords import Passwords, Tries
 from prooflight.server.accounts.provider import Provider
 from prooflight.server.api import ROUTERS as API_ROUTERS
@@ -25,16 +25,16 @@ from prooflight.server.headers import Headers
 from prooflight.server.pages import ROUTERS as PAGE_ROUTERS
 from prooflight.server.pages.shell import problem_page
 from prooflight.server.pictures.pictures import Pictures
-from prooflight.server.reading.course import Trends
 from prooflight.server.reading.gate import Gates
 from prooflight.server.reading.incidents import RunIncidents
 from prooflight.server.reading.live import Live
 from prooflight.server.reading.reprints import Reprints
 from prooflight.server.reading.runs import Reading
 from prooflight.server.reading.stations import Stations
-from prooflight.server.zones.desk import ZonesService
+from prooflight.server.reading.trend import Trends
 from prooflight.server.zones.prices import Prices
 from prooflight.server.zones.rasters import Rasters
+from prooflight.server.zones.service import ZonesService
 from prooflight.server.zones.tolerances import Tolerances
 
 if TYPE_CHECKING:
@@ -76,10 +76,10 @@ def console_app(
     """
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)
-    words = Words(settings.journal)
-    incidents = RunIncidents(reading, words)
+    label_store = LabelStore(settings.journal)
+    incidents = RunIncidents(reading, label_store)
     gates = Gates(reading, trays=settings.trays)
-    reprints = Reprints(reading, incidents, words, gates, trays=settings.trays)
+    reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
     zones = ZonesService(
@@ -88,14 +88,14 @@ def console_app(
     console = Console(
         settings=settings,
         accounts=accounts,
-        words=words,
+        label_store=label_store,
         tries=Tries(ticking),
         reading=reading,
         incidents=incidents,
         trends=Trends(reading),
         gates=gates,
         reprints=reprints,
-        live=Live(reading, incidents, words, reprints, clock=ticking, ahead=pictures.ahead),
+        live=Live(reading, incidents, label_store, reprints, clock=ticking, ahead=pictures.ahead),
         stations=stations,
         pictures=pictures,
         zones=zones,

@@ -7,26 +7,26 @@ from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
 from prooflight.inspection.sheets import came
-from prooflight.journal.words import SEEN, run_key
+from prooflight.journal.labels import SEEN, run_key
 
 if TYPE_CHECKING:
+    from prooflight.journal.labels import Label, LabelStore
     from prooflight.journal.records import RunRow
-    from prooflight.journal.words import Word, Words
-    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.accounts.account_store import Accounts
     from prooflight.server.accounts.passwords import Tries
     from prooflight.server.accounts.provider import Provider
     from prooflight.server.accounts.roles import Who
     from prooflight.server.pictures.pictures import Pictures
-    from prooflight.server.reading.course import Trends
     from prooflight.server.reading.gate import Gates
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.live import Live
     from prooflight.server.reading.reprints import Reprints
     from prooflight.server.reading.runs import Reading
     from prooflight.server.reading.stations import Stations
+    from prooflight.server.reading.trend import Trends
     from prooflight.server.settings import ConsoleSettings
-    from prooflight.server.zones.desk import ZonesService
     from prooflight.server.zones.rasters import Rasters
+    from prooflight.server.zones.service import ZonesService
     from prooflight.server.zones.tolerances import Tolerances
 
 
@@ -36,7 +36,7 @@ class Console:
 
     settings: ConsoleSettings
     accounts: Accounts
-    words: Words
+    label_store: LabelStore
     """Labels that people give to sheets, in a file beside the journal to which the command line adds too."""
     tries: Tries
     reading: Reading
@@ -65,7 +65,7 @@ class Console:
         incident: int | None = None,
         note: str = "",
         upto: int | None = None,
-    ) -> Word:
+    ) -> Label:
         """Add a label of a sheet or an incident; nothing is replaced, and the audit records it.
 
         Parameters
@@ -86,7 +86,7 @@ class Console:
                 raise RequestError("incident", what, remedy=remedy)
             last = incident_record.incident.last_sheet
             upto = last if upto is None else min(upto, last)
-        record = self.words.say(
+        record = self.label_store.say(
             label,
             run=run_key(run),
             by=who.name,
@@ -98,7 +98,7 @@ class Console:
         )
         return self._audited("words.say", record, word=label, note=record.note, upto=record.upto)
 
-    def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Word:
+    def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Label:
         """Record that a person has this one sheet in hand and that it is good.
 
         Raises RequestError if the sheet never came, or no reason is given.
@@ -107,15 +107,15 @@ class Console:
             remedy = "print it again"
             raise RequestError("sheet", f"{sheet} of run {run.id} did not come", remedy=remedy)
         at_s = self.accounts.clock()
-        record = self.words.vouch(run=run_key(run), sheet=sheet, by=who.name, at_s=at_s, reason=reason)
+        record = self.label_store.vouch(run=run_key(run), sheet=sheet, by=who.name, at_s=at_s, reason=reason)
         return self._audited("words.vouch", record, reason=record.note)
 
-    def undo(self, who: Who, run: RunRow, number: int) -> Word:
+    def undo(self, who: Who, run: RunRow, number: int) -> Label:
         """Undo a label; raises RequestError if there is no such label in force."""
-        record = self.words.undo(number, run=run_key(run), by=who.name, at_s=self.accounts.clock())
+        record = self.label_store.undo(number, run=run_key(run), by=who.name, at_s=self.accounts.clock())
         return self._audited("words.undo", record, undoes=number)
 
-    def _audited(self, what: str, record: Word, **after: object) -> Word:
+    def _audited(self, what: str, record: Label, **after: object) -> Label:
         target = f"sheet {record.sheet}" if record.incident is None else f"incident {record.incident}"
         self.accounts.note(record.by, what, f"run {record.run}, {target}", after=after)
         return record

@@ -11,7 +11,7 @@ from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.fast import fast_mean_variance, noisy
 from prooflight.simulation.misprints.kinds import draw_misprint
-from prooflight.simulation.prints import Print, together
+from prooflight.simulation.prints import Print, composed
 from prooflight.simulation.scans import TRIES, ideal_scan, passes_gate
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of, gate
@@ -114,7 +114,7 @@ class SimulatedDay:
         """Return the same for a page at a misprint's placement, in the press world, whatever the tables predict."""
         assert self.session is not None
         print_ = Print.draw(self.session, self.press, page, rng)
-        moved = replace(print_, placement=together(placement, print_.placement))
+        moved = replace(print_, placement=composed(placement, print_.placement))
         return fast_mean_variance(page, self.press, self.session, moved)
 
     def recorded(self, seen: Prediction, rng: np.random.Generator) -> NDArray[np.uint16]:

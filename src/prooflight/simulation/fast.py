@@ -54,7 +54,7 @@ def fast_mean_variance(page: Page, press: Press, session: Session, print_: Print
         gains=gains.astype(np.float32),
         dot_gains=(session.dots * print_.dot_gain).astype(np.float32),
         speck_places=places,
-        speck_words=np.ascontiguousarray(recipes).view(np.uint32)[:, 0],
+        packed_specks=np.ascontiguousarray(recipes).view(np.uint32)[:, 0],
         gain_field=gain_field,
         dot_field=dot_field,
         field_pitch=pitch,

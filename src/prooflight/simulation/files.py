@@ -70,7 +70,7 @@ class ScanToFile:
         return truth
 
 
-def kept_truths(
+def stored_truths(
     path: Path, pages: Container[str], *, world: str, seed: int, press: Press
 ) -> list[dict[str, Any]]:
     """Return the truths in a ``truth.json`` that stay valid when ``pages`` are printed again into its folder.

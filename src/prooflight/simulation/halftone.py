@@ -1,7 +1,7 @@
 """Plates as a press prints them: device pixels, screened where it screens, together on the raster that is printed.
 
 The simulator knows tints, not dots: where device pixels are taken together by area, the ink amount stands that takes as
-much light as they do (``taken_together``). That raster is finer than the camera's, so that the beat between screen and
+much light as they do (``area_averaged``). That raster is finer than the camera's, so that the beat between screen and
 camera pixels is the camera's own and not that of a raster (decision 46).
 """
 
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.pages.pdf.taking_together import taken_together
+from prooflight.pages.pdf.area_averages import area_averaged
 from prooflight.pages.screen import screened
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
 
@@ -34,14 +34,14 @@ PATCH: Final = 768
 LARGEST_FACTOR: Final = 10.0
 
 
-def together(plates: NDArray[np.uint8], dpi: float, light: InkLight) -> tuple[NDArray[np.uint8], float]:
+def averaged(plates: NDArray[np.uint8], dpi: float, light: InkLight) -> tuple[NDArray[np.uint8], float]:
     """Take device pixels (rows, columns, 4) together by area; return the raster that is printed, and its resolution."""
     if dpi <= PRINTED_DPI:
         return plates, dpi
     step = dpi / PRINTED_DPI
     rows, columns = (max(int(side / step + 0.001), 1) for side in plates.shape[:2])
     out = np.empty((rows, columns, 4), np.uint8)
-    taken_together(plates, out, light, step=step)
+    area_averaged(plates, out, light, step=step)
     return out, PRINTED_DPI
 
 
@@ -64,7 +64,7 @@ def halftoned(page: Page, screen: Screen, light: InkLight) -> Page:
         plates = np.ascontiguousarray(page.cmyk[down][:, across])
         screened(plates, screen, tone=light, origin=(top, 0), out=plates)
         if step > 1:
-            taken_together(plates, band, light, step=step, first=first * step - top)
+            area_averaged(plates, band, light, step=step, first=first * step - top)
         else:
             band[:] = plates
     return replace(page, cmyk=out, dpi=dpi)
@@ -83,7 +83,7 @@ def dot_gain_factor(screen: Screen, light: InkLight) -> float:
     a small dot gain does to both, in light, bounded by ``LARGEST_FACTOR``.
     """
     plates = np.full((PATCH, PATCH, 4), 128, np.uint8)
-    printed, _ = together(screened(plates, screen, tone=light), screen.dpi, light)
+    printed, _ = averaged(screened(plates, screen, tone=light), screen.dpi, light)
     area, grown, factors = np.linspace(0, 1, 256), 0.004, []
     for ink, curve in enumerate(light):
 

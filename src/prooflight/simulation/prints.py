@@ -166,7 +166,7 @@ def draw_placement(page_amounts: PageAmounts, page: Page, rng: np.random.Generat
     )
 
 
-def together(one: Placement, other: Placement) -> Placement:
+def composed(one: Placement, other: Placement) -> Placement:
     """Return the sum of two displacements: a page displaced by a misprint also moves as every print does.
 
     It is of first order: the turns and stretches are thousandths, so that their order does not matter.

@@ -17,9 +17,9 @@ from prooflight.scans.placement import IN_PLACE
 from prooflight.scans.scan import Scan
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS, draw_misprint
-from prooflight.simulation.prints import Print, together
+from prooflight.simulation.prints import Print, composed
 from prooflight.simulation.session import session_of
-from prooflight.simulation.worlds import Gate, gate, known_world
+from prooflight.simulation.worlds import Gate, gate, world_named
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -127,7 +127,7 @@ def scan_page(
         if session is None or print_ is None:
             dn = ideal_scan(predicted(printed, placement), press, rng)
         else:
-            moved = replace(print_, placement=together(print_.placement, placement))
+            moved = replace(print_, placement=composed(print_.placement, placement))
             dn = fast_scan(printed, press, session, moved, rng=rng)
         return SimulatedScan(dn=dn, misprint=misprint, draws=draws, print_=print_)
 
@@ -160,7 +160,7 @@ def simulate(
     others: the job's other pages, one of which a wrong page may show. JobError: the page does not fit this
     press. RequestError: there is no such kind or world, or the misprint has no visible effect.
     """
-    known_world(world)
+    world_named(world)
     placed = {other.number: press.geometry.lay(other) for other in others if other.number != page.number}
     simulated = scan_page(
         press.geometry.lay(page),

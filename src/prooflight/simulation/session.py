@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from prooflight.camera.sensor import ROUNDING_DN2
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.kernels.simulation.inks import NOISE_STEPS, TRUE_NODES
 from prooflight.rng import stream
 from prooflight.simulation.fields import ColourWaves, smooth_line
 from prooflight.simulation.halftone import dot_gain_factor
 from prooflight.simulation.sheets import SheetState
-from prooflight.simulation.worlds import amounts_of, known_world
+from prooflight.simulation.worlds import amounts_of, world_named
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,7 +116,7 @@ def session_of(press: Press, seed: int, world: str = "press") -> Session | None:
 
     It is the same object for every print in one process, so that its true tables are cached.
     """
-    return None if world == "ideal" else _session_of(press, seed, known_world(world))
+    return None if world == "ideal" else _session_of(press, seed, world_named(world))
 
 
 @lru_cache(maxsize=1)

@@ -62,7 +62,7 @@ def measured() -> dict[str, Any]:
     return tomllib.loads(measured_text().decode())
 
 
-def known_world(name: str) -> World:
+def world_named(name: str) -> World:
     """Return ``name``, if there is such a world; RequestError otherwise."""
     for world in WORLDS:
         if name == world:

@@ -23,7 +23,7 @@ from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes
 from prooflight.inks.chart_print import raster
 from prooflight.inks.recipes import choose_recipes, printable_recipes
-from prooflight.kernels.prediction.look_up import NODE_STEP
+from prooflight.kernels.prediction.lookup import NODE_STEP
 from prooflight.kernels.simulation.inks import TRUE_NODES
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight.press.press_file import PressFile
@@ -33,7 +33,7 @@ from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session, true_sensors
 from prooflight.simulation.worlds import Amounts, worlds_digest
-from prooflight_studies.harness.exact_tables import exactly_looked_up
+from prooflight_studies.harness.exact_tables import exact_lookup
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.tables.study import job_colours
 
@@ -187,7 +187,7 @@ def judged(
         error = np.empty((3, len(press.sensors), len(cmyk)))
         sigma_error = np.empty((len(press.sensors), len(cmyk)))
         for index, (model, known) in enumerate(zip(calibration.press.sensors, press.sensors, strict=True)):
-            mean, variance = exactly_looked_up(cmyk, model)
+            mean, variance = exact_lookup(cmyk, model)
             columns = _middle(press)
             dark = float((model.column_offset_dn - known.column_offset_dn)[columns].mean())
             seen = dark + model.column_gain[columns].mean() * mean.astype(np.float64)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.scans.cameras.backends import found_camera, ready
+from prooflight.scans.cameras.backends import camera_named, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.job import from_file
@@ -190,7 +190,7 @@ def taken_figures(*, times: int, progress: Callable[[str], None]) -> list[dict[s
         with alone(), FakeGigeCamera(width=512, height=64, fps=20) as camera:
             messages: queue.Queue[tuple[float, str, str]] = queue.Queue()
             source = CameraLines(
-                lambda: ready(found_camera("viva:127.0.0.1"), settings, where="the study"),
+                lambda: ready(camera_named("viva:127.0.0.1"), settings, where="the study"),
                 name="camera",
                 settings=settings,
                 tell=partial(_noted, messages),

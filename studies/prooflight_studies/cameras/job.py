@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from prooflight.cli.watch.sources import camera_lines
-from prooflight.scans.cameras.backends import BACKENDS, found_camera, ready
+from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.peer import plugged_in
@@ -131,7 +131,7 @@ def _emulated(rig: Rig, sheets: int) -> dict[str, Any]:
                 "AcquisitionFrameRateAbs": EMULATED_HZ,
             },
         )
-        camera = found_camera("pylon:0815-0000")
+        camera = camera_named("pylon:0815-0000")
         source = CameraLines(
             lambda: ready(camera, settings, where="the study"), name=camera.id, settings=settings
         )

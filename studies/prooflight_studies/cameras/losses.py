@@ -109,7 +109,7 @@ def _without(rig: Rig, rows: list[dict[str, Any]]) -> dict[str, Any]:
     alarms = [{name: row[name] for name in ALARM} for row in rows if row["verdict"] == "misprint"]
     low, high = exact_interval(len(alarms), len(rows))
     share = {"value": len(alarms) / len(rows), "low": low, "high": high}
-    return {"alarms": alarms, "share": share, "promised": detector.promise.rate}
+    return {"alarms": alarms, "share": share, "promised": detector.guarantee.rate}
 
 
 def count_losses(

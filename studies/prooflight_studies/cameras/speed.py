@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.rng import stream
-from prooflight.scans.cameras.backends import BACKENDS, found_camera, ready
+from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight_studies.cameras.job import OVER_THE_WIRE
@@ -57,7 +57,7 @@ def _row(backend: str, camera: str, rate_mb_s: float, seconds: float) -> dict[st
         features=features,
     )
     source = CameraLines(
-        lambda: ready(found_camera(camera), settings, where="the study"), name=camera, settings=settings
+        lambda: ready(camera_named(camera), settings, where="the study"), name=camera, settings=settings
     )
     lines, begun_s, cpu_s, threads = 0, 0.0, 0.0, threading.active_count()
     for block in source.blocks():

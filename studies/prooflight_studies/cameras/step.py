@@ -17,7 +17,7 @@ from prooflight.scans.alignment import built_fraction
 from prooflight.scans.cameras.camera import Grab
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.in_step import InStep
-from prooflight_studies.cameras.apart import found_offset
+from prooflight_studies.cameras.camera_offset import camera_offset
 from prooflight_studies.running.rig import DESIGN_SEED, Pieces
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
                 aligned.append(out.lines)
                 unseen.append(missing)
                 waiting += out.lines.shape[1]
-        depth = step.held
+        depth = step.waiting_lines
         deepest = max(deepest, depth)
         while waiting >= lines:
             both, lines_lost = np.concatenate(aligned, axis=1), np.concatenate(unseen)
@@ -98,7 +98,7 @@ def step_figures(*, sheets: int, seed: int, progress: Callable[[str], None]) -> 
             for sensor in range(2):
                 other += int((sheet[sensor][~lost] != noisy(at, sensor)[~lost]).any(axis=1).sum())
             if at % MEASURED_OF == 0 and not lost.any():
-                measured.append(found_offset(sheet[0], sheet[1]).lines)
+                measured.append(camera_offset(sheet[0], sheet[1]).lines)
             at += 1
             if at % max(sheets // 10, 1) == 0:
                 progress(f"two cameras: sheet {at} of {sheets}")

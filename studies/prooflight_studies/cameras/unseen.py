@@ -54,7 +54,7 @@ def _scan(press: Press, page: Any, world: str, seed: int, index: int) -> Any:
 
 def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, seed: int) -> dict[str, Any]:
     rng = stream(seed, "camera-losses", 3)
-    good = false_misprints = skipped = unfilled = misprints_kept = 0
+    good = false_misprints = skipped = unfilled = remaining_misprints = 0
     ratios = []
     for index, (page, scan) in enumerate(zip(pages, scans, strict=True)):
         prepared = inspector.prepare(page)
@@ -72,7 +72,7 @@ def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, se
                 unfilled += plain.verdict == "misprint"
                 skipped += checked.verdict == "not-inspected"
             else:
-                misprints_kept += checked.verdict == "misprint"
+                remaining_misprints += checked.verdict == "misprint"
             if usual.score and checked.score is not None:
                 ratios.append(checked.score / usual.score)
     return {
@@ -86,7 +86,7 @@ def _row(inspector: Inspector, name: str, world: str, pages: Any, scans: Any, se
         "made_misprints_unfilled": unfilled,
         "skipped": skipped,
         "misprint_runs": (len(pages) - good) * len(RUNS),
-        "misprints_kept": misprints_kept,
+        "misprints_kept": remaining_misprints,
         "score_median": float(np.median(ratios)) if ratios else None,
         "score_most": float(np.max(ratios)) if ratios else None,
     }

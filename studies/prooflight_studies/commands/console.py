@@ -37,7 +37,7 @@ def console(
 
     Writes console.md.
     """
-    from prooflight_studies.console.beside import LoadPlan
+    from prooflight_studies.console.alongside import LoadPlan
     from prooflight_studies.console.study import CLIENTS, QUICK_CLIENTS, run_console_part, run_console_study
 
     if part not in PARTS:

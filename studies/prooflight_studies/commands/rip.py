@@ -13,7 +13,7 @@ from prooflight.errors import RequestError
 from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, Quick, Results, show_table
 
 if TYPE_CHECKING:
-    from prooflight_studies.ripped.study import PromisePlan
+    from prooflight_studies.ripped.study import FalseAlarmPlan
 
 CasesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of PDFs that were once printed wrong.")
@@ -58,12 +58,12 @@ def rip(
         _specification(out, cases, pages, quick=quick, json=json)
     if PARTS[1] in parts:
         from prooflight_studies.ripped.printing import RIPS
-        from prooflight_studies.ripped.study import WORLDS, PromisePlan
+        from prooflight_studies.ripped.study import WORLDS, FalseAlarmPlan
 
         if press is None or pages is None:
             what = "needs a press and a folder of pages"
             raise RequestError("part press", what, remedy="give --press X.press and --pages DIR")
-        plan = PromisePlan(
+        plan = FalseAlarmPlan(
             seed=seed,
             prints=4 if quick else prints,
             learned=0 if quick else learned,
@@ -95,11 +95,18 @@ def _specification(out: Path, cases: Path | None, pages: Path | None, *, quick: 
 
 
 def _press(
-    press: Path, pages: Path, out: Path, cache: Path, plan: PromisePlan, processes: int | None, *, json: bool
+    press: Path,
+    pages: Path,
+    out: Path,
+    cache: Path,
+    plan: FalseAlarmPlan,
+    processes: int | None,
+    *,
+    json: bool,
 ) -> None:
-    from prooflight_studies.ripped.study import PAGE, run_promise_study
+    from prooflight_studies.ripped.study import PAGE, run_false_alarm_study
 
-    results = run_promise_study(
+    results = run_false_alarm_study(
         press,
         pages,
         out,

@@ -114,7 +114,7 @@ class Window:
         """Times at which a frame with each sheet, and the first with the state `stop`, were drawn; Unix time. [s]"""
 
     @property
-    def found(self) -> bool:
+    def is_installed(self) -> bool:
         """Whether Chromium and Playwright are installed."""
         try:
             import playwright
@@ -123,7 +123,7 @@ class Window:
         return CHROMIUM.exists() and playwright is not None
 
     def __enter__(self) -> Window:
-        if self.found:
+        if self.is_installed:
             from playwright.sync_api import sync_playwright
 
             self._started = sync_playwright().start()

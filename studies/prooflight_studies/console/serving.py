@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from prooflight.server.accounts.book import Accounts
+from prooflight.server.accounts.account_store import Accounts
 from prooflight.server.accounts.roles import Role
 from prooflight.server.running import LOOPBACK
 

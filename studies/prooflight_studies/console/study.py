@@ -21,7 +21,7 @@ from prooflight.journal.records import PageRecord, RunFacts
 from prooflight.line.recording import COMMIT_S, Recorder
 from prooflight.server.running import LOOPBACK, Listening, spawned
 from prooflight.server.settings import ConsoleSettings
-from prooflight_studies.console.beside import LoadPlan, measure_load
+from prooflight_studies.console.alongside import LoadPlan, measure_load
 from prooflight_studies.console.listeners import Listeners, Window
 from prooflight_studies.console.loads import measure_loads
 from prooflight_studies.console.serving import (

@@ -11,7 +11,7 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.train import DEFAULT_RATE, trained
-from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
 from prooflight.inspection.inspector import Inspector
@@ -139,15 +139,15 @@ class _Bench:
             session=session,
         )
         done = ready.inspect(Scan(dn=scan.dn, name="print"))
-        stored = {name: array for name, array in done.kept.items() if name != "glyphs"}
-        before = self.before.decided_again(KeptArrays(stored, self.before.name))
+        stored = {name: array for name, array in done.stored_arrays.items() if name != "glyphs"}
+        before = self.before.decided_again(StoredArrays(stored, self.before.name))
         after = done.verdict.verdict == "misprint"
         return {
             "before": before.misprint,
             "after": after,
             "near": after and _near(done, page, printed),
             "named": after and done.verdict.kind in ("exchanged-glyph", "missing-glyph"),
-            "s": float(done.kept["glyphs"]),
+            "s": float(done.stored_arrays["glyphs"]),
         }
 
 
@@ -173,7 +173,7 @@ def without_glyphs(detector: CalibratedDetector) -> CalibratedDetector:
         detector.own,
         references=detector.references,
         pages=replace(detector.pages, glyphs=np.zeros(0)),
-        false_alarm_rate=detector.promise.asked,
+        false_alarm_rate=detector.guarantee.requested_rate,
         misprint_rate=detector.misprint_rate,
         real=detector.real,
     )

@@ -149,7 +149,7 @@ def _sheet(press: Press, pitch_mm: float, number: int, *, seed: int) -> tuple[li
     rng = stream(seed, "content-sheet", number)
     page, placed = code_sheet(number, dpi=press.dpi, rng=rng)
     spoilt, damages = damaged(page, placed, rng=rng)
-    planned = PlannedPage(page, press.station(threads=1))
+    planned = PlannedPage(page, press.press_context(threads=1))
     _ = planned.expected
     begun = time.process_time()
     codes = page_codes(planned, press.sensors, press.geometry)

@@ -34,7 +34,7 @@ COLOURS: Final = ((255, 180, 0, 0), (0, 255, 230, 0), (230, 0, 255, 60), (0, 0, 
 """CMYK colours of text that is not black: blue, red, green, grey."""
 TINTS: Final = ((0, 0, 0, 26), (0, 0, 51, 0), (38, 0, 0, 0), (0, 26, 38, 13))
 """CMYK tints behind every second row of sheets that have a tint."""
-WORDS: Final = ("Item", "Order", "Paper A4", "Carriage", "Discount", "Service", "Lot", "Unit", "Account")
+ITEMS: Final = ("Item", "Order", "Paper A4", "Carriage", "Discount", "Service", "Lot", "Unit", "Account")
 LEAST_DIGITS: Final = 4
 
 
@@ -55,7 +55,7 @@ class TextSheet:
     face: str
     ink: tuple[int, int, int, int]
     tint: tuple[int, int, int, int] | None
-    words: tuple[Number, ...]
+    items: tuple[Number, ...]
     """Words, set from the left at ``right_mm``; otherwise like the numbers."""
     numbers: tuple[Number, ...]
 
@@ -69,7 +69,7 @@ class TextSheet:
                 rows = slice(*(round(y / pixel_mm) for y in (top_mm, top_mm + leading_mm)))
                 across = slice(round((MARGIN_MM - 2) / pixel_mm), -round((MARGIN_MM - 2) / pixel_mm))
                 cmyk[rows, across] = self.tint
-        for of, left in ((self.words, True), (self.numbers, False)):
+        for of, left in ((self.items, True), (self.numbers, False)):
             for one in of:
                 self._set(cmyk, one, pixel_mm, left=left)
         return Page(cmyk=cmyk, dpi=dpi, name=f"p{number:04d}", number=number)
@@ -89,10 +89,10 @@ class TextSheet:
 def text_sheet(points: int, *, rng: np.random.Generator) -> TextSheet:
     """Draw a sheet with rows of a word and three numbers."""
     leading_mm = points * LEADING * POINT_MM
-    words, numbers = [], []
+    items, numbers = [], []
     for baseline_mm in np.arange(MARGIN_MM + 0.75 * leading_mm, PAGE_MM[1] - MARGIN_MM, leading_mm):
         baseline = float(baseline_mm)
-        words.append(Number(text=str(rng.choice(WORDS)), right_mm=COLUMNS_MM[0], baseline_mm=baseline))
+        items.append(Number(text=str(rng.choice(ITEMS)), right_mm=COLUMNS_MM[0], baseline_mm=baseline))
         for column, right_mm in enumerate(COLUMNS_MM[1:]):
             if rng.random() < 0.85:
                 numbers.append(Number(text=_number(column, rng), right_mm=right_mm, baseline_mm=baseline))
@@ -101,7 +101,7 @@ def text_sheet(points: int, *, rng: np.random.Generator) -> TextSheet:
         face=str(rng.choice(FACES)),
         ink=BLACK if rng.random() < 0.5 else COLOURS[int(rng.integers(len(COLOURS)))],
         tint=None if rng.random() < 0.5 else TINTS[int(rng.integers(len(TINTS)))],
-        words=tuple(words),
+        items=tuple(items),
         numbers=tuple(numbers),
     )
 

@@ -68,7 +68,7 @@ def job_results(
         "press": press.name,
         "sensors": len(press.sensors),
         "pixel_pitch_mm": press.geometry.pixel_pitch_mm,
-        "promise": detector.promise,
+        "promise": detector.guarantee,
         "trials": trials,
         "seed": seed,
         "good_prints": PRINTS,

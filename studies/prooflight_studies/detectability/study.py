@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay, fitted
-from prooflight.detectors.matched_filter.calibrated import looked_up, score_of
+from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.placing import shows_another
 from prooflight.errors import RequestError
@@ -104,7 +104,7 @@ def run_detectability_study(
 
     alarming: list[str] = []
     detectable: list[int] = []
-    wanted = {defect: Psychometric.unknown(detector.promise.rate) for defect in DEFECTS}
+    wanted = {defect: Psychometric.unknown(detector.guarantee.rate) for defect in DEFECTS}
     left = learning
     for turn, number in enumerate(numbers):
         one = bench(number)
@@ -162,7 +162,7 @@ class _Bench:
         rng: np.random.Generator,
     ) -> None:
         self.detector, self.day, self.number = detector, day, number
-        good, self.known = day(LEARNED, 0).design(number - 1)
+        good, self.prepared_page = day(LEARNED, 0).design(number - 1)
         self.page = good.page
         self.strengths = self._strengths(rng)
 
@@ -170,7 +170,7 @@ class _Bench:
         """Return the strengths from the first of a few good prints that does not alarm; None if all do."""
         for turn in range(PRINTS):
             analysis, statistics = self._analysed(self.page, self.day(LEARNED, turn), rng)
-            looked_up(self.detector.model, statistics, self.known.page_features)
+            statistics_vector(self.detector.model, statistics, self.prepared_page.page_features)
             if self._score(analysis, statistics) <= self.detector.threshold:
                 return Strengths.of(analysis.sums, analysis.fit, statistics, self.detector.model.scatter)
         return None
@@ -207,15 +207,15 @@ class _Bench:
         return self._score(*self._analysed(printed, day, rng)) > self.detector.threshold
 
     def _score(self, analysis: ScanAnalysis, statistics: Sequence[Observed]) -> float:
-        model = self.detector.model.widened(self.known.colours.widening)
-        values, another = model.laid_out(statistics), shows_another(analysis.found)
-        return score_of(model, values, self.known.page_features, another=another)
+        model = self.detector.model.widened(self.prepared_page.colours.widening)
+        values, another = model.vector_of(statistics), shows_another(analysis.registration)
+        return score_of(model, values, self.prepared_page.page_features, another=another)
 
     def _analysed(
         self, printed: Page, day: PressDay, rng: np.random.Generator
     ) -> tuple[ScanAnalysis, list[Observed]]:
         scan = day.day.recorded(day.day.seen_in_press(printed, rng), rng)
-        analysis = day.analysed(self.known, scan)
+        analysis = day.analysed(self.prepared_page, scan)
         return analysis, all_statistics(
-            analysis.sums, analysis.marks, analysis.fit, analysis.found, self.detector.model.scatter
+            analysis.sums, analysis.marks, analysis.fit, analysis.registration, self.detector.model.scatter
         )

@@ -23,7 +23,7 @@ from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight_studies.exact.exposure import MARGIN_PIXELS, page_electrons, page_taps
-from prooflight_studies.harness.exact_tables import exactly_looked_up
+from prooflight_studies.harness.exact_tables import exact_lookup
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -216,7 +216,7 @@ def averaged(rig: Rig, page: Page, blocks: int) -> NDArray[np.float32]:
     """
     rows, columns = (extent // blocks * blocks for extent in page.cmyk.shape[:2])
     result = np.zeros((rows // blocks, columns // blocks), np.float32)
-    signal, _ = exactly_looked_up(page.cmyk[:rows].reshape(-1, 4), rig.press.sensors[0])
+    signal, _ = exact_lookup(page.cmyk[:rows].reshape(-1, 4), rig.press.sensors[0])
     for row, line in enumerate(signal.reshape(rows, -1)):
         result[row // blocks] += line[:columns].reshape(-1, blocks).sum(axis=1)
     result /= blocks * blocks

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.planes import displaced
 from prooflight.prediction.predict import Prediction
 from prooflight.simulation.fast import cloud_places, noisy

@@ -57,13 +57,13 @@ class PoolPlan:
     designs_a_day: int = 20
     misprint_every: int = 4
     """One design in this many is also printed wrong; kinds take turns."""
-    teaching: int = DESIGNS
+    training_designs: int = DESIGNS
     """Number of designs on which the press is trained."""
 
     @classmethod
     def quick(cls, seed: int) -> PoolPlan:
         """Return a small plan that exercises the whole study."""
-        return cls(seed=seed, days=8, designs_a_day=6, misprint_every=2, teaching=24)
+        return cls(seed=seed, days=8, designs_a_day=6, misprint_every=2, training_designs=24)
 
     @property
     def of_days(self) -> list[Day]:
@@ -83,7 +83,7 @@ class Pool:
     severity: NDArray[np.float64]
     threshold: float
     """Threshold of the press as trained."""
-    promise: str
+    guarantee: str
     """Target false-alarm rate of the press, in words."""
     minutes: float
     """Time that printing and scoring took, of one core."""
@@ -104,7 +104,7 @@ class PoolWork:
     def __call__(self, day: Day, /) -> dict[str, NDArray[Any]]:
         """Return the rows of a day."""
         bench, trained_detector = self.scene.day(day), _detector(self.scene.press)
-        context = _press(self.scene.press).station(threads=1)
+        context = _press(self.scene.press).press_context(threads=1)
         columns: dict[str, list[Any]] = defaultdict(list)
         for index in day.designs:
             good = bench.day.good(bench.page(index))
@@ -166,7 +166,7 @@ def printed_pool(
     return Pool(
         **{name: rows[name] for name in ("score", "day", "kind", "severity")},
         threshold=press.ours.threshold,
-        promise=str(press.ours.promise),
+        guarantee=str(press.ours.guarantee),
         minutes=minutes_spent(days, cache / "pool", digest=digest),
     )
 
@@ -179,15 +179,15 @@ def _trained_press(plan: PoolPlan, cache: Path, progress: Callable[[str], None])
         "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
         "press": press.digest,
         "seed": plan.seed,
-        "teaching": plan.teaching,
+        "teaching": plan.training_designs,
     }
     path = cache / f"{digest_of(facts)[:16]}.press"
     if not path.is_file():
-        progress(f"teaching a press by {plan.teaching} designs")
+        progress(f"teaching a press by {plan.training_designs} designs")
         trained_press = trained(
             press,
             Corpus(seed=plan.seed + TRAINING_OFFSET, dpi=press.dpi),
-            designs=plan.teaching,
+            designs=plan.training_designs,
             seed=plan.seed + TRAINING_OFFSET,
             false_alarm_rate=TARGET_RATE,
         )

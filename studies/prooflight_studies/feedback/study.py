@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.detectors.false_alarm_rate import conformal_threshold
-from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
+from prooflight.detectors.weighted_conformal import LabelledPages, SampleCounts
 from prooflight.errors import RequestError
 from prooflight.rng import stream
 from prooflight_studies.feedback.pool import BLACK_OF_FOUR, TARGET_RATE, TIMES, PoolPlan, printed_pool
@@ -135,7 +135,7 @@ class History:
     """One simulation of twenty weeks."""
 
     before: Judged
-    by_told: dict[int, tuple[float, int, Judged]]
+    by_labelled: dict[int, tuple[float, int, Judged]]
     """Threshold, sheets printed by then, and its rates, for each of ``LABELLED`` that was reached."""
     alone: dict[int, tuple[float, int, Judged]]
     """The same at the same moments, by the confirmed false alarms alone."""
@@ -159,12 +159,14 @@ def history(pool: Pool, rng: np.random.Generator) -> History:
     alarm = score > pool.threshold
     reviewed = alarm | (rng.random(drawn.size) < SAMPLE)
     sampled = np.cumsum(reviewed & ~alarm & good)
-    by_told, alone = {}, {}
+    by_labelled, alone = {}, {}
     for labelled in LABELLED:
         if sampled[-1] < labelled:
             continue
         upto = int(np.searchsorted(sampled, labelled)) + 1
-        by_told[labelled] = _recalibrated(pool, score[:upto], (reviewed & good)[:upto], alarm[:upto], judge)
+        by_labelled[labelled] = _recalibrated(
+            pool, score[:upto], (reviewed & good)[:upto], alarm[:upto], judge
+        )
         confirmed = score[:upto][alarm[:upto] & good[:upto]]
         threshold = _by_count(confirmed) if confirmed.size else pool.threshold
         alone[labelled] = (threshold, upto, judge(threshold))
@@ -181,7 +183,7 @@ def history(pool: Pool, rng: np.random.Generator) -> History:
     assert rate is not None
     return History(
         before=judge(pool.threshold),
-        by_told=by_told,
+        by_labelled=by_labelled,
         alone=alone,
         naive=_naive(pool, score, good, judge),
         every=_every(pool.score[np.isin(pool.day, lives) & pool.good], judge),
@@ -218,7 +220,7 @@ def _recalibrated(
     """Recalibrate as `press recalibrate` does, with every question answered."""
     which = np.flatnonzero(labelled)
     passed = ~alarm[which]
-    pages = ToldPages(
+    pages = LabelledPages(
         score=score[which],
         weight=np.where(passed, 1 / SAMPLE, 1.0),
         run=np.ones(which.size, np.int64),
@@ -269,7 +271,7 @@ def _naive(
 def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -> FeedbackResults:
     rows = [_row("as taught", None, [(pool.threshold, 0, one.before) for one in lived])]
     for labelled in LABELLED:
-        reached = [one.by_told[labelled] for one in lived if labelled in one.by_told]
+        reached = [one.by_labelled[labelled] for one in lived if labelled in one.by_labelled]
         if reached:
             rows.append(_row("sample and alarms, weighted", labelled, reached))
     rows.append(_row("every good print told", None, [(one.every[0], 0, one.every[1]) for one in lived]))
@@ -300,7 +302,7 @@ def _results(pool: Pool, lived: list[History], *, plan: PoolPlan, quick: bool) -
         histories=len(lived),
         goal_told=GOAL_LABELLED,
         goal_factor=GOAL_FACTOR,
-        taught=pool.promise,
+        taught=pool.guarantee,
         rows=rows,
         goal=[row for row in rows if row.told][-1] if any(row.told for row in rows) else rows[0],
         alone=[row for row in rows if row.way.startswith("the same words")][-1],
@@ -338,7 +340,7 @@ def _least() -> int:
     """Return the least number of sampled good pages that the product accepts; it refuses one fewer."""
     count = 1
     while True:
-        pages = ToldPages(
+        pages = LabelledPages(
             score=np.arange(float(count)),
             weight=np.full(count, 1 / SAMPLE),
             run=np.ones(count, np.int64),

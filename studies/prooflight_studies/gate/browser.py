@@ -144,7 +144,7 @@ def visiting(served: subprocess.Popen[str], *, job_pages: int) -> Iterator[Visit
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
         page = browser.new_page(locale="en-GB")
         page.set_default_timeout(PATIENCE_MS)
-        page.route("**/*", _words_alone)
+        page.route("**/*", _text_only)
         page.goto(link)
         for name in ("password", "again"):
             page.fill(f"[name={name}]", PASSWORD)
@@ -155,7 +155,7 @@ def visiting(served: subprocess.Popen[str], *, job_pages: int) -> Iterator[Visit
         browser.close()
 
 
-def _words_alone(route: Route) -> None:
+def _text_only(route: Route) -> None:
     """Leave out pictures and fonts, which say no numbers."""
     if route.request.resource_type in ("image", "font"):
         route.abort()
@@ -166,12 +166,12 @@ def _words_alone(route: Route) -> None:
 def _link(served: subprocess.Popen[str]) -> str:
     assert served.stdout is not None
     for line in served.stdout:
-        if found := re.search(r"http\S+/welcome\S*", line):
-            return found[0]
+        if digits := re.search(r"http\S+/welcome\S*", line):
+            return digits[0]
     raise RuntimeError("the console printed no link")
 
 
 def _number(text: str) -> int:
-    found = re.search(r"\d[\d,]*", text)
-    assert found is not None, text
-    return int(found[0].replace(",", ""))
+    digits = re.search(r"\d[\d,]*", text)
+    assert digits is not None, text
+    return int(digits[0].replace(",", ""))

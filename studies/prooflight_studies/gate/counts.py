@@ -269,20 +269,20 @@ class _Walk:
             self._due.append((now_s + late_s, outcome))
         while self._due and self._due[0][0] <= now_s:
             outcome = self._due.pop(0)[1]
-            self._gate.told(outcome)
+            self._gate.observe(outcome)
             self._opened.record(self._played.run, outcome.record)
 
     def _exchange(self) -> None:
-        plc, talk, now_s = self._press.plc, self._exchange_of_gate, self._press.now_s
+        plc, protocol, now_s = self._press.plc, self._exchange_of_gate, self._press.now_s
         session = int(self._press.rng.integers(1, 65_535))
-        if talk.state is State.AWAY:
-            talk.connected(unpacked_of_plc(plc.shown()), session=session)
+        if protocol.state is State.AWAY:
+            protocol.connected(unpacked_of_plc(plc.shown()), session=session)
             return
-        talk.dropped(session=session)
-        plc.write(0, talk.words())
-        talk.wrote()
-        if not talk.answered(unpacked_of_plc(plc.shown()), asked_s=now_s, answered_s=now_s + 0.001):
-            talk.lost("the controller's heartbeat stands still")
+        protocol.dropped(session=session)
+        plc.write(0, protocol.words())
+        protocol.wrote()
+        if not protocol.answered(unpacked_of_plc(plc.shown()), request_s=now_s, answered_s=now_s + 0.001):
+            protocol.lost("the controller's heartbeat stands still")
 
     def _sorted(self) -> None:
         """What a person finds in the trays."""
@@ -299,8 +299,8 @@ class _Walk:
 
     @property
     def _exchange_of_gate(self) -> Exchange:
-        talk: Any = self._gate.talk
-        return talk
+        protocol: Any = self._gate.protocol
+        return protocol
 
 
 def _facts(sheets: int) -> RunFacts:
@@ -409,28 +409,30 @@ def collected(journal: Path, run: int, trays: Path | None) -> Reported:
 
 def differences(reported: Reported, played: Played, journal: Path, trays: Path) -> list[str]:
     """Where two counts differ, a line each; none: all are equal, and no bad sheet lies in the good tray."""
-    found = []
+    deviations = []
     if reported.counts != {len(played.lacking)}:
-        found.append(f"run {played.run}: {reported} where {len(played.lacking)} do not lie in the good tray")
+        deviations.append(
+            f"run {played.run}: {reported} where {len(played.lacking)} do not lie in the good tray"
+        )
     for name, sheets in (("console", reported.listed), ("reprint-list", reported.command)):
         if sheets != played.lacking:
             wrong = sorted(set(sheets) ^ set(played.lacking))
-            found.append(f"run {played.run}: {name} and trays differ for sheets {wrong[:10]}")
+            deviations.append(f"run {played.run}: {name} and trays differ for sheets {wrong[:10]}")
     if played.bad:
-        found.append(f"run {played.run}: sheets {played.bad[:10]} must not lie in the good tray")
+        deviations.append(f"run {played.run}: sheets {played.bad[:10]} must not lie in the good tray")
     with Journal.open(str(journal), read_only=True) as opened:
         accounts = reprints(opened, opened.run(played.run), trays)[1]
     assert accounts is not None
     if (accounts.counts["accepted"], accounts.counts["wrong"]) != (len(played.good), played.stuck):
         there = f"{len(played.good)} good and {played.stuck} others lie in the good tray"
-        found.append(f"run {played.run}: {accounts.counts} where {there}")
-    return found
+        deviations.append(f"run {played.run}: {accounts.counts} where {there}")
+    return deviations
 
 
 def play_one(folder: Path, *, seed: int, sheets: int, failures: int) -> tuple[list[str], list[Played]]:
     """A press that runs once, or is killed once and begins anew, by the seed; what differs, and the runs."""
     press = Press(folder, seed=seed, sheets=sheets)
-    found: list[str] = []
+    deviations: list[str] = []
     starts: list[Played] = []
     kills = [True, False] if seed % 3 == 0 else [False]
     for killed in kills:
@@ -440,8 +442,8 @@ def play_one(folder: Path, *, seed: int, sheets: int, failures: int) -> tuple[li
     press.close()
     for played in starts:
         reported = collected(press.journal, played.run, press.trays)
-        found += differences(reported, played, press.journal, press.trays)
-    return found, starts
+        deviations += differences(reported, played, press.journal, press.trays)
+    return deviations, starts
 
 
 def main(arguments: list[str]) -> int:
@@ -456,9 +458,11 @@ def main(arguments: list[str]) -> int:
     wrong = 0
     for seed in range(given.runs):
         with tempfile.TemporaryDirectory() as folder:
-            found, starts = play_one(Path(folder), seed=seed, sheets=given.sheets, failures=given.failures)
-        wrong += len(found)
-        for line in found:
+            deviations, starts = play_one(
+                Path(folder), seed=seed, sheets=given.sheets, failures=given.failures
+            )
+        wrong += len(deviations)
+        for line in deviations:
             show.people.print(line)
         counts = Counter(played.killed for played in starts)
         trays = "; ".join(

@@ -50,7 +50,7 @@ class Memory:
     session_taken: int = 0
     session_dropped: int = 0
     result_taken: int = 0
-    policy_kept: int = 0
+    stored_policy: int = 0
     press_stop: bool = False
     last_tag: int = 0
     last_tray: int = 0
@@ -112,8 +112,8 @@ class Controller:
         ]
 
     def _listen(self) -> None:
-        memory, words = self.memory, self.written
-        status, heartbeat, session, policy = words[:4]
+        memory, cells = self.memory, self.written
+        status, heartbeat, session, policy = cells[:4]
         now_s = time.monotonic()
         if heartbeat != memory.heartbeat_seen:
             memory.heartbeat_seen, memory.heard_s, memory.alive = heartbeat, now_s, True
@@ -125,16 +125,16 @@ class Controller:
             memory.store.clear()
             memory.session_taken, memory.result_taken, memory.press_stop = session, 0, False
         if memory.alive and session == memory.session_taken != 0:
-            memory.policy_kept = policy
+            memory.stored_policy = policy
             memory.press_stop |= bool(status & 1 << 5)
-            if status & 1 << 2 and words[7] != memory.result_taken:
-                memory.result_taken = words[7]
+            if status & 1 << 2 and cells[7] != memory.result_taken:
+                memory.result_taken = cells[7]
                 memory.store.append(
                     {
-                        "tag": words[8] << 16 | words[9],
-                        "result": words[10],
-                        "position": words[12] << 16 | words[13],
-                        "tolerance": words[14],
+                        "tag": cells[8] << 16 | cells[9],
+                        "result": cells[10],
+                        "position": cells[12] << 16 | cells[13],
+                        "tolerance": cells[14],
                     }
                 )
                 del memory.store[:-STORE]
@@ -147,10 +147,10 @@ class Controller:
         count = self._count(self._reaches_mm(sheet))
         near = [one for one in memory.store if abs(signed(one["position"] - count)) <= one["tolerance"]]
         memory.store = [one for one in memory.store if signed(one["position"] - count) > one["tolerance"]]
-        opened, memory.last_tag = memory.policy_kept == 1, 0
+        opened, memory.last_tag = memory.stored_policy == 1, 0
         if len(near) == 1:
             opened, memory.last_tag = near[0]["result"] == 1, near[0]["tag"]
-        elif memory.policy_kept == 2:
+        elif memory.stored_policy == 2:
             memory.press_stop = True
         memory.last_tray = 1 if opened else 2
         memory.sheets_at_gate += 1
@@ -185,9 +185,9 @@ async def serve(controller: Controller) -> None:
         registers[SHOWN_AT : SHOWN_AT + SHOWN] = controller.shown()
         return None
 
-    words = [SimData(0, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
+    cells = [SimData(0, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
     bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-    device = SimDevice(id=1, simdata=(bits, bits, words, words), action=answer)
+    device = SimDevice(id=1, simdata=(bits, bits, cells, cells), action=answer)
     server = ModbusTcpServer(device, address=("127.0.0.1", 0))
     await server.serve_forever(background=True)
     listening: Any = server.transport

@@ -162,12 +162,12 @@ def _inspect(
 
 def _stalls(belt: dict[str, Any], kill_s: float | None) -> list[tuple[float, int]]:
     """When the inspection is stopped, and goes on; not while it is killed."""
-    found = []
+    signals = []
     for one in belt["faults"]:
         ends_s = one["at_s"] + one["lasts_s"]
         if one["kind"] == "stall" and (kill_s is None or not kill_s - 2 < ends_s < kill_s + 2 * AWAY_S):
-            found += [(one["at_s"], int(signal.SIGSTOP)), (ends_s, int(signal.SIGCONT))]
-    return found
+            signals += [(one["at_s"], int(signal.SIGSTOP)), (ends_s, int(signal.SIGCONT))]
+    return signals
 
 
 def _rows(trays: Path) -> list[dict[str, Any]]:
@@ -284,8 +284,8 @@ def _counted(visitor: Visitor, folder: Path, one: Started, *, last: bool) -> Cou
 
 
 def _command(name: str, run: int, journal: Path, trays: Path) -> dict[str, Any]:
-    said = io.StringIO()
-    with redirect_stdout(said):
+    printed = io.StringIO()
+    with redirect_stdout(printed):
         command(["run", name, str(run), "--journal", str(journal), "--trays", str(trays), "--json"])
-    answer: dict[str, Any] = json.loads(said.getvalue())
+    answer: dict[str, Any] = json.loads(printed.getvalue())
     return answer

@@ -110,11 +110,11 @@ class Plan:
         jitter_mm = rng.uniform(-10, 10, sheets)
         sizes_mm = rng.uniform(60, 140, sheets) * rng.choice([1, 1, -1], sheets)
         latencies = rng.choice(latencies_s, sheets)
-        found = []
+        planned = []
         for at in range(sheets):
             kind: Kind = kinds[drawn[at]]
             slip_mm = {"slip": abs(float(sizes_mm[at])), "small-slip": float(sizes_mm[at]) / 7}.get(kind, 0.0)
-            found.append(
+            planned.append(
                 PlannedSheet(
                     serial=2 * at + 1,  # the even ones stick below
                     kind=kind,
@@ -127,7 +127,7 @@ class Plan:
         span_s = sheets / rate
         starts = [FIRST_MM / speed + span_s * (at + 0.5) / len(names) for at in range(len(names))]
         return cls(
-            sheets=tuple(found),
+            sheets=tuple(planned),
             failures=tuple(zip(starts, names, strict=True)),
             speed_mm_s=speed,
             faster=faster,
@@ -146,10 +146,10 @@ class Plan:
     @classmethod
     def load(cls, path: Path) -> Self:
         """As saved."""
-        kept = json.loads(path.read_text(encoding="utf-8"))
+        stored = json.loads(path.read_text(encoding="utf-8"))
         return cls(
-            sheets=tuple(PlannedSheet(**one) for one in kept["sheets"]),
-            failures=tuple((begins_s, name) for begins_s, name in kept["failures"]),
-            speed_mm_s=kept["speed_mm_s"],
-            faster=kept["faster"],
+            sheets=tuple(PlannedSheet(**one) for one in stored["sheets"]),
+            failures=tuple((begins_s, name) for begins_s, name in stored["failures"]),
+            speed_mm_s=stored["speed_mm_s"],
+            faster=stored["faster"],
         )

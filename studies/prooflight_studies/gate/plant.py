@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 READY_S: Final = 6.0
 """For the first process to be loaded, before the belt starts."""
-LOOK_S: Final = 0.05
+POLL_S: Final = 0.05
 AHEAD_S: Final = 2.0
 """Before they pass the camera, sheets are laid on the belt."""
 
@@ -111,25 +111,25 @@ def run_plant(plan: Plan, folder: Path, *, log: Path, progress: Callable[[str], 
         todo = sorted(_steps(plan, server, relay, watches, kills, happened), key=lambda step: step[0])
         sheets = iter(plan.sheets)
         coming = next(sheets, None)
-        said = 0
+        reported = 0
         while clock() < plan.ends_s:
             now_s = clock()
             while todo and todo[0][0] <= now_s:
                 todo.pop(0)[1]()
             while coming is not None and coming.front_mm < (now_s + AHEAD_S) * plan.speed_mm_s:
-                laid = BeltSheet(
+                placed = BeltSheet(
                     serial=coming.serial,
                     front_mm=coming.front_mm,
                     truth=coming.truth,
                     slip_mm=coming.slip_mm,
                     under=coming.kind == "double",
                 )
-                server.call(lambda laid=laid: belt.lay(laid))  # type: ignore[misc]
+                server.call(lambda placed=placed: belt.lay(placed))  # type: ignore[misc]
                 coming = next(sheets, None)
-            if len(plc.rows) >= said + 1000:
-                said = len(plc.rows)
-                progress(f"{said:,} sheets at the gate")
-            time.sleep(LOOK_S / plan.faster)
+            if len(plc.rows) >= reported + 1000:
+                reported = len(plc.rows)
+                progress(f"{reported:,} sheets at the gate")
+            time.sleep(POLL_S / plan.faster)
         watches.ended()
         happened.starts, happened.seconds = watches.starts, time.perf_counter() - begun_s
     return happened
@@ -148,7 +148,7 @@ def _steps(
 
     def power(on: bool) -> None:
         server.call(lambda: server.plc.power(on=on))
-        (relay.mend if on else relay.cut)()
+        (relay.repair if on else relay.cut)()
 
     left = kills
     for begins_s, name in plan.failures:
@@ -160,7 +160,7 @@ def _steps(
                 yield ends_s, lambda: power(True)
             case "link-cut":
                 yield begins_s, relay.cut
-                yield ends_s, relay.mend
+                yield ends_s, relay.repair
             case "link-delayed":
                 yield begins_s, lambda: delay(DELAY_S)
                 yield ends_s, lambda: delay(0.0)

@@ -49,7 +49,7 @@ class Rig:
         """A PDF of A4 pages."""
         return self.folder / "job.pdf"
 
-    def made(self, progress: Callable[[str], None]) -> Rig:
+    def prepared(self, progress: Callable[[str], None]) -> Rig:
         """With its files, made if they are not there."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self.job.exists():
@@ -114,16 +114,16 @@ def run_watch(
         with PlcServer(plc) as server:
             plant = folder / "plant.toml"
             plant.write_text(press_text(host="127.0.0.1", port=server.port), encoding="utf-8")
-            found, begun_s = Watched(rows=plc.rows), time.perf_counter()
+            watched, begun_s = Watched(rows=plc.rows), time.perf_counter()
             left = sheets
             for kill in (True, False) if kill_after is not None else (False,):
                 process = _started(rig, folder, plant, rate=rate, sheets=left)
                 stop_at = len(plc.rows) + kill_after if kill and kill_after is not None else None
-                said = 0
+                reported = 0
                 while process.poll() is None:
-                    if len(plc.rows) >= said + 100:
-                        said = len(plc.rows)
-                        progress(f"{said} sheets at the gate")
+                    if len(plc.rows) >= reported + 100:
+                        reported = len(plc.rows)
+                        progress(f"{reported} sheets at the gate")
                     if stop_at is not None and len(plc.rows) >= stop_at:
                         process.kill()
                     time.sleep(0.02)
@@ -131,10 +131,10 @@ def run_watch(
                 if not kill and process.returncode not in (0, 1, 3):
                     raise RuntimeError(f"watch ended with {process.returncode}")
                 left = max(sheets - len(plc.rows), 1)
-                found.runs += 1
-            found.seconds = time.perf_counter() - begun_s
-    _times(folder, found)
-    return found
+                watched.runs += 1
+            watched.seconds = time.perf_counter() - begun_s
+    _times(folder, watched)
+    return watched
 
 
 # --- parts ---
@@ -152,19 +152,19 @@ def _started(rig: Rig, folder: Path, plant: Path, *, rate: float, sheets: int) -
         str(folder / "runs.sqlite"),
         "--json",
     ]
-    with (folder / "told.jsonl").open("ab") as told, (folder / "said.txt").open("ab") as said:
-        return subprocess.Popen(command, stdout=told, stderr=said)
+    with (folder / "told.jsonl").open("ab") as told, (folder / "said.txt").open("ab") as reported:
+        return subprocess.Popen(command, stdout=told, stderr=reported)
 
 
-def _times(folder: Path, found: Watched) -> None:
+def _times(folder: Path, watched: Watched) -> None:
     for line in (folder / "told.jsonl").read_text(encoding="utf-8").splitlines():
         with suppress(ValueError):  # the last one of a process that was killed
             row = json.loads(line)
             if row.get("latency_ms") is not None:
-                found.verdict_ms.append(row["latency_ms"])
-                found.detector = row["detector"]
-    for run_id in range(1, found.runs + 1):
+                watched.verdict_ms.append(row["latency_ms"])
+                watched.detector = row["detector"]
+    for run_id in range(1, watched.runs + 1):
         for row in rows_of(log_path(folder / "runs.sqlite", run_id)):
             if row["kind"] == "written":
-                found.written_ms.append(row["ms"])
-    found.pixels = 2048 // COARSER
+                watched.written_ms.append(row["ms"])
+    watched.pixels = 2048 // COARSER

@@ -37,7 +37,7 @@ class Relay:
         """Break all connections, and refuse new ones."""
         self._loop.call_soon_threadsafe(self._break)
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """Accept connections again."""
         self._loop.call_soon_threadsafe(self._reconnect)
 

@@ -144,7 +144,7 @@ class StandIn:
             when_s, _, outcome = heapq.heappop(self._due)
             self._clock.until(when_s)
             for turn in self._order.put(outcome):
-                self._gate.told(turn)
+                self._gate.observe(turn)
                 self._recorder.record(turn.record)
         self._clock.until(until_s)
 

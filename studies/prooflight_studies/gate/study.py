@@ -19,7 +19,7 @@ import numpy as np
 from prooflight import __version__
 from prooflight.journal.journal import Journal
 from prooflight.plant.gate.gate import exchange_s
-from prooflight.plant.gate.log import KeptDecisions, PlantError, log_path, rows_of
+from prooflight.plant.gate.log import LoggedDecisions, PlantError, log_path, rows_of
 from prooflight.plant.gate.reconciling import read_trays, reconciled
 from prooflight_studies.gate import browser
 from prooflight_studies.gate.journeys import PACE, journeys
@@ -58,7 +58,7 @@ PUBLISHED_MS: Final = ((0.0, 120.0), (0.5, 182.0), (0.99, 275.0), (0.999, 363.0)
 """Share and time from last line to verdict, of docs/results/running/running.md (chi-square, two sensors, 5 sheets a
 second); the least is assumed. Used where `latency` has not been measured in full."""
 RATES: Final = (1.0, 5.0, 10.0)
-KEPT_MS: Final = 2000
+SAMPLES_MS: Final = 2000
 """Times kept in the results."""
 
 
@@ -84,7 +84,7 @@ def run_gate_study(
         new["watch"] = _watch(cache, quick=quick, progress=progress)
     if "plant" in parts:
         new["plant"], happened = _plant(
-            new.get("latency") or _measured(_kept(out / "gate.json")),
+            new.get("latency") or _measured(_stored_results(out / "gate.json")),
             seed=seed,
             sheets=sheets or (QUICK_SHEETS if quick else SHEETS),
             faster=faster or FASTER,
@@ -95,13 +95,13 @@ def run_gate_study(
     if "counts" in parts:
         new["counts"] = _counts(seed=seed, quick=quick, progress=progress)
     # Parts may have been measured meanwhile by others.
-    kept = _kept(out / "gate.json")
-    said = {part: {"seed": seed, "quick": quick} for part in parts}
-    found = dict.fromkeys(PARTS) | kept | new
-    found |= {"parts": kept.get("parts", {}) | said, "cores": os.cpu_count()}
+    stored = _stored_results(out / "gate.json")
+    done = {part: {"seed": seed, "quick": quick} for part in parts}
+    results = dict.fromkeys(PARTS) | stored | new
+    results |= {"parts": stored.get("parts", {}) | done, "cores": os.cpu_count()}
     draw_handshake(out / "gate-handshake.png")
-    write_page(out / "gate.md", "gate", found)
-    return found
+    write_page(out / "gate.md", "gate", results)
+    return results
 
 
 def _counts(*, seed: int, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -114,18 +114,18 @@ def _counts(*, seed: int, quick: bool, progress: Callable[[str], None]) -> dict[
     return facts | {"rows": rows, "differs": differs}
 
 
-def _kept(path: Path) -> dict[str, Any]:
+def _stored_results(path: Path) -> dict[str, Any]:
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
+        stored = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    return {name: value for name, value in kept.items() if name != "study"}
+    return {name: value for name, value in stored.items() if name != "study"}
 
 
-def _measured(kept: dict[str, Any]) -> dict[str, Any] | None:
+def _measured(stored: dict[str, Any]) -> dict[str, Any] | None:
     """The times of the real detector, if they were measured in full."""
-    quick = kept.get("parts", {}).get("latency", {}).get("quick", True)
-    return None if quick else kept["latency"]
+    quick = stored.get("parts", {}).get("latency", {}).get("quick", True)
+    return None if quick else stored["latency"]
 
 
 # --- the real detector ---
@@ -134,7 +134,7 @@ def _measured(kept: dict[str, Any]) -> dict[str, Any] | None:
 def _latency(cache: Path, *, seed: int, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
     """Times of the real ``watch``, and how far the gate must be for them."""
     rate, sheets = (QUICK_REAL_RATE, QUICK_LATENCY_SHEETS) if quick else (REAL_RATE, LATENCY_SHEETS)
-    rig = Rig(folder=cache / "gate").made(progress)
+    rig = Rig(folder=cache / "gate").prepared(progress)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         watched = run_watch(
@@ -168,7 +168,7 @@ def _latency(cache: Path, *, seed: int, quick: bool, progress: Callable[[str], N
         "tail_share": TAIL_SHARE,
         "miss": MISS,
         "gates": gates,
-        "verdict_ms": [round(ms, 1) for ms in watched.verdict_ms[:KEPT_MS]],
+        "verdict_ms": [round(ms, 1) for ms in watched.verdict_ms[:SAMPLES_MS]],
         "trays": _trays(watched.rows),
     }
 
@@ -176,7 +176,7 @@ def _latency(cache: Path, *, seed: int, quick: bool, progress: Callable[[str], N
 def _watch(cache: Path, *, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
     """The real ``watch``, killed in its middle and started again."""
     sheets = QUICK_WATCH_SHEETS if quick else WATCH_SHEETS
-    rig = Rig(folder=cache / "gate").made(progress)
+    rig = Rig(folder=cache / "gate").prepared(progress)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         watched = run_watch(
@@ -216,13 +216,13 @@ def _plant(
     progress: Callable[[str], None],
 ) -> tuple[dict[str, Any], Happened]:
     shares, published_ms = np.array(PUBLISHED_MS).T
-    drawn_ms = np.interp(np.linspace(0, 1, KEPT_MS), shares, published_ms)
+    drawn_ms = np.interp(np.linspace(0, 1, SAMPLES_MS), shares, published_ms)
     times_ms = np.array(measured["verdict_ms"]) if measured else drawn_ms
     plan = Plan.draw(sheets, rate=RATE, faster=faster, seed=seed, latencies_s=times_ms / 1e3, rounds=rounds)
     with tempfile.TemporaryDirectory() as name:
         folder, log = Path(name), Path(name) / "trays.jsonl"
         happened = run_plant(plan, folder, log=log, progress=progress)
-        kept = _reconciled(folder / "runs.sqlite", log, len(happened.rows))
+        stored = _reconciled(folder / "runs.sqlite", log, len(happened.rows))
     settings = settings_of("PLC", 502)
     failures = Counter(name for _, name in happened.failures)
     rows = happened.rows
@@ -248,9 +248,9 @@ def _plant(
         "starts": happened.starts,
         "trays": _trays(rows),
         "why_rejected": dict(Counter(row.why for row in rows if row.tray == "reject").most_common()),
-        "reconciled": kept,
+        "reconciled": stored,
         **_truths(rows),
-        **_judged(rows, kept),
+        **_judged(rows, stored),
     }
     return facts, happened
 
@@ -265,13 +265,13 @@ def _truths(rows: Sequence[TrayRow]) -> dict[str, Any]:
     }
 
 
-def _judged(rows: Sequence[TrayRow], kept: dict[str, Any]) -> dict[str, Any]:
+def _judged(rows: Sequence[TrayRow], stored: dict[str, Any]) -> dict[str, Any]:
     """Good sheets that were lost: those that the controller rejected though nothing was found wrong with them."""
     good = [row for row in rows if row.truth == "good" and row.tray == "reject"]
     return {
         "good_lost": len(good),
         "good_lost_why": dict(Counter(row.why for row in good).most_common()),
-        "wrong": kept["counts"].get("wrong", 0),
+        "wrong": stored["counts"].get("wrong", 0),
     }
 
 
@@ -287,8 +287,8 @@ def _reconciled(journal: Path, trays: Path, at_gate: int) -> dict[str, Any]:
     with Journal.open(str(journal), read_only=True) as opened:
         for run in opened.runs():
             path = log_path(journal, run.id)
-            kept = KeptDecisions.read(path)
-            one: Reconciliation = reconciled(opened.pages(run.id), kept, rows)
+            stored = LoggedDecisions.read(path)
+            one: Reconciliation = reconciled(opened.pages(run.id), stored, rows)
             counts, lost, runs = counts + one.counts, lost + one.lost_by, runs + 1
             ms += [row["ms"] for row in rows_of(path) if row["kind"] == "written"]
             log_alone += sum(not sheet.in_journal and sheet.sheet is not None for sheet in one.sheets)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DRAWS: Final = 10_000
 """Number of bootstrap resamples."""
-GOAL_FOUND_PERCENT: Final = 98.0
+GOAL_DETECTED_PERCENT: Final = 98.0
 GOAL_FALSE_PER_IMAGE: Final = 0.2
 
 
@@ -39,7 +39,7 @@ class Outcome:
     """Result of one setting on one pair."""
 
     name: str
-    found: tuple[Box, ...]
+    boxes: tuple[Box, ...]
     pairs: dict[int, tuple[int, float]]
     """Marked box that each detected one matches, and their overlap."""
     marked: tuple[Box, ...]
@@ -58,7 +58,7 @@ class Outcome:
     @property
     def false(self) -> int:
         """Number of detected boxes that are not marked."""
-        return len(self.found) - len(self.pairs)
+        return len(self.boxes) - len(self.pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +155,7 @@ def golden_results(
     shown = [field.name for field in fields(GoldenFigures) if field.name != "by_kind"]
     return {
         "least_overlap": LEAST_OVERLAP,
-        "goal": {"found_percent": GOAL_FOUND_PERCENT, "false_per_image": GOAL_FALSE_PER_IMAGE},
+        "goal": {"found_percent": GOAL_DETECTED_PERCENT, "false_per_image": GOAL_FALSE_PER_IMAGE},
         "rows": [{name: getattr(row, name) for name in shown} for row in rows],
         "moved": [{name: getattr(row, name) for name in shown} for row in moved],
         "kinds": [
@@ -173,6 +173,6 @@ def _wrong(one: Outcome) -> Iterator[dict[str, Any]]:
     for at, (kind, box) in enumerate(zip(one.kinds, one.marked, strict=True)):
         if at not in hit:
             yield {"image": one.name, "what": f"missed, {KINDS[kind]}", "box": box}
-    for at, box in enumerate(one.found):
+    for at, box in enumerate(one.boxes):
         if at not in one.pairs:
             yield {"image": one.name, "what": "false", "box": box}

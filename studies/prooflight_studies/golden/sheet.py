@@ -53,7 +53,7 @@ def draw_golden_sheet(
             pair = by_name[outcome.name]
             left, top = (int((box[side] + box[side + 2]) / 2 - PIECE_PIXELS / 2) for side in (0, 1))
             axes.imshow(_coloured(pair, seen[pair.name]), interpolation="nearest")
-            for boxes, colour, width in ((pair.marked, MARKED, 2.0), (outcome.found, FOUND, 1.2)):
+            for boxes, colour, width in ((pair.marked, MARKED, 2.0), (outcome.boxes, FOUND, 1.2)):
                 for one in boxes:
                     corner = (one[0] - 0.5, one[1] - 0.5)
                     size = (one[2] - one[0], one[3] - one[1])
@@ -78,7 +78,7 @@ def _sorts(outcomes: Sequence[Outcome]) -> list[tuple[str, list[tuple[Outcome, B
                 found.append((hit[at], (one, box, f"{one.name} {KINDS[kind]} {hit[at]:.2f}")))
             else:
                 missed.append((one, box, f"{one.name} {KINDS[kind]}"))
-        false += [(one, box, one.name) for at, box in enumerate(one.found) if at not in one.pairs]
+        false += [(one, box, one.name) for at, box in enumerate(one.boxes) if at not in one.pairs]
     found.sort(key=lambda each: each[0])
     least = [piece for _, piece in found[:MOST_OF_A_SORT]]
     typical = [piece for _, piece in found[:: max(1, len(found) // COLUMNS)]][:COLUMNS]

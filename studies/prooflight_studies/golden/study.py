@@ -147,7 +147,7 @@ def places_of(differing: Mapping[float, GoldenDifference], joinings: Sequence[in
     """Return the places that differ for each edge tolerance and joining."""
     seen: Seen = {}
     for (edge, one), joining in itertools.product(differing.items(), joinings):
-        compared = one.fits and one.place.found
+        compared = one.fits and one.place.located
         places = marks(one, joining_pixels=joining, least_volume=VOLUMES[0] / 4) if compared else None
         seen[edge, joining] = places
     return seen
@@ -175,8 +175,8 @@ def _opened(pair: GoldenPair, edge: float) -> GoldenDifference:
     difference = (scan - golden)[0]
     side = 2 * int(np.ceil(edge)) - 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    kept = cv2.morphologyEx((np.abs(difference) > 0.5).astype(np.uint8), cv2.MORPH_OPEN, disc)
-    weight = np.where(kept > 0, np.abs(difference), 0).astype(np.float32)
+    opened = cv2.morphologyEx((np.abs(difference) > 0.5).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    weight = np.where(opened > 0, np.abs(difference), 0).astype(np.float32)
     return GoldenDifference(excess=difference, weight=weight, place=GoldenPlace.same(difference.shape))
 
 
@@ -195,7 +195,7 @@ def judged(pair: GoldenPair, seen: Seen, setting: Setting) -> Outcome:
     ]
     return Outcome(
         name=pair.name,
-        found=tuple(boxes[at] for at in counted),
+        boxes=tuple(boxes[at] for at in counted),
         pairs={now: hits[at] for now, at in enumerate(counted) if at in hits},
         marked=pair.marked,
         kinds=pair.kinds,

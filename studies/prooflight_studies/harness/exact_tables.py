@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.kernels.compiled import kernel
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,18 +19,18 @@ CELL_BITS = 3
 FRACTION = NODE_STEP - 1
 
 
-def exactly_looked_up(
+def exact_lookup(
     cmyk: NDArray[np.uint8], sensor: SensorModel
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return mean and variance of recipes (n, 4), (n,) each [DN, DN^2], for a column gain of 1."""
     nodes = np.stack([sensor.mean_dn.ravel(), sensor.variance_dn2.ravel()], axis=1)
     mean, variance = np.empty((2, len(cmyk)), np.float32)
-    look_up_row(cmyk, nodes, mean, variance)
+    lookup_row(cmyk, nodes, mean, variance)
     return mean, variance
 
 
 @kernel("cmyk (N, 4), nodes (NODES**4, 2), mean (N), variance (N)")
-def look_up_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
+def lookup_row(cmyk, nodes, mean, variance):  # type: ignore[no-untyped-def]
     """Look up one raster row quadrilinearly: cmyk (columns, 4) uint8, nodes (33^4, 2) -> mean, variance (columns,).
 
     A run of equal pixels is looked up once: half of every page is paper.

@@ -20,7 +20,7 @@ from prooflight.rng import stream
 from prooflight.simulation.captures import Printed, SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.session import true_sensors
-from prooflight.simulation.worlds import World, known_world, worlds_digest
+from prooflight.simulation.worlds import World, world_named, worlds_digest
 from prooflight_studies.harness.baselines import VariationModel, variation_moments
 from prooflight_studies.harness.measures import measure
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
@@ -116,7 +116,7 @@ def in_both_worlds(ideal: Plan, *, world: str | None, **in_press: Any) -> list[P
     world: one alone. RequestError: there is no such world.
     """
     plans = [ideal, replace(ideal, world="press", **in_press)]
-    return [plan for plan in plans if world is None or plan.world == known_world(world)]
+    return [plan for plan in plans if world is None or plan.world == world_named(world)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -316,7 +316,7 @@ class Bench:
         yield measured, on_area(noisier_tables(expected, noise), area)
         if design.landmarks is not None:
             registration = register(design.landmarks, scan)
-            if registration.found:
+            if registration.located:
                 expected = self.day.expected(page, registration.placement)
             yield measured, on_area(noisier_tables(expected, noise), area)
 

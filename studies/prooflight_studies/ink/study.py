@@ -126,11 +126,11 @@ def spread_check(chart: Chart, patches: int, seed: int) -> SpreadRow:
     rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
     known, spectra = recipes.cmyk[chosen], recipes.reflectance[chosen]
     fold = fold_of_recipe(patches, 10, seed)
-    held_out = np.empty_like(spectra)
+    estimated = np.empty_like(spectra)
     for left_out in range(10):
         seen = fold != left_out
-        held_out[~seen] = MODELS[BEST].fit(known[seen], spectra[seen]).reflectance(known[~seen])
-    spread = Spread.of(known, spectra, held_out)
+        estimated[~seen] = MODELS[BEST].fit(known[seen], spectra[seen]).reflectance(known[~seen])
+    spread = Spread.of(known, spectra, estimated)
     root = np.sqrt(MODELS[BEST].fit(known, spectra).reflectance(recipes.cmyk[rest]))
     z = (root - np.sqrt(recipes.reflectance[rest])) / spread.of_root(recipes.cmyk[rest])
     return SpreadRow(

@@ -37,7 +37,7 @@ EVERY: Final = -1
 """Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
-OURS: Final = "ours"
+MATCHED_FILTER: Final = "ours"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
 """Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -64,7 +64,7 @@ class MethodResult:
     part: NDArray[np.int64]
     alarms: NDArray[np.bool_]
     """Alarms at the thresholds that cost least on the tuning designs. (ALPHAS, pages)"""
-    promised: NDArray[np.bool_]
+    nominal_alarms: NDArray[np.bool_]
     """Alarms at the threshold that good pages of tuning designs exceed at ``FALSE_ALARM_RATE``. (pages,)"""
 
     @property
@@ -121,7 +121,7 @@ def judged(
     pages, another = Pages.of(rows), rows["another"]
     part, day = parts_of(rows), rows["day"]
     if good is not None:
-        pages, another = pages.beside(Pages.of(good)), np.concatenate([another, good["another"]])
+        pages, another = pages.joined(Pages.of(good)), np.concatenate([another, good["another"]])
         part = np.concatenate([part, np.full(len(good["another"]), EVERY)])
         day = np.concatenate([day, good["day"]])
     work = _PartWork(
@@ -189,7 +189,7 @@ class _PartWork:
         test, tune = self.test_and_tune(index)
         rng = stream(self.seed, "press-part", index)
         learn, other = pages.rows(~test & ~tune), pages.rows(test | tune)
-        learn = learn if self.training is None else learn.beside(self.training)
+        learn = learn if self.training is None else learn.joined(self.training)
         model = learn_model(learn, names=names, scatter=self.scatter, rng=rng, trees=self.trees)
         scores = {name: rank(other) for name, rank in _rankings(model, self.another[test | tune]).items()}
         if self.ablations:
@@ -231,7 +231,7 @@ def check_rates(
     The second list is for good pages of ``trial``, whose days the parts' detectors judge in turn. calibration: number
     of designs by target false-alarm rate; the first of ``good`` are taken.
     """
-    pages, matched_filter = Pages.of(good), verdicts.methods[OURS]
+    pages, matched_filter = Pages.of(good), verdicts.methods[MATCHED_FILTER]
     scores = [certain_score(model, pages, good["another"]) for model in verdicts.detectors]
     tried, turn = Pages.of(trial), parts_of(trial)
     of_trial = np.choose(
@@ -297,7 +297,7 @@ def _rankings(
         return model.forest.score(every(pages))
 
     return {
-        OURS: lambda pages: certain_score(model, pages, another),
+        MATCHED_FILTER: lambda pages: certain_score(model, pages, another),
         "ours, wrong pages by evidence alone": lambda pages: model.score(pages.values, pages.page_features),
         "no misprint seen in learning": lambda pages: model.guard(evidence(pages)),
         "forest of all statistics alone": forest,
@@ -310,7 +310,7 @@ def _without(
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Yield scores of the forest of families without some of the statistics, or without the page's content."""
     weight = even(learn.bad)
-    firsts = [Statistic.parse(name).word for name in names]
+    firsts = [Statistic.parse(name).label for name in names]
     sets: dict[str, tuple[NDArray[np.bool_], float]] = {FOREST_OF_FAMILIES: (np.ones(len(names), bool), 1.0)}
     sets |= {
         f"forest without {group}": (np.array([first not in left for first in firsts]), 1.0)
@@ -360,5 +360,5 @@ def _judged(
         ),
         part=part[judged_],
         alarms=alarms[:, judged_],
-        promised=nominal[judged_],
+        nominal_alarms=nominal[judged_],
     )

@@ -16,7 +16,7 @@ from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
     FOREST_OF_FAMILIES,
-    OURS,
+    MATCHED_FILTER,
     alarms_by_others,
 )
 
@@ -82,8 +82,8 @@ class Method:
             ],
             alarms=[int((alarm & ~bad).sum()) for alarm in one.alarms],
             missed=[int((~alarm & bad).sum()) for alarm in one.alarms],
-            promised_alarms=int((one.promised & ~bad).sum()),
-            promised_missed=int((~one.promised & bad).sum()),
+            promised_alarms=int((one.nominal_alarms & ~bad).sum()),
+            promised_missed=int((~one.nominal_alarms & bad).sum()),
             caught=one.caught,
             area=one.area,
         )
@@ -117,7 +117,7 @@ class RateRow:
 def press_results(findings: PressFindings) -> dict[str, Any]:
     """Return all figures of the page."""
     rows, verdicts, plan = findings.main, findings.verdicts, findings.plan
-    matched_filter = verdicts.methods[OURS]
+    matched_filter = verdicts.methods[MATCHED_FILTER]
     rng = stream(plan.seed, "press-bootstrap")
     return {
         "pitch_mm": findings.pitch_mm,
@@ -128,18 +128,20 @@ def press_results(findings: PressFindings) -> dict[str, Any]:
         "worlds": worlds_digest(),
         "alphas": ALPHAS,
         "thirds": THIRDS,
-        "ours": OURS,
+        "ours": MATCHED_FILTER,
         "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
         "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
         "caught": [
-            {"at": "the promised 1 %", **_by_severity(rows, matched_filter.promised)},
+            {"at": "the promised 1 %", **_by_severity(rows, matched_filter.nominal_alarms)},
             {"at": "alpha = 1", **_by_severity(rows, matched_filter.alarms[ALPHAS.index(1.0)])},
         ],
-        "where": _places_and_kinds(rows, matched_filter.promised, verdicts.kinds, verdicts.boxes),
+        "where": _places_and_kinds(rows, matched_filter.nominal_alarms, verdicts.kinds, verdicts.boxes),
         "promises": list(_rate_rows(findings)),
         "real": None if findings.real is None else _real(findings.real, matched_filter, plan.seed),
-        "ideal_days": len(np.unique(findings.ideal.methods[OURS].scored.day)),
-        "ideal": Method.of(OURS, findings.ideal.methods[OURS], stream(plan.seed, "press-bootstrap-ideal")),
+        "ideal_days": len(np.unique(findings.ideal.methods[MATCHED_FILTER].scored.day)),
+        "ideal": Method.of(
+            MATCHED_FILTER, findings.ideal.methods[MATCHED_FILTER], stream(plan.seed, "press-bootstrap-ideal")
+        ),
     }
 
 
@@ -194,7 +196,7 @@ def near(boxes: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.
 
 
 def _rate_rows(findings: PressFindings) -> Iterator[RateRow]:
-    matched_filter, rows = findings.verdicts.methods[OURS], findings.main
+    matched_filter, rows = findings.verdicts.methods[MATCHED_FILTER], findings.main
     good = ~matched_filter.scored.bad
     setting = round(int(good.sum()) / len(np.unique(matched_filter.part))) + findings.plan.promise
     for kept in findings.kept:
@@ -204,16 +206,20 @@ def _rate_rows(findings: PressFindings) -> Iterator[RateRow]:
         basis = f"{tried.designs} designs that did nothing else, tried on others of which only good prints were made"
         yield RateRow.of(tried.rate, basis, tried.alarms)
     basis = f"{setting} designs, these and those of another part"
-    yield RateRow.of(FALSE_ALARM_RATE, basis, matched_filter.promised[good], matched_filter.promised[~good])
+    yield RateRow.of(
+        FALSE_ALARM_RATE, basis, matched_filter.nominal_alarms[good], matched_filter.nominal_alarms[~good]
+    )
     off = (np.abs(np.log(rows["sigma_error"])) > np.log(SIGMA_OFF)).any(axis=1)
     about = f"{SIGMA_OFF - 1:.0%}"
     yield RateRow.of(
         FALSE_ALARM_RATE,
         f"the same, a sensor's sigma wrong by more than {about}",
-        matched_filter.promised[good & off],
+        matched_filter.nominal_alarms[good & off],
     )
     yield RateRow.of(
-        FALSE_ALARM_RATE, f"the same, all sigmas right within {about}", matched_filter.promised[good & ~off]
+        FALSE_ALARM_RATE,
+        f"the same, all sigmas right within {about}",
+        matched_filter.nominal_alarms[good & ~off],
     )
     for what, alarms in findings.looser.items():
         yield RateRow.of(FALSE_ALARM_RATE, what, alarms)

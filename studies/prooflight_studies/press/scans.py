@@ -100,7 +100,7 @@ class StatisticsWork:
     """Measurement of a good copy and misprints of a day's designs, with a row for each scan.
 
     Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait
-    (the page features), another (whether the scan shows another page), glyphs (``WeighedPage.score``), floor_mm2,
+    (the page features), another (whether the scan shows another page), glyphs (``ScoredPage.score``), floor_mm2,
     widening (factor on the width of its page's distributions), places (PLACES, 4) of the misprint [mm, NaN: none],
     sigma_error (sensors,) true temporal sigma over tables', day. Column ``unmade_kind`` has an entry for each misprint
     of which nine draws did not reach the least effect that counts, and ``names`` has those of the statistics.

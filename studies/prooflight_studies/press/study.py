@@ -30,7 +30,7 @@ from prooflight_studies.press.findings import PressFindings, PressPlan
 from prooflight_studies.press.judging import (
     ALPHAS,
     FALSE_ALARM_RATE,
-    OURS,
+    MATCHED_FILTER,
     MethodResult,
     check_rates,
     judged,
@@ -81,19 +81,19 @@ def run_press_study(
     press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     scans = _scanned(bench, real)
-    lessons = Pages.of(scans.training).beside(Pages.of(scans.learning))
+    lessons = Pages.of(scans.training).joined(Pages.of(scans.learning))
     verdicts = judged(
         scans.main,
         scans.scatter,
         training=lessons,
-        good=scans.promise,
+        good=scans.rate_pages,
         seed=plan.seed,
         trees=plan.trees,
         ablations=plan.ablations,
         processes=processes,
         progress=progress,
     )
-    checks, tried = check_rates(verdicts, scans.promise, scans.trial, calibration=plan.calibration)
+    checks, tried = check_rates(verdicts, scans.rate_pages, scans.trial, calibration=plan.calibration)
     findings = PressFindings(
         plan=plan,
         pitch_mm=pitch_mm,
@@ -104,7 +104,7 @@ def run_press_study(
         tried=tried,
         looser=_looser(verdicts, scans.looser, plan),
         ideal=judged(scans.ideal, scans.ideal_scatter, seed=plan.seed, trees=plan.trees, ablations=False),
-        real=None if scans.real is None else _on_real(verdicts, scans.main, scans.promise, scans.real),
+        real=None if scans.real is None else _on_real(verdicts, scans.main, scans.rate_pages, scans.real),
     )
     write_page(results / findings.page, "press", press_results(findings))
     progress(
@@ -176,7 +176,7 @@ class _Scans:
     ideal_scatter: Scatter
     ideal: Rows
     real: Rows | None
-    promise: Rows
+    rate_pages: Rows
     training: Rows
     learning: Rows
     trial: Rows
@@ -217,7 +217,7 @@ def _scanned(bench: _Bench, real: Folder | None) -> _Scans:
         ideal_scatter=ideal_scatter,
         ideal=ideal_rows,
         real=real_rows,
-        promise=statistics("promise", replace(good, number=5), "good pages that promise"),
+        rate_pages=statistics("promise", replace(good, number=5), "good pages that promise"),
         training=statistics("teaching", lesson, "designs that teach"),
         learning=statistics("learning", replace(good, number=7), "good pages that teach"),
         trial=statistics("trial", replace(good, number=8), "good pages that try promises"),
@@ -253,17 +253,17 @@ def _on_real(verdicts: Verdicts, main: Rows, calibration: Rows, rows: Rows) -> M
     """Return the result on real pages of the first part's detector and thresholds."""
     model, pages = verdicts.detectors[0], Pages.of(rows)
     part = parts_of(main)
-    tune = Pages.of(main).rows(part == 1).beside(Pages.of(calibration))
+    tune = Pages.of(main).rows(part == 1).joined(Pages.of(calibration))
     another = np.concatenate([main["another"][part == 1], calibration["another"]])
     day = np.concatenate([main["day"][part == 1], calibration["day"]])
     of_tune = Scored(score=certain_score(model, tune, another), bad=tune.bad, design=tune.design, day=day)
     score = certain_score(model, pages, rows["another"])
     return MethodResult(
-        name=OURS,
+        name=MATCHED_FILTER,
         scored=Scored(score=score, bad=pages.bad, design=pages.design, day=rows["day"]),
         part=np.zeros(len(score), np.int64),
         alarms=np.stack([score > least_cost(of_tune, alpha).threshold for alpha in ALPHAS]),
-        promised=score > model.threshold,
+        nominal_alarms=score > model.threshold,
     )
 
 

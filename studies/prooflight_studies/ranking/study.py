@@ -63,7 +63,7 @@ class TrainingRows:
         sets = [(number, rows) for number, lesson in enumerate(every) for rows in lesson.rows]
         pages = Pages.of(sets[0][1], sets[0][0])
         for number, rows in sets[1:]:
-            pages = pages.beside(Pages.of(rows, number))
+            pages = pages.joined(Pages.of(rows, number))
         names = sets[0][1]["names"][: pages.values.shape[1]].tolist()
         one = {
             name: np.concatenate([rows[name] for _, rows in sets])

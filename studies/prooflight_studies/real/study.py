@@ -44,10 +44,10 @@ JOB: Final = "midterm1-v2-test.pdf"
 COPIES: Final = ("midterm_scan_100.pdf", "midterm_scan_101.pdf")
 STAMP_MM: Final = (0.0, 5.0, 215.9, 36.0)
 """Strip in which each copy has a stamped code and label that the job lacks. [mm]"""
-TOGETHER: Final = 5
+MARKS_AT_ONCE: Final = 5
 """Marks that are laid into a scan at once: a verdict lists twelve places, and a splash may take six."""
 BORDER_MM: Final = 15.0
-APART_MM: Final = 3.0
+SEPARATION_MM: Final = 3.0
 """Distance of a mark from the page's border, and beyond its reach from print and other marks."""
 TRIES: Final = 10_000
 
@@ -118,17 +118,19 @@ def run_real_study(
         )
     press = build_press(scanner_press_file(dpi=300.0, grey=True, width_mm=216.0), seed=1, progress=progress)
     source = job_source(files[0], press, profile=None)
-    sheets, found, chains = [], {mark.name: [0, 0] for mark in NAMED}, []
+    sheets, placed, chains = [], {mark.name: [0, 0] for mark in NAMED}, []
     for copy in COPIES[: 1 if quick else None]:
         for row, caught, chain in _of_copy(folder / copy, source, press, seed, progress):
             if row is not None:
                 sheets.append(row)
             for name, one in caught:
-                found[name][0] += 1
-                found[name][1] += one
+                placed[name][0] += 1
+                placed[name][1] += one
             if chain is not None:
                 chains.append(_chain_row(copy, chain))
-    marks = tuple(MarkRow(name=name, laid=laid, caught=caught) for name, (laid, caught) in found.items())
+    marks = tuple(
+        MarkRow(name=name, laid=marked_dn, caught=caught) for name, (marked_dn, caught) in placed.items()
+    )
     results = RealStudy(seed=seed, quick=quick, sheets=tuple(sheets), marks=marks, chains=tuple(chains))
     write_page(out / "real.md", "real", results)
     return results
@@ -151,35 +153,37 @@ def _of_copy(
     with source.open() as job:
         sizes = job.page_sizes_mm
     stamp = ZoneEntry(name="stamp", kind="ignore", rectangle_mm=STAMP_MM)
-    zones, settings = JobZones.made([stamp], sizes), ScannerSettings()
+    zones, settings = JobZones.create([stamp], sizes), ScannerSettings()
     pages = ExpectedPages(job=source, press=press, feeder=FeederPrior())
-    found = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
-    detector, pairs = drawn_detector(found, source, press, settings, zones=zones, progress=progress)
+    placed = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
+    detector, pairs = drawn_detector(placed, source, press, settings, zones=zones, progress=progress)
     yield None, [], detector.chains[""]
     inspector = Inspector(press, detector, zones=zones)
     for number, scan in pairs:
         assert isinstance(scan, PlacedScan)
         progress(f"{scans.name}: page {number}")
         page = press.geometry.lay(opened(source).page(number))
-        planned = PlannedPage(page, press.station(), zones.page(page))
+        planned = PlannedPage(page, press.press_context(), zones.page(page))
         lines, _ = scan_on_page(scan, planned, press, settings, by_type=False)
         prepared = inspector.prepare(planned)
         verdict = inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name)).verdict
         rng = stream(seed, "real-marks", COPIES.index(scans.name), number)
         caught: list[tuple[str, bool]] = []
-        for first in range(0, len(NAMED), TOGETHER):
-            some = NAMED[first : first + TOGETHER]
+        for first in range(0, len(NAMED), MARKS_AT_ONCE):
+            some = NAMED[first : first + MARKS_AT_ONCE]
             marked, places = page, _places(planned, press, [mark.reach_mm for mark in some], rng)
             for mark, at in zip(some, places, strict=True):
                 marked = mark.draw(marked, at, rng)
             clean = bare_light(planned.expected, press.sensors)
-            share = bare_light(press.station().predict(marked), press.sensors) / np.maximum(clean, 1e-3)
+            share = bare_light(press.press_context().predict(marked), press.sensors) / np.maximum(clean, 1e-3)
             seen = np.clip(light_of(lines, press.sensors) * share, 0, 1)
             sensor = press.sensors[0]
             dn = sensor.column_offset_dn + sensor.column_gain * np.float32(sensor.white_dn) * seen[0]
             changed = share[0] < 1 - 1e-3
-            laid = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(np.uint16)
-            judged = inspector.inspect(prepared, Scan(dn=laid[None], name=scan.scan.name)).verdict
+            marked_dn = np.where(changed, np.clip(np.rint(dn), 0, sensor.top_code_dn), lines[0]).astype(
+                np.uint16
+            )
+            judged = inspector.inspect(prepared, Scan(dn=marked_dn[None], name=scan.scan.name)).verdict
             new = _new(judged, verdict)
             caught += [
                 (mark.name, any(_near(box, at, mark.reach_mm) for box in new))
@@ -232,12 +236,14 @@ def _places(
         reach = reaches_mm[len(places)]
         x = float(rng.uniform(BORDER_MM, page.width_mm - BORDER_MM))
         y = float(rng.uniform(BORDER_MM, page.height_mm - BORDER_MM))
-        clear = free_mm[int(np.abs(y_mm - y).argmin()), int(np.abs(x_mm - x).argmin())] > reach + APART_MM
-        apart = all(
-            np.hypot(x - one[0], y - one[1]) > reach + other + APART_MM
+        clear = (
+            free_mm[int(np.abs(y_mm - y).argmin()), int(np.abs(x_mm - x).argmin())] > reach + SEPARATION_MM
+        )
+        is_separate = all(
+            np.hypot(x - one[0], y - one[1]) > reach + other + SEPARATION_MM
             for one, other in zip(places, reaches_mm, strict=False)
         )
-        if clear and apart:
+        if clear and is_separate:
             places.append((x, y))
             if len(places) == len(reaches_mm):
                 return places

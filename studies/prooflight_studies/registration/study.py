@@ -15,7 +15,7 @@ from prooflight.rng import stream
 from prooflight.scans.placement import Placement
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_scan
-from prooflight.simulation.prints import Print, together
+from prooflight.simulation.prints import Print, composed
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts, worlds_digest
 from prooflight_studies.harness.folder import Folder
@@ -206,7 +206,7 @@ class FindDesign:
             _, alone = errors(result.placement, truth, page, press, content)
             rows.append(
                 (
-                    *(task.design, task.real, condition, white, result.found, result.off_place),
+                    *(task.design, task.real, condition, white, result.located, result.off_place),
                     *(
                         getattr(each, name)
                         for each in (everywhere, where_content)
@@ -230,7 +230,7 @@ class FindDesign:
         if name == "missing block":
             return _without_block(page, rng), print_
         if name == "far off":
-            return page, replace(print_, placement=together(print_.placement, _far_off(rng)))
+            return page, replace(print_, placement=composed(print_.placement, _far_off(rng)))
         if name == "another page":
             return other, print_
         return page, print_

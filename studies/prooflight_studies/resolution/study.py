@@ -216,13 +216,13 @@ def _row(
         said=ScannedPage(
             name=name,
             score=verdict.score or 0.0,
-            values=inspection.kept["values"],
-            page_features=inspection.kept["portrait"],
-            another=bool(inspection.kept["wrong_page"]),
+            values=inspection.stored_arrays["values"],
+            page_features=inspection.stored_arrays["portrait"],
+            another=bool(inspection.stored_arrays["wrong_page"]),
             digest=name,
             variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
-            glyphs=float(inspection.kept["glyphs"]),
-            floor_mm2=float(inspection.kept["floor_mm2"]),
+            glyphs=float(inspection.stored_arrays["glyphs"]),
+            floor_mm2=float(inspection.stored_arrays["floor_mm2"]),
         ),
     )
 
@@ -264,7 +264,7 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
 
 
 def _target_rate(press: Press) -> float:
-    return 0.0 if press.ours is None else press.ours.promise.rate
+    return 0.0 if press.ours is None else press.ours.guarantee.rate
 
 
 def _results(rows: list[Row], press: Press, *, seed: int, pages: int) -> ResolutionResults:

@@ -188,7 +188,7 @@ def _row(case: Handed, path: Path, profile: Path | None) -> HandedRow:
         kinds = {warning.kind for warning in page.warnings}
     except InputError:
         kinds = {REFUSED}
-    said = case.warning in kinds if case.warning else REFUSED not in kinds
+    as_stated = case.warning in kinds if case.warning else REFUSED not in kinds
     painted = case.right is None or (
         bool(inks) and max(abs(a - b) for a, b in zip(inks, case.right, strict=True)) <= TOLERANCE
     )
@@ -199,7 +199,7 @@ def _row(case: Handed, path: Path, profile: Path | None) -> HandedRow:
         before=case.before,
         right=_shown(case.right or (), case.warning),
         after=_shown(inks if case.right or not kinds else (), " ".join(sorted(kinds))),
-        is_right=said and painted,
+        is_right=as_stated and painted,
     )
 
 

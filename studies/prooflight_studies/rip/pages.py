@@ -79,14 +79,14 @@ def page_row(path: Path, profile: Path | None) -> PageRow:
 
 
 def difference(
-    ours: NDArray[np.uint8], theirs: NDArray[np.uint8]
+    own: NDArray[np.uint8], theirs: NDArray[np.uint8]
 ) -> tuple[tuple[float, ...], float, tuple[int, ...]]:
     """Compare two drawings (rows, columns, 4): ``differ_percent``, ``even_differ_percent`` and ``largest_even``."""
-    apart = np.maximum(ours, theirs) - np.minimum(ours, theirs)
-    even = np.maximum(_variation(ours), _variation(theirs)) <= EVEN
-    inside = apart[even]
+    difference = np.maximum(own, theirs) - np.minimum(own, theirs)
+    even = np.maximum(_variation(own), _variation(theirs)) <= EVEN
+    inside = difference[even]
     return (
-        tuple(float(100 * (apart[..., ink] > BEYOND).mean()) for ink in range(INKS)),
+        tuple(float(100 * (difference[..., ink] > BEYOND).mean()) for ink in range(INKS)),
         float(100 * (inside > BEYOND).any(axis=1).mean()) if inside.size else 0.0,
         tuple(int(inside[:, ink].max(initial=0)) for ink in range(INKS)),
     )

@@ -89,7 +89,7 @@ def run_rip_study(
             progress(case.name)
             pdf = Path(folder) / "case.pdf"
             pdf.write_bytes(case_pdf(case))
-            ours, theirs = middle_of_ours(pdf), middle_of_ghostscript(program, pdf)
+            ours, theirs = middle_of_prooflight(pdf), middle_of_ghostscript(program, pdf)
             rows.append(
                 Row(
                     name=case.name,
@@ -102,16 +102,16 @@ def run_rip_study(
                 )
             )
     profile = Path(program).resolve().parents[1] / PROFILE
-    known = profile if profile.is_file() else None
-    handed = () if cases is None else handed_rows(cases, known, progress)
+    usable_profile = profile if profile.is_file() else None
+    handed = () if cases is None else handed_rows(cases, usable_profile, progress)
     public = [] if pages is None else sorted(pages.glob("*.pdf"))[:most]
     if pages is not None and not public:
         raise RequestError(pages, "there is no PDF", remedy="give a folder of PDFs")
     drawn = []
     for path in public:
         progress(path.stem)
-        drawn.append(page_row(path, known))
-    found = RipStudy(
+        drawn.append(page_row(path, usable_profile))
+    results = RipStudy(
         ghostscript_version=version,
         tolerance=TOLERANCE,
         rows=tuple(rows),
@@ -123,8 +123,8 @@ def run_rip_study(
         beyond=BEYOND,
         even=EVEN,
     )
-    write_page(out / "rip.md", "rip", found)
-    return found
+    write_page(out / "rip.md", "rip", results)
+    return results
 
 
 def is_right(inks: tuple[int, ...], right: tuple[int, ...]) -> bool:
@@ -132,7 +132,7 @@ def is_right(inks: tuple[int, ...], right: tuple[int, ...]) -> bool:
     return len(inks) == len(right) and all(abs(a - b) <= TOLERANCE for a, b in zip(inks, right, strict=True))
 
 
-def middle_of_ours(pdf: Path) -> tuple[int, ...]:
+def middle_of_prooflight(pdf: Path) -> tuple[int, ...]:
     """Ink in the middle of the first page; empty if it is refused."""
     try:
         with PdfJob(pdf) as job:

@@ -23,7 +23,7 @@ from prooflight.pages.screen import Screen, screened
 from prooflight.press.artefact import Press
 from prooflight.press.pages import open_job
 from prooflight.rng import stream
-from prooflight.simulation.halftone import dot_gain_factor, together
+from prooflight.simulation.halftone import averaged, dot_gain_factor
 from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
@@ -195,12 +195,12 @@ def statements(press: Press, rip: OwnRip, identified: RipModel) -> dict[str, Pre
     """Return the press under each statement about its RIP (``STATEMENTS``); its training stays."""
     if rip.name == OUR_RASTER:
         return {"nothing": press}
-    known = replace(press, rip_dpi=rip.dpi, screen=rip.screen)
+    stated = replace(press, rip_dpi=rip.dpi, screen=rip.screen)
     engine = RipEngine(name=rip.engine)  # type: ignore[arg-type]
     return {
         "nothing": press,
-        "stated": replace(known, rip_engine=engine),
-        "identified": replace(known, rip_model=identified),
+        "stated": replace(stated, rip_engine=engine),
+        "identified": replace(stated, rip_model=identified),
     }
 
 
@@ -237,7 +237,7 @@ def as_printed(pdf: Path, press: Press, rip: OwnRip) -> Page:
     plates = page.cmyk
     if rip.screen is not None:
         plates = screened(plates, rip.screen, tone=light)
-    cmyk, dpi = together(plates, rip.dpi, light)
+    cmyk, dpi = averaged(plates, rip.dpi, light)
     return press.geometry.lay(replace(page, cmyk=cmyk, dpi=dpi))
 
 
@@ -285,7 +285,7 @@ def fits(pdf: Path, press: Press, folder: Path) -> str:
 
 
 def _row(inspection: Inspection) -> dict[str, Any]:
-    verdict, kept = inspection.verdict, inspection.kept
+    verdict, kept = inspection.verdict, inspection.stored_arrays
     return {
         "alarm": verdict.verdict == "misprint",
         "uninspected": verdict.verdict == "not-inspected",

@@ -38,7 +38,7 @@ GOOD_A_MISPRINT: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PromisePlan:
+class FalseAlarmPlan:
     """What is printed."""
 
     seed: int
@@ -62,12 +62,12 @@ class PromisePlan:
                 if name not in known:
                     raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
 
-    def pieces(self, judged: Sequence[str], taught_by: Sequence[str]) -> list[PrintPiece]:
+    def pieces(self, judged: Sequence[str], learned_from: Sequence[str]) -> list[PrintPiece]:
         """Return the pieces, those that are judged first."""
         pages = spread(judged, self.prints)
         copies = -(-self.prints // len(pages))
         sets = [(page, True, copies, max(copies // GOOD_A_MISPRINT, 1)) for page in pages]
-        sets += [(page, False, 1, 0) for page in spread(taught_by, self.learned)]
+        sets += [(page, False, 1, 0) for page in spread(learned_from, self.learned)]
         return [
             PrintPiece(
                 page=page,
@@ -87,7 +87,7 @@ class PromisePlan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PromiseRow:
+class FalseAlarmRow:
     """Counts of one RIP in one world under one statement."""
 
     world: str
@@ -106,7 +106,7 @@ class PromiseRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PromiseResults:
+class FalseAlarmResults:
     """Figures of the page."""
 
     seed: int
@@ -119,19 +119,19 @@ class PromiseResults:
     minutes: float
     worlds_sha256: str
     measured_sha256: str
-    rows: tuple[PromiseRow, ...]
+    rows: tuple[FalseAlarmRow, ...]
 
 
-def run_promise_study(
+def run_false_alarm_study(
     press: Path,
     pages: Path,
     out: Path,
     *,
     cache: Path,
-    plan: PromisePlan,
+    plan: FalseAlarmPlan,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> PromiseResults:
+) -> FalseAlarmResults:
     """Print and judge the pages of a folder, and write ripped.md.
 
     Pages of odd numbers are judged; those of even numbers are of development, and learned. RequestError: the press has
@@ -153,11 +153,11 @@ def run_promise_study(
         else:
             usable.append(pdf.stem)
     judged = [page for page in usable if _number(page) % 2]
-    taught_by = [page for page in usable if not _number(page) % 2]
-    if not judged or len(taught_by) < plan.learned:
-        what = f"holds {len(judged)} pages of odd and {len(taught_by)} of even numbers that fit this press"
+    learned_from = [page for page in usable if not _number(page) % 2]
+    if not judged or len(learned_from) < plan.learned:
+        what = f"holds {len(judged)} pages of odd and {len(learned_from)} of even numbers that fit this press"
         raise RequestError(pages, what, remedy=f"give one or more, and {plan.learned} or more")
-    pieces = plan.pieces(judged, taught_by)
+    pieces = plan.pieces(judged, learned_from)
     digest = digest_of(
         {
             "seed": plan.seed,
@@ -174,10 +174,10 @@ def run_promise_study(
         processes=processes,
         progress=lambda done, total: progress(f"{done} of {total} pages printed and judged"),
     )
-    results = PromiseResults(
+    results = FalseAlarmResults(
         seed=plan.seed,
         press=loaded.name,
-        promise=loaded.ours.promise.rate,
+        promise=loaded.ours.guarantee.rate,
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
         minutes=minutes_spent(pieces, cache, digest=digest),
@@ -189,7 +189,7 @@ def run_promise_study(
     return results
 
 
-def counts(rows: Rows, press: Press, plan: PromisePlan) -> list[PromiseRow]:
+def counts(rows: Rows, press: Press, plan: FalseAlarmPlan) -> list[FalseAlarmRow]:
     """Return the counts of every RIP, world and statement, as built and after learning."""
     table = []
     for world in plan.worlds:
@@ -213,10 +213,10 @@ def counts(rows: Rows, press: Press, plan: PromisePlan) -> list[PromiseRow]:
 
 def _counted(
     rows: Rows, judged: NDArray[np.bool_], alarm: NDArray[np.bool_], *, learned: int, facts: dict[str, str]
-) -> PromiseRow:
+) -> FalseAlarmRow:
     good = rows["kind"][judged] == ""
     alarms, count = int((alarm & good).sum()), int(good.sum())
-    return PromiseRow(
+    return FalseAlarmRow(
         **facts,
         learned=learned,
         good=count,
@@ -230,17 +230,17 @@ def _counted(
 
 
 def _learned(
-    rows: Rows, taught_by: NDArray[np.bool_], judged: NDArray[np.bool_], press: Press
+    rows: Rows, learned_from: NDArray[np.bool_], judged: NDArray[np.bool_], press: Press
 ) -> tuple[NDArray[np.bool_], int]:
     """Return whether each judged print alarms once the press has learned others, and how many those are.
 
     What was not inspected before stays so, and prints of another page are not learned, as `press learn` does.
     """
-    places = np.flatnonzero(taught_by & ~rows["another"] & ~rows["uninspected"])
+    places = np.flatnonzero(learned_from & ~rows["another"] & ~rows["uninspected"])
     good = [_scanned(rows, int(place)) for place in places]
-    promised = 0.0 if press.ours is None else press.ours.promise.rate
+    nominal = 0.0 if press.ours is None else press.ours.guarantee.rate
     detector = recalibrated(
-        press, good, {one.name: one.digest for one in good}, false_alarm_rate=promised
+        press, good, {one.name: one.digest for one in good}, false_alarm_rate=nominal
     ).ours
     assert detector is not None
     alarms = []

@@ -274,9 +274,9 @@ def _scorers(
 ) -> dict[str, Callable[[str, int, When], NDArray[np.float64]]]:
     """Return functions by detector: scores of a set of pages under the disturbance at a place, kept or relearned."""
 
-    def column(name: str, kept: int, own: int) -> Callable[[str, int, When], NDArray[np.float64]]:
+    def column(name: str, nominal: int, own: int) -> Callable[[str, int, When], NDArray[np.float64]]:
         return lambda of, place, when: np.asarray(
-            sets[of][name][:, place, kept if when == "kept" else own], np.float64
+            sets[of][name][:, place, nominal if when == "kept" else own], np.float64
         )
 
     def network(of_reading: WindowReading) -> Callable[[str, int, When], NDArray[np.float64]]:

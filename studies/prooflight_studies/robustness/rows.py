@@ -74,7 +74,7 @@ def believed(
     placement = IN_PLACE
     if design.landmarks is not None:
         registration = register(design.landmarks, scan)
-        if registration.found:
+        if registration.located:
             placement = registration.placement
             seen = day.expected(page, placement)
     area = bench.area(page)
@@ -202,12 +202,12 @@ def _units(z: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _numbers(
-    z: NDArray[np.float32], kept: NDArray[np.float64], own: NDArray[np.float64]
+    z: NDArray[np.float32], nominal: NDArray[np.float64], own: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the statistics (sides, sensors, 7); units (sides, sensors)."""
     numbers = np.empty((len(SIDES), len(z), SHARE_LEARNED + 1))
     for cut, side in enumerate(SIDES):
-        units = (np.ones(len(z)), kept[cut], own[cut])
+        units = (np.ones(len(z)), nominal[cut], own[cut])
         limits = [(SHARE_SIGMAS * unit)[:, None, None] for unit in units]
         numbers_of(window_means(z, side=side), limits, out=numbers[cut])
     return numbers

@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.print_state import fitted_amounts, known_shares
+from prooflight.detectors.matched_filter.print_state import determined_shares, fitted_amounts
 from prooflight.line.following import Adapting
 from prooflight.line.monitor.evidence import columns, columns_mm
 from prooflight.line.monitor.run import PageEvidence, RunMonitor
@@ -79,7 +79,10 @@ class CreepRun:
             scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
             if ink is not None:
                 analysis = analyse(ready, scan)
-                if not analysis.found.found or known_shares(analysis.fit)[ink] < LEAST_DETERMINED:
+                if (
+                    not analysis.registration.located
+                    or determined_shares(analysis.fit)[ink] < LEAST_DETERMINED
+                ):
                     continue
             usable.append((page, ready))
             if len(usable) == most:
@@ -143,9 +146,9 @@ class CreepRun:
     def _evidence(self, sheet: int, scan: NDArray[np.uint16]) -> PageEvidence:
         press, ready = self.press, self.ready[sheet % len(self.ready)]
         analysis = analyse(ready, scan)
-        if not analysis.found.found:
+        if not analysis.registration.located:
             return PageEvidence()
-        left_mm = press.geometry.left_mm(ready.page.width_mm) + analysis.found.placement.shift_mm[0]
+        left_mm = press.geometry.left_mm(ready.page.width_mm) + analysis.registration.placement.shift_mm[0]
         excess, light = analysis.sums.columns[:2, 0]
         at_mm = (np.arange(excess.shape[1]) + 0.5) * analysis.sums.pixel_mm - left_mm
         return PageEvidence(

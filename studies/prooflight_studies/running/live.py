@@ -100,7 +100,7 @@ def live_row(
     waits = pages_per_s is None
     settings = Settings(source_waits=waits, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
+    running = watched(inspector, source=drum, page_store=ring, settings=settings, tell=watcher.observe)
     running.start()
     while running.status().phase in ("waiting", "preparing"):
         running.join(0.05)
@@ -113,7 +113,7 @@ def live_row(
     return {
         "name": name,
         "detector": inspector.detector.name,
-        "promise": inspector.promise,
+        "promise": inspector.guarantee,
         "sensors": len(press.sensors),
         "designs": len(ring.pages) if ring.repeated else ring.sheets,
         "prints": len(ring.scans),
@@ -202,7 +202,7 @@ def soak_row(
     watcher = Watcher(progress=progress)
     settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
     settle_process()
-    running = watched(inspector, source=drum, book=ring, settings=settings, tell=watcher.observe)
+    running = watched(inspector, source=drum, page_store=ring, settings=settings, tell=watcher.observe)
     begun_s = time.perf_counter()
     running.start()
     running.join()

@@ -16,7 +16,7 @@ from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.corpus.corpus import BLACK_ALONE, IN_BLACK, IN_COLOUR, design_name, design_page
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted
-from prooflight.simulation.corpus.designs.look import DesignStyle
+from prooflight.simulation.corpus.designs.design_style import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import Sheet
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.misprints.kinds import KINDS
@@ -150,7 +150,7 @@ def day(press: Press, seed: int) -> Session:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ring:
-    """Prints ready to be played, and the pages that they are of; a ``PageBook``."""
+    """Prints ready to be played, and the pages that they are of; a ``PageStore``."""
 
     scans: list[NDArray[np.uint16]]
     pages: tuple[Page, ...]
@@ -178,11 +178,11 @@ class Ring:
         return self.sheets
 
     def design(self, sheet: int) -> int:
-        """See ``PageBook``."""
+        """See ``PageStore``."""
         return sheet % len(self.pages) if self.repeated else sheet
 
     def page(self, sheet: int) -> Page:
-        """See ``PageBook``."""
+        """See ``PageStore``."""
         return self.pages[sheet % len(self.pages)]
 
 

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
-OURS_PER_S: Final = 3.0
+MATCHED_FILTER_PER_S: Final = 3.0
 """Required rate of our detector where all pages differ, or there are two sensors."""
-OURS_SHARE: Final = 0.8
+LOAD_SHARE: Final = 0.8
 """Share of our detector's highest sustained rate at which it runs in real time.
 
 It is used where that is below the required rate.
@@ -60,9 +60,9 @@ class Plan:
     live_sheets: int
     fast_sheets: int
     soak_sheets: int
-    taught_designs: int
+    training_designs: int
     """Number of small designs on which the press of the soak is trained."""
-    taught_pages: int
+    training_pages: int
     """Number of designs on which the presses of our detector's real-time rows are trained, as by `press build`."""
     our_prints: int
     """Number of prints of each of these rows, misprints among them."""
@@ -81,15 +81,15 @@ class Plan:
                 live_sheets=40,
                 fast_sheets=24,
                 soak_sheets=200,
-                taught_designs=48,
-                taught_pages=24,
+                training_designs=48,
+                training_pages=24,
                 our_prints=12,
                 our_designs=12,
                 days=2,
             )
         return cls(
-            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, taught_designs=96,
-            taught_pages=DESIGNS, our_prints=200, our_designs=100, days=6,
+            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, training_designs=96,
+            training_pages=DESIGNS, our_prints=200, our_designs=100, days=6,
         )  # fmt: skip
 
 
@@ -172,7 +172,7 @@ class Study:
             for rate, sheets in ((PAGES_PER_S, self.plan.live_sheets), (None, self.plan.fast_sheets))
         ]
 
-    def _ours(self) -> list[dict[str, Any]]:
+    def _matched_filter(self) -> list[dict[str, Any]]:
         """Return rows of our detector as `press build` makes it, misprints among the prints.
 
         They are measured at full speed, in real time at the required rate, and where that is too fast, at a rate that
@@ -189,12 +189,12 @@ class Study:
         for name, press, shown, asked, count in (
             ("repeated designs, misprints rare", one, rare, PAGES_PER_S, sheets),
             ("repeated designs", one, often, PAGES_PER_S, 2 * some),
-            ("all pages different", one, each, OURS_PER_S, some),
-            ("repeated designs", two, both, OURS_PER_S, some),
+            ("all pages different", one, each, MATCHED_FILTER_PER_S, some),
+            ("repeated designs", two, both, MATCHED_FILTER_PER_S, some),
         ):
             fast = self._row(name, press, shown, None, max(some // 2, 1))
             rows.append(self._row(name, press, shown, asked, count))
-            sustained = float(np.floor(10 * OURS_SHARE * fast["pages_per_s"]) / 10)
+            sustained = float(np.floor(10 * LOAD_SHARE * fast["pages_per_s"]) / 10)
             if rows[-1]["late"] or rows[-1]["not_inspected"]:
                 rows.append(self._row(name, press, shown, max(min(sustained, asked), 0.1), some))
             rows.append(fast)
@@ -314,21 +314,21 @@ class Study:
         press = self._press(name, given, preset)
         if press.ours is not None:
             return press
-        path = self.cache / "running" / f"{name}-taught-{self.plan.taught_pages}.press"
+        path = self.cache / "running" / f"{name}-taught-{self.plan.training_pages}.press"
         if not path.exists():
-            self.progress(f"making a press ready by {self.plan.taught_pages} designs")
+            self.progress(f"making a press ready by {self.plan.training_pages} designs")
             designs = Corpus(seed=self.seed, dpi=press.dpi)
-            trained(press, designs, designs=self.plan.taught_pages, seed=self.seed).save(path)
+            trained(press, designs, designs=self.plan.training_pages, seed=self.seed).save(path)
         return Press.load(path)
 
     def _small(self) -> Press:
         """Return the prototype with a line of 400 pixels, trained on pieces of designs, once."""
-        path = self.cache / "running" / f"small-{self.plan.taught_designs}.press"
+        path = self.cache / "running" / f"small-{self.plan.training_designs}.press"
         if not path.exists():
             press = build_press(PressFile.prototype(), seed=1, pixels=SMALL_PIXELS)
             designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
-            self.progress(f"teaching a small press by {self.plan.taught_designs} designs")
-            trained(press, designs, designs=self.plan.taught_designs, seed=self.seed).save(path)
+            self.progress(f"teaching a small press by {self.plan.training_designs} designs")
+            trained(press, designs, designs=self.plan.training_designs, seed=self.seed).save(path)
         return Press.load(path)
 
     def _counted(self, what: str, total: int) -> Callable[[int], None]:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.simulation.drum import Turn
 
-WORDS: Final = 3
+TEXTS: Final = 3
 """Number of words by which the forms of one template differ."""
 FIELD_MM: Final = (34.0, 6.0)
 LETTERS: Final = "ABCDEFGHKLMNPRSTUVWXYZ"
@@ -105,7 +105,7 @@ def _pages(dpi: float, designs: int, templates: int, forms: int, seed: int) -> I
         rng = stream(seed, "soak-forms", template)
         high, wide = (extent - size for extent, size in zip(_extent(empty), FIELD_MM[::-1], strict=True))
         places = [
-            (float(rng.uniform(10, wide - 10)), float(rng.uniform(10, high - 10))) for _ in range(WORDS)
+            (float(rng.uniform(10, wide - 10)), float(rng.uniform(10, high - 10))) for _ in range(TEXTS)
         ]
         for _ in range(forms):
             yield _filled_in(empty, places, rng)
@@ -120,8 +120,8 @@ def _filled_in(empty: Page, places_mm: list[tuple[float, float]], rng: np.random
     cmyk = empty.cmyk.copy()
     for x_mm, y_mm in places_mm:
         field = Sheet(width_mm=FIELD_MM[0], height_mm=FIELD_MM[1], dpi=empty.dpi)
-        word = "".join(rng.choice(list(LETTERS), 8))
-        field.words(1.0, 4.6, word, OutlineFace("DejaVuSans"), TYPE_PT)
+        letters = "".join(rng.choice(list(LETTERS), 8))
+        field.draw_text(1.0, 4.6, letters, OutlineFace("DejaVuSans"), TYPE_PT)
         top, left = round(y_mm / empty.pixel_mm), round(x_mm / empty.pixel_mm)
         rows, columns = field.cmyk.shape[:2]
         cmyk[top : top + rows, left : left + columns] = field.cmyk

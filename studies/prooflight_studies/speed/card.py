@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card_images import Designs, engine_on
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
@@ -203,10 +203,10 @@ def _threshold(press: Press) -> float:
 
 def _with(prepared: Prepared, inspector: Inspector) -> Prepared:
     """Return a prepared page for another inspector of the same press."""
-    known, detector = prepared.known, inspector.detector
-    assert isinstance(known, MatchedFilterPage)
+    detector_page, detector = prepared.prepared_page, inspector.detector
+    assert isinstance(detector_page, MatchedFilterPage)
     assert isinstance(detector, MatchedFilterDetector)
-    return replace(prepared, known=replace(known, detector=detector))
+    return replace(prepared, prepared_page=replace(detector_page, detector=detector))
 
 
 def _compared(
@@ -219,12 +219,15 @@ def _compared(
 ) -> Compared:
     one, other = inspector.inspect(prepared, scan), card.inspect(on_card, scan)
     scores = [
-        inspector.detector.decided_again(KeptArrays(each.kept, inspector.detector.name)).score
+        inspector.detector.decided_again(StoredArrays(each.stored_arrays, inspector.detector.name)).score
         for each in (one, other)
     ]
-    known: Any = prepared.known
-    features = one.kept["portrait"][None]
-    deviations = [known.model.deviations(each.kept["values"][None], features)[0] for each in (one, other)]
+    detector_page: Any = prepared.prepared_page
+    features = one.stored_arrays["portrait"][None]
+    deviations = [
+        detector_page.model.deviations(each.stored_arrays["values"][None], features)[0]
+        for each in (one, other)
+    ]
     off = np.abs(deviations[0] - deviations[1])
     return Compared(
         page=prepared.page.name,
@@ -241,14 +244,20 @@ def _card_alone(
     prepared: Prepared, scan: NDArray[np.uint16], say: Callable[[str], None]
 ) -> tuple[float, float, dict[int, float]]:
     """Return the time of a sheet on the card and of its upload [ms], and sheets a second by sheets in flight."""
-    known: Any = prepared.known
+    detector_page: Any = prepared.prepared_page
     designs, cards = Designs(), [RecordedCard() for _ in range(max(IN_FLIGHT))]
 
     def analysed(card: RecordedCard) -> None:
         card.steps.clear()
         engine = engine_on(Pool(lambda: card), designs)
-        variance = known.detector.calibrated.model.residual_variance
-        analyse(known.known, scan, residual_variance=variance, looked_at=SCREEN_MODES, engine=engine)
+        variance = detector_page.detector.calibrated.model.residual_variance
+        analyse(
+            detector_page.prepared_page,
+            scan,
+            residual_variance=variance,
+            analysed_modes=SCREEN_MODES,
+            engine=engine,
+        )
 
     for card in cards:
         for _ in range(2):  # launched one by one, then recorded

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 REPEATS: Final = 9
 READ_LIMIT: Final = "read 6 bytes a pixel"
 """Row that reads the bytes of a scan and of its expected signal: an upper bound for any comparison."""
-OURS: Final = "compare and gather"
+COMPARE_AND_GATHER: Final = "compare and gather"
 NUMPY: Final = "numpy, the same statistics of plain z"
 SSIM_SCIKIT: Final = "SSIM, scikit-image"
 SSIM_WINDOW: Final = 11
@@ -43,16 +43,16 @@ class CompareRow:
     highest_mpx_per_cpu_s: float
     of_read_limit: float
     """Speed over that of reading 6 bytes a pixel in the same run. [-]"""
-    ours_is_faster: float
-    """Speed of ``OURS`` over this one. [-]"""
+    speed_ratio: float
+    """Speed of ``COMPARE_AND_GATHER`` over this one. [-]"""
 
 
-@kernel("words (_)")
-def read(words):  # type: ignore[no-untyped-def]
+@kernel("numbers (_)")
+def read(numbers):  # type: ignore[no-untyped-def]
     """Touch every 8 bytes once."""
     seen = np.uint64(0)
-    for i in range(words.size):
-        seen ^= words[i]
+    for i in range(numbers.size):
+        seen ^= numbers[i]
     return seen
 
 
@@ -121,13 +121,15 @@ def ways(
     """
     expected, variance = prediction.expected_dn, prediction.variance_dn2
     both = np.concatenate([image.ravel().view(np.uint16) for image in (measured_dn, expected)])
-    words = both[: both.size // 4 * 4].view(np.uint64)
+    numbers = both[: both.size // 4 * 4].view(np.uint64)
     image, model = measured_dn[0].astype(np.float32), np.ascontiguousarray(expected[0])
     whole = np.rint(expected[0]).astype(np.uint16)
     top = float(top_codes_dn[0])
     return {
-        READ_LIMIT: lambda: read(words),
-        OURS: lambda: gather(measured_dn, expected, variance, top_codes_dn=top_codes_dn, seed=1, threads=1),
+        READ_LIMIT: lambda: read(numbers),
+        COMPARE_AND_GATHER: lambda: gather(
+            measured_dn, expected, variance, top_codes_dn=top_codes_dn, seed=1, threads=1
+        ),
         NUMPY: lambda: numpy_statistics(measured_dn, prediction),
         "absolute difference alone, OpenCV": lambda: cv2.absdiff(measured_dn[0], whole),
         "SSIM, OpenCV": lambda: ssim_opencv(image, model, top=top),
@@ -172,7 +174,7 @@ def compare_rows(
     finally:
         cv2.setNumThreads(threads)
     speeds = {name: size[name] / taken for name, taken in times.items()}
-    limit, ours = (float(np.median(speeds[name])) for name in (READ_LIMIT, OURS))
+    limit, ours = (float(np.median(speeds[name])) for name in (READ_LIMIT, COMPARE_AND_GATHER))
     return [
         CompareRow(
             name=name,
@@ -180,7 +182,7 @@ def compare_rows(
             lowest_mpx_per_cpu_s=round(float(speed.min()), 1),
             highest_mpx_per_cpu_s=round(float(speed.max()), 1),
             of_read_limit=round(float(np.median(speed)) / limit, 4),
-            ours_is_faster=round(ours / float(np.median(speed)), 1),
+            speed_ratio=round(ours / float(np.median(speed)), 1),
         )
         for name, speed in speeds.items()
     ]

@@ -69,10 +69,10 @@ class _Scanned:
         )
 
     def at_first(self) -> tuple[ScanAnalysis, list[Observed]]:
-        analysis = analyse(self.design, self.scan, looked_at=SCREEN_MODES, threads=self.threads)
+        analysis = analyse(self.design, self.scan, analysed_modes=SCREEN_MODES, threads=self.threads)
         scatter = Scatter.white()
         return analysis, screen_statistics(
-            analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=self.threads
+            analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter, threads=self.threads
         )
 
     def at_both(self) -> object:
@@ -96,18 +96,18 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     scatter = Scatter.white()
 
     def prepared() -> PreparedPage:
-        planned = PlannedPage(page, press.station(1))
+        planned = PlannedPage(page, press.press_context(1))
         page_codes(planned, sensors, geometry)
         return prepare_page(
             page, planned.expected, sensors=sensors, geometry=geometry, fringes=True, glyphs=True
         )
 
     def analysed(design: PreparedPage) -> ScanAnalysis:
-        return analyse(design, scan, looked_at=SCREEN_MODES)
+        return analyse(design, scan, analysed_modes=SCREEN_MODES)
 
     def at_first(design: PreparedPage) -> ScanAnalysis:
         analysis = analysed(design)
-        screen_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
+        screen_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter)
         return analysis
 
     def again(analysis: ScanAnalysis) -> object:
@@ -115,7 +115,7 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
 
     own = prepared()
     once = analysed(own)
-    seen = screen_statistics(once.sums, once.marks, once.fit, once.found, scatter)
+    seen = screen_statistics(once.sums, once.marks, once.fit, once.registration, scatter)
     size = scan[0].size / 1e6
     return {
         f"our detector: whole, first look, {name}": (lambda: at_first(own), size),

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.compiled import kernel
-from prooflight.kernels.prediction.look_up import NODE_STEP, look_up_light
+from prooflight.kernels.prediction.lookup import NODE_STEP, lookup_light
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.prediction.quantised_table import quantised_table
@@ -40,10 +40,10 @@ EVERY_OTHER: Final = slice(None, None, 2)
     "quantised.bits (4), level, out (P)",
     where="P <= W, P % 8 == 0",
 )
-def look_up_page(packed, quantised, level, out):  # type: ignore[no-untyped-def]
-    """Look up each row by ``look_up_light``, as far as ``out`` goes."""
+def lookup_page(packed, quantised, level, out):  # type: ignore[no-untyped-def]
+    """Look up each row by ``lookup_light``, as far as ``out`` goes."""
     for row in range(packed.shape[0]):
-        look_up_light(packed[row, : out.size], quantised, level, out)
+        lookup_light(packed[row, : out.size], quantised, level, out)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,13 +86,13 @@ def bench(press: Press, *, quick: bool = False) -> list[SpeedRow]:
     """Time look-up, prediction, comparison, whole pages, and growth; on one core, but for the last group."""
     rows = []
     for name, page in bench_pages(press, quick=quick).items():
-        rows += look_up_rows(name, page, press)
+        rows += lookup_rows(name, page, press)
         rows += whole_rows(name, page, press)
         rows += _rows(detector_works(name, page, press))
     return rows + growth_rows(press, quick=quick) + detector_growth_rows(press, quick=quick)
 
 
-def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
+def lookup_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     """Time CMYK -> one sensor's mean by this package, lcms2 (Pillow) and scipy; all of every second node's table."""
     table = press.sensors[0].mean_dn
     small = table[EVERY_OTHER, EVERY_OTHER, EVERY_OTHER, EVERY_OTHER]
@@ -104,13 +104,13 @@ def look_up_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
     out = np.empty(width // 8 * 8, np.float32)
     part = page.cmyk[: max(height // 8, 1)].reshape(-1, 4).T / np.float32(2 * NODE_STEP)
 
-    def look_up() -> None:
-        look_up_page(packed, quantised, none, out)
+    def lookup() -> None:
+        lookup_page(packed, quantised, none, out)
 
     size = packed.size / 1e6
     return _rows(
         {
-            f"look-up, {name}": (look_up, height * out.size / 1e6),
+            f"look-up, {name}": (lookup, height * out.size / 1e6),
             f"lcms2, {name}": (lambda: transform.apply(image, target), size),
             f"scipy map_coordinates, {name}": (
                 lambda: ndimage.map_coordinates(small, part, order=1),
@@ -146,7 +146,7 @@ def whole_rows(name: str, page: Page, press: Press) -> list[SpeedRow]:
         SpeedRow(
             name=f"{row.name}, {name}",
             mpx_per_cpu_s=row.mpx_per_cpu_s,
-            ratio=row.ours_is_faster,
+            ratio=row.speed_ratio,
             lowest_mpx_per_cpu_s=row.lowest_mpx_per_cpu_s,
             highest_mpx_per_cpu_s=row.highest_mpx_per_cpu_s,
         )

@@ -14,7 +14,7 @@ from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.fast import fast_mean_variance
-from prooflight.simulation.prints import Print, together
+from prooflight.simulation.prints import Print, composed
 from prooflight_studies.stress.nuisances import Passing
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class StressedDay(SimulatedDay):
         assert self.session is not None
         print_ = Print.draw(self.session, self.press, page, rng)
         own = stream(int(deepcopy(rng).integers(2**63)), "stress-nuisance")
-        where = together(placement, print_.placement)
+        where = composed(placement, print_.placement)
         where = self.nuisance.moved(where, page, self.press.geometry, own)
         seen = fast_mean_variance(page, self.true_press, self.session, replace(print_, placement=where))
         passing = Passing(

@@ -19,7 +19,7 @@ from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
-from prooflight.detectors.matched_filter.glyphs.weighing import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.press.press_file import TWO_SENSORS, PressFile
@@ -139,8 +139,8 @@ def run_stress_study(
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
         "build_designs": DESIGNS,
-        "promise": str(press.ours.promise),
-        "rate": press.ours.promise.rate,
+        "promise": str(press.ours.guarantee),
+        "rate": press.ours.guarantee.rate,
         "worlds": worlds_digest(),
         "stress": stress.digest,
         "unmade": _unmade(every["marks"]),
@@ -284,7 +284,7 @@ def _fit(detector: CalibratedDetector, rows: Rows, nuisance: str) -> CalibratedD
         detector.references,
         Pages.of(rows).rows(here),
         rows["another"][here],
-        false_alarm_rate=detector.promise.asked,
+        false_alarm_rate=detector.guarantee.requested_rate,
         misprint_rate=detector.misprint_rate,
         real=True,
         glyphs=rows["glyphs"][here],

@@ -14,7 +14,7 @@ from prooflight.commissioning.accuracy import trial_recipes
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.characterise import signal_dn, variance_dn2
 from prooflight.pages.job import open_job
-from prooflight.prediction.predict import looked_up
+from prooflight.prediction.predict import expected_light
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
 from prooflight_studies.harness.page import write_page
@@ -250,7 +250,7 @@ def judged(
     for sensor, model, of_sensor in zip(camera.sensors, models, electrons, strict=True):
         exact, sigma = signal_dn(sensor, of_sensor), np.sqrt(variance_dn2(sensor, of_sensor))
         recipes = np.concatenate([np.zeros((1, 4), np.uint8), colours.cmyk])
-        mean, variance = looked_up(recipes, model)
+        mean, variance = expected_light(recipes, model)
         error = (mean - exact) / sigma
         of_sigma = np.sqrt(variance) / sigma - 1
         rows.append(

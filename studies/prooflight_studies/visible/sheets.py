@@ -12,8 +12,8 @@ from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import design_name
 from prooflight.simulation.corpus.designs.chance import pick, some
+from prooflight.simulation.corpus.designs.design_style import DesignStyle
 from prooflight.simulation.corpus.designs.inks import BLACK
-from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight.simulation.misprints.drawing import INKED
 
@@ -142,7 +142,7 @@ def _set_line(sheet: Sheet, rng: np.random.Generator, style: DesignStyle, y: flo
         wide = em * sum(map(face.advance, word))
         if pen + wide > 43.0:
             break
-        sheet.words(pen, y, word, face, size_pt, BLACK)
+        sheet.draw_text(pen, y, word, face, size_pt, BLACK)
         pen += wide + em * face.advance(" ")
 
 

@@ -237,7 +237,7 @@ class _Bench:
         )
         return MarksTable(
             camera=camera.name,
-            guarantee=Inspector(Press.load(path)).promise,
+            guarantee=Inspector(Press.load(path)).guarantee,
             caught=caught_of(rows, table),
             good=good_prints(rows) if good else [],
             unmade=len(rows["unmade"]),

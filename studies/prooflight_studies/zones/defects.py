@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.commissioning.zones.defects import DARK, STREAK_MM, disc
-from prooflight.prediction.predict import looked_up
+from prooflight.prediction.predict import expected_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,13 +69,13 @@ def _black(cmyk: NDArray[np.uint8], share: NDArray[np.floating], sensor: SensorM
     """
     black = np.repeat(cmyk[:, None], 256, axis=1)
     black[..., 3] = np.arange(256)
-    light = looked_up(black.reshape(-1, 4), sensor)[0].reshape(-1, 256)
-    bare = looked_up(cmyk, sensor)[0]
+    light = expected_light(black.reshape(-1, 4), sensor)[0].reshape(-1, 256)
+    bare = expected_light(cmyk, sensor)[0]
     wanted = bare + share * (light[:, -1] - bare)
     return np.abs(light - wanted[:, None]).argmin(axis=1).astype(np.float64)
 
 
 def _dark(cmyk: NDArray[np.uint8], sensors: Sequence[SensorModel]) -> bool:
     """Return whether pixels (pixels, 4) give the camera less than ``DARK`` of the paper's signal."""
-    seen = [looked_up(cmyk, sensor)[0].mean() / sensor.white_dn for sensor in sensors]
+    seen = [expected_light(cmyk, sensor)[0].mean() / sensor.white_dn for sensor in sensors]
     return bool(np.mean(seen) < DARK)

@@ -127,7 +127,7 @@ def run_zones_study(
         rows.append(one)
         progress(f"page {done} of {pages}")
     assert press.ours is not None
-    results = zones_results(rows, seed=seed, promised=press.ours.promise.rate, quick=quick)
+    results = zones_results(rows, seed=seed, nominal_rate=press.ours.guarantee.rate, quick=quick)
     write_page(out / "zones.md", "zones", results)
     return results
 
@@ -183,8 +183,8 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         source = job_source(path, press)
         priced = partial(price_of, source, press, seed=seed * 1000 + index, processes=1)
         sizes = [(page.width_mm, page.height_mm)]
-        careful = JobZones.made(zones_of("careful", rng), sizes)
-        ignored = JobZones.made(zones_of("ignore", rng), sizes)
+        careful = JobZones.create(zones_of("careful", rng), sizes)
+        ignored = JobZones.create(zones_of("ignore", rng), sizes)
         price = priced(careful, trials=QUICK_TRIALS if quick else TRIALS)
         bench = Bench(source, press, careful.priced(price.entry), seed=seed * 1000 + index)
         foretold = list(bench.foretold(price, came=1 if quick else CAME))
@@ -203,7 +203,7 @@ def page_rows(index: int, *, press: Press, seed: int, quick: bool = False) -> Pa
         bench = Bench(source, press, ignored.priced(without.entry), seed=seed * 1000 + index)
         good |= {"ignored": bench.good(10 if quick else GOOD, first=1000)}
         inside = {sort.name: bench.inside(sort.name) for sort in SORTS}
-        near = [row for sort in ("spot", "streak") for row in bench.beside(sort)]
+        near = [row for sort in ("spot", "streak") for row in bench.alongside(sort)]
     return PageRows(
         careful_zones=len(careful.document.zones),
         ignored_zones=len(ignored.document.zones),
@@ -274,7 +274,7 @@ class Bench:
             for column in zip(*outcomes, strict=True)
         )
 
-    def beside(self, sort: str) -> Iterator[dict[str, Any]]:
+    def alongside(self, sort: str) -> Iterator[dict[str, Any]]:
         """Yield the alarms on strong defects close to every ignored zone."""
         others = [area for area in self.areas if area.kind == "ignore"]
         for area in others:
@@ -349,7 +349,9 @@ def _finite(value: float) -> float | None:
     return round(float(value), 3) if np.isfinite(value) else None
 
 
-def zones_results(rows: list[PageRows], *, seed: int, promised: float, quick: bool = False) -> ZonesResults:
+def zones_results(
+    rows: list[PageRows], *, seed: int, nominal_rate: float, quick: bool = False
+) -> ZonesResults:
     """Combine the rows of all pages."""
     foretold = [row for one in rows for row in one.foretold]
     near = [row for one in rows for row in one.beside]
@@ -366,7 +368,7 @@ def zones_results(rows: list[PageRows], *, seed: int, promised: float, quick: bo
         zone_mm=ZONE_MM,
         prints=PRINTS,
         trials=QUICK_TRIALS if quick else TRIALS,
-        promised=promised,
+        promised=nominal_rate,
         careful_share=0.2,
         careful_zones=sum(one.careful_zones for one in rows),
         ignored_zones=sum(one.ignored_zones for one in rows),

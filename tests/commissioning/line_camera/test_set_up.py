@@ -13,10 +13,10 @@ from tests.commissioning.ruler.prints import TRUE_LINE_MM, ruler_page, ruler_pre
 from tests.scans.cameras.scenes import SCENE_OF, PlayedCamera, Scenes
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.line_camera import dialogue
-from prooflight.commissioning.line_camera.dialogue import Protocol, SetUp, Stopped, Talk, protocol_path
+from prooflight.commissioning.line_camera import wizard
+from prooflight.commissioning.line_camera.line_reader import CameraLineReader
 from prooflight.commissioning.line_camera.steps import STEPS
-from prooflight.commissioning.line_camera.tap import CameraTap
+from prooflight.commissioning.line_camera.wizard import Prompts, Protocol, SetUp, Stopped, protocol_path
 from prooflight.errors import PressFileError, RequestError, ScanError
 from prooflight.press.press_file import PressFile
 
@@ -82,16 +82,18 @@ class Technician:
         some = self.answers.get(key, [])
         return some.pop(0) if some else ""
 
-    def talk(self, *, attended: bool = True) -> Talk:
-        return Talk(say=lambda text, _kind: self.heard.append(text), answer=self.answer, attended=attended)
+    def prompts(self, *, attended: bool = True) -> Prompts:
+        return Prompts(say=lambda text, _kind: self.heard.append(text), answer=self.answer, attended=attended)
 
 
 def set_up(
     path: Path, camera: PlayedCamera, technician: Technician, *, attended: bool = True, **told: Any
 ) -> Protocol:
-    tap = CameraTap(camera, clock=camera.clock)
+    tap = CameraLineReader(camera, clock=camera.clock)
     protocol = told.pop("protocol", None) or Protocol(camera=tap.name, begun=told.pop("begun", False))
-    return SetUp(tap=tap, path=path, talk=technician.talk(attended=attended), protocol=protocol, **told).run()
+    return SetUp(
+        line_reader=tap, path=path, prompts=technician.prompts(attended=attended), protocol=protocol, **told
+    ).run()
 
 
 def states(protocol: Protocol) -> dict[str, str]:
@@ -233,7 +235,7 @@ def test_another_pixel_format_width_or_depth_is_one_line(path: Path, scenes: Sce
         "Played-1: sends lines of 1024 pixels, my.toml says sensor.pixels = 1280; set Width = 1280"
     )
     with pytest.raises(ScanError, match=r"^Played-1: sends pixels as Bayer"):
-        CameraTap(PlayedCamera(scenes, form="BayerRG8"))
+        CameraLineReader(PlayedCamera(scenes, form="BayerRG8"))
 
 
 def test_a_silent_encoder_is_one_line(path: Path, scenes: Scenes) -> None:
@@ -334,14 +336,14 @@ def test_a_press_file_that_was_begun_asks_for_the_data_sheet(tmp_path: Path, sce
 
 
 def test_answers_of_a_file_are_known_questions() -> None:
-    answer = dialogue.answers_of(
+    answer = wizard.answers_of(
         {"focus": "s", "flat.level": ["", "d"]}, ("focus", "flat.level"), where="a.toml"
     )
     assert [answer("focus"), answer("flat.level"), answer("flat.level"), answer("dark")] == ["s", "", "d", ""]
     with pytest.raises(RequestError, match=r"^a\.toml: 'fokus' is no question; answer focus, flat\.level$"):
-        dialogue.answers_of({"fokus": "s"}, ("focus", "flat.level"), where="a.toml")
+        wizard.answers_of({"fokus": "s"}, ("focus", "flat.level"), where="a.toml")
     with pytest.raises(RequestError, match=r"^a\.toml: focus holds no answer; "):
-        dialogue.answers_of({"focus": {"a": 1}}, ("focus",), where="a.toml")
+        wizard.answers_of({"focus": {"a": 1}}, ("focus",), where="a.toml")
 
 
 def test_lines_that_came_while_nobody_read_are_let_go(scenes: Scenes) -> None:
@@ -351,7 +353,7 @@ def test_lines_that_came_while_nobody_read_are_let_go(scenes: Scenes) -> None:
     waiting = [camera.grab(0.1) for _ in range(100)]
     plain = camera.grab
     camera.grab = lambda timeout_s: waiting.pop(0) if waiting else plain(timeout_s)  # type: ignore[method-assign]
-    tap = CameraTap(camera, clock=camera.clock)
+    tap = CameraLineReader(camera, clock=camera.clock)
     scenes.scene = "flat"
     lines = tap.lines(128)
     assert lines.shape == (1, 128, 1280)
@@ -361,7 +363,7 @@ def test_lines_that_came_while_nobody_read_are_let_go(scenes: Scenes) -> None:
 
 def test_lines_are_on_end_or_begin_anew(scenes: Scenes) -> None:
     camera = PlayedCamera(scenes)
-    tap = CameraTap(camera, clock=camera.clock)
+    tap = CameraLineReader(camera, clock=camera.clock)
     plain, count = camera.grab, [0]
 
     def lossy(timeout_s: float) -> Any:
@@ -387,7 +389,7 @@ def test_a_press_is_built_with_the_columns_that_were_measured(path: Path, scenes
     """
     set_up(path, PlayedCamera(scenes), Technician(scenes), steps=STEPS[:3])
     press_file = PressFile.read(path)
-    columns = dialogue.measured_columns(protocol_path(path), press_file.camera())
+    columns = wizard.measured_columns(protocol_path(path), press_file.camera())
     (model,) = build_press(press_file, seed=1, columns=columns).sensors
     (true,) = ruler_press().sensors
     inside = slice(8, -8)
@@ -405,7 +407,7 @@ def test_a_press_is_built_with_the_columns_that_were_measured(path: Path, scenes
     for columns_told in ([], [{"offset_dn": [1.0, 2.0], "gain": [1.0, 0.0]}], [{"gain": [1.0]}]):
         protocol_path(path).write_text(json.dumps(told | {"columns": columns_told}))
         with pytest.raises(RequestError, match=r"holds no columns|is no protocol"):
-            dialogue.measured_columns(protocol_path(path), press_file.camera())
+            wizard.measured_columns(protocol_path(path), press_file.camera())
 
 
 def test_a_set_up_that_goes_on_looks_at_the_camera_again(path: Path, scenes: Scenes) -> None:

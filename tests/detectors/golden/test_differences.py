@@ -53,7 +53,7 @@ def shifted(x: float, y: float, *, turn_deg: float = 0.0) -> np.ndarray:
 def test_a_shift_is_found_to_a_tenth_of_a_pixel(x: float, y: float) -> None:
     golden, scan = seen(board()), seen(board(), matrix=shifted(x, y))
     found = place(golden[0], scan[0])
-    assert found.found
+    assert found.located
     inner = found.nodes[
         :, 2:-2, 2:-2
     ]  # the page's border, which moves in or out, has tiles with half an edge
@@ -72,11 +72,11 @@ def test_a_turned_page_is_followed() -> None:
 
 
 def test_another_page_is_not_found() -> None:
-    assert not place(seen(board(1))[0], seen(board(9))[0]).found
+    assert not place(seen(board(1))[0], seen(board(9))[0]).located
 
 
 def test_bare_paper_has_no_place() -> None:
-    assert not place(np.ones((LINES, PIXELS), np.float32), seen(board())[0]).found
+    assert not place(np.ones((LINES, PIXELS), np.float32), seen(board())[0]).located
 
 
 def test_in_place_moves_nothing() -> None:

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.detectors.matched_filter.analysis import analyse_found, prepare_page
+from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
 from prooflight.detectors.matched_filter.card_images import engine_on
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.scan_images import HostImages
@@ -39,10 +39,15 @@ def main() -> None:
     known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
     there = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
     scan, none = ideal_scan(there, press, rng), np.zeros((4, 2))
-    found = Registration(placement=MOVED, found=True, planes_mm=none, plane_parts=none.T)
+    found = Registration(placement=MOVED, located=True, planes_mm=none, plane_parts=none.T)
     host, card = (
-        analyse_found(
-            known, scan, found, residual_variance=ResidualVariance(), looked_at=SCREEN_MODES, engine=engine
+        analyse_registered(
+            known,
+            scan,
+            found,
+            residual_variance=ResidualVariance(),
+            analysed_modes=SCREEN_MODES,
+            engine=engine,
         ).sums
         for engine in (HostImages, engine_on(Pool(Card)))
     )

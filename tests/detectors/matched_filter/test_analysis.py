@@ -44,7 +44,7 @@ def prepared(page: Page, press: Press) -> PreparedPage:
 def statistics(known: PreparedPage, scan: NDArray[np.uint16]) -> NDArray[np.float32]:
     analysis = analyse(known, scan)
     return values_of(
-        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, Scatter.white())
     )
 
 

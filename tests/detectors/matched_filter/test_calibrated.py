@@ -19,10 +19,10 @@ from prooflight.detectors.matched_filter.calibrated import (
     score_of,
 )
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.weighing import WeighedGlyph, WeighedPage
+from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph, ScoredPage
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.zones import ZonedJudge
-from prooflight.detectors.weighted_conformal import ToldPages
+from prooflight.detectors.weighted_conformal import LabelledPages
 from prooflight.files.schema import Misfit
 
 if TYPE_CHECKING:
@@ -76,8 +76,8 @@ def calibrated(
 
 def test_those_that_taught_say_how_the_tail_goes_on_while_own_pages_are_few(model: DetectorModel) -> None:
     ours = calibrated(model)
-    assert (ours.promise.simulated, ours.promise.real, ours.promise.reference) == (60, 0, 1000)
-    assert ours.promise.conformal
+    assert (ours.guarantee.simulated, ours.guarantee.real, ours.guarantee.reference) == (60, 0, 1000)
+    assert ours.guarantee.conformal
     reference, ratio = ours.scores.reference, ours.scores.ratio
     assert ours.threshold == reference.threshold(OF_RANKING * 0.02 / ratio)[0]
     wide = calibrated(model, own=np.random.default_rng(3).exponential(3.0, 60))
@@ -91,18 +91,18 @@ def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> Non
     """
     own = np.arange(278.0)
     ours = calibrated(model, own=own)
-    assert (ours.promise.simulated, ours.promise.reference, ours.promise.conformal) == (278, 0, True)
+    assert (ours.guarantee.simulated, ours.guarantee.reference, ours.guarantee.conformal) == (278, 0, True)
     assert ours.threshold == own[273]  # ceil(279 x 0.982) = 274th smallest
     assert ours.decide(273.5).p_value == pytest.approx(5 / 279 / OF_RANKING)
     fewer = calibrated(model, own=own[1:])
-    assert (fewer.promise.simulated, fewer.promise.reference) == (277, 1000)
+    assert (fewer.guarantee.simulated, fewer.guarantee.reference) == (277, 1000)
     assert fewer.threshold < 20
 
 
 def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) -> None:
     own = np.random.default_rng(3).exponential(0.9, 60)  # lower than elsewhere, which breaks no promise
     for real in (0, 60):
-        promise = calibrated(model, own=own, real=real).promise
+        promise = calibrated(model, own=own, real=real).guarantee
         assert (promise.simulated, promise.real) == (60 - real, real)
         what = (
             "60 real good pages of this press and 1,000 simulated pages, which were not told apart"
@@ -116,18 +116,20 @@ def test_pages_unlike_simulated_ones_promise_no_more_than_they_support(model: De
     """40 real pages that scatter three times as widely (seed 3); the ranking has the share ``OF_RANKING``."""
     own = np.random.default_rng(3).exponential(3.0, 40)
     ours = calibrated(model, own=own, rate=0.01, real=40)
-    assert ours.promise.likeness is not None
-    assert ours.promise.likeness.told_apart
-    assert ours.promise.rate == pytest.approx(1 / 41 / OF_RANKING)
-    assert (ours.threshold, ours.promise.reference) == (own.max(), 0)
-    assert "from 40 real good pages of this press alone: simulated pages were told apart" in str(ours.promise)
-    assert "one in 100 was asked for, and is refused" in str(ours.promise)
+    assert ours.guarantee.likeness is not None
+    assert ours.guarantee.likeness.is_distinct
+    assert ours.guarantee.rate == pytest.approx(1 / 41 / OF_RANKING)
+    assert (ours.threshold, ours.guarantee.reference) == (own.max(), 0)
+    assert "from 40 real good pages of this press alone: simulated pages were told apart" in str(
+        ours.guarantee
+    )
+    assert "one in 100 was asked for, and is refused" in str(ours.guarantee)
     simulated = calibrated(model, own=own, rate=0.01)
-    assert simulated.promise.likeness is None
-    assert simulated.promise.rate == 0.01
+    assert simulated.guarantee.likeness is None
+    assert simulated.guarantee.rate == 0.01
     facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
     again = CalibratedDetector.from_parts(ours.arrays(), facts)
-    assert (again.threshold, again.promise) == (ours.threshold, ours.promise)
+    assert (again.threshold, again.guarantee) == (ours.threshold, ours.guarantee)
 
 
 def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
@@ -138,15 +140,15 @@ def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> No
     assert high.misprint
     assert high.p_value is not None
     assert low.p_value is not None
-    assert high.p_value < low.p_value <= ours.promise.rate
+    assert high.p_value < low.p_value <= ours.guarantee.rate
     assert high.probability > low.probability >= 0.01
 
 
 def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorModel) -> None:
     ours = calibrated(model, rate=1e-6)
-    assert ours.promise.rate == pytest.approx(ours.scores.ratio / 10_010 / OF_RANKING)
-    assert not ours.promise.conformal
-    assert "one in 1,000,000 was asked for, and is refused" in str(ours.promise)
+    assert ours.guarantee.rate == pytest.approx(ours.scores.ratio / 10_010 / OF_RANKING)
+    assert not ours.guarantee.conformal
+    assert "one in 1,000,000 was asked for, and is refused" in str(ours.guarantee)
 
 
 @pytest.mark.parametrize(("own", "real", "rate"), [(60, 0, 0.02), (60, 60, 1e-6), (400, 400, 0.02)])
@@ -158,7 +160,7 @@ def test_it_comes_back_from_its_arrays_and_facts(
     CalibratedDetector.check(ours.arrays(), facts)
     again = CalibratedDetector.from_parts(ours.arrays(), facts)
     assert again.threshold == ours.threshold
-    assert again.promise == ours.promise
+    assert again.guarantee == ours.guarantee
     assert again.decide(2.0) == ours.decide(2.0)
     assert again.real == real
     np.testing.assert_array_equal(again.pages.values, ours.pages.values)
@@ -191,10 +193,10 @@ def test_a_statistic_that_is_not_finite_is_no_good_page(model: DetectorModel, va
     detector, page_features = calibrated(model), np.zeros(PAGE_FEATURES)
     for another in (False, True):
         fine = score_of(model, np.ones(2), page_features, another=another)
-        assert detector.decide(fine).word == ("misprint" if another else "good")
+        assert detector.decide(fine).verdict_name == ("misprint" if another else "good")
         for values, page in ((np.array([1, value]), page_features), (np.ones(2), page_features + value)):
             score = score_of(model, values, page, another=another)
-            assert detector.decide(score).word == "not-inspected"
+            assert detector.decide(score).verdict_name == "not-inspected"
 
 
 def test_what_the_press_learned_wrong_is_not_lost_among_families(model: DetectorModel) -> None:
@@ -220,7 +222,7 @@ def with_glyphs(ours: CalibratedDetector, own: NDArray[np.float64]) -> Calibrate
         ours.own,
         references=ours.references,
         pages=replace(ours.pages, glyphs=own),
-        false_alarm_rate=ours.promise.asked,
+        false_alarm_rate=ours.guarantee.requested_rate,
         misprint_rate=ours.misprint_rate,
     )
 
@@ -228,7 +230,7 @@ def with_glyphs(ours: CalibratedDetector, own: NDArray[np.float64]) -> Calibrate
 def test_glyphs_alarm_within_the_promise_of_both_and_come_back(model: DetectorModel) -> None:
     before = calibrated(model)
     ours = with_glyphs(before, np.full(60, -20.0))
-    assert ours.promise.rate == before.promise.rate
+    assert ours.guarantee.rate == before.guarantee.rate
     assert ours.threshold > before.threshold
     assert ours.glyphs is not None
     assert before.glyphs is None
@@ -237,7 +239,7 @@ def test_glyphs_alarm_within_the_promise_of_both_and_come_back(model: DetectorMo
     assert (good.misprint, wrong.misprint) == (False, True)
     assert wrong.score > wrong.threshold
     assert wrong.p_value is not None
-    assert wrong.p_value <= ours.promise.rate
+    assert wrong.p_value <= ours.guarantee.rate
     facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
     CalibratedDetector.check(ours.arrays(), facts)
     assert CalibratedDetector.from_parts(ours.arrays(), facts).decide(0.0, 9.0) == ours.decide(0.0, 9.0)
@@ -251,11 +253,11 @@ def test_the_floor_is_a_misprint_whatever_was_learned(model: DetectorModel) -> N
     assert (good.misprint, wrong.misprint, larger.misprint) == (False, True, True)
     assert good == ours.decide(-9.0)
     assert wrong.p_value is not None
-    assert wrong.p_value <= ours.promise.rate
+    assert wrong.p_value <= ours.guarantee.rate
     assert larger.score > wrong.score > ours.threshold
     assert ours.decide(60.0, floor_mm2=5.0).score == 60.0
     scores = np.linspace(0, 60, 400)
-    labels = ToldPages(
+    labels = LabelledPages(
         score=scores,
         weight=np.ones(400),
         run=np.ones(400, np.int64),
@@ -316,7 +318,7 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
         before.append((~passed).mean())
         told = np.flatnonzero(~passed | (rng.random(score.size) < 0.2))
         ours = taught.recalibrated(
-            ToldPages(
+            LabelledPages(
                 score=score[told],
                 weight=np.where(passed[told], 5.0, 1.0),
                 run=np.ones(told.size, np.int64),
@@ -339,7 +341,7 @@ def test_a_raised_threshold_raises_that_of_glyphs_too(model: DetectorModel) -> N
     raised = replace(ours, threshold=ours.trained_threshold + 5.0)
     for above, here, there in ((1.0, 1, 0), (4.9, 1, 0), (5.1, 1, 1)):
         ratio = ours.glyphs.threshold + above
-        page = WeighedPage(
-            score=ratio, found=(WeighedGlyph(glyph=0, ratio=ratio, deviation=9.0, missing=False),)
+        page = ScoredPage(
+            score=ratio, glyphs=(ScoredGlyph(glyph=0, ratio=ratio, deviation=9.0, missing=False),)
         )
         assert [len(one.wrong_glyphs(page)) for one in (ours, raised)] == [here, there]

@@ -52,9 +52,9 @@ def test_loops_give_what_the_tuned_kernels_give(two_sensor_press: Press, page: P
     lost[1, 200:230] = True
     pool = Pool(Loops)
     on_card = engine_on(pool)
-    host = analyse(known, scan, lost=lost, looked_at=SCREEN_MODES, floor_share=0.1)
+    host = analyse(known, scan, lost=lost, analysed_modes=SCREEN_MODES, floor_share=0.1)
     for _ in range(2):  # the second uses the first's memory again
-        card = analyse(known, scan, lost=lost, looked_at=SCREEN_MODES, floor_share=0.1, engine=on_card)
+        card = analyse(known, scan, lost=lost, analysed_modes=SCREEN_MODES, floor_share=0.1, engine=on_card)
         assert card.blind_columns == host.blind_columns == (100,)
         np.testing.assert_allclose(card.noise, host.noise, rtol=2e-3)
         np.testing.assert_allclose(card.fit.pulls, host.fit.pulls, atol=5e-3)
@@ -88,7 +88,7 @@ def test_every_body_compiles_for_cards(press: Press, page: Page, capability: tup
     there = predict(page, sensors=press.sensors, geometry=press.geometry, placement=MOVED)
     scan = ideal_scan(there, press, np.random.default_rng(5))
     scan[:, :, 101] //= 2
-    analyse(known, scan, looked_at=SCREEN_MODES, engine=engine_on(Pool(Recording)))
+    analyse(known, scan, analysed_modes=SCREEN_MODES, engine=engine_on(Pool(Recording)))
     every = {
         name
         for module in (prediction, residuals, sums)
@@ -127,11 +127,11 @@ def test_without_a_card_the_device_is_refused(press: Press) -> None:
 
 
 def screened(one):  # type: ignore[no-untyped-def]
-    return values_of(screen_statistics(one.sums, one.marks, one.fit, one.found, Scatter.white()))
+    return values_of(screen_statistics(one.sums, one.marks, one.fit, one.registration, Scatter.white()))
 
 
 def every(one):  # type: ignore[no-untyped-def]
-    return values_of(all_statistics(one.sums, one.marks, one.fit, one.found, Scatter.white()))
+    return values_of(all_statistics(one.sums, one.marks, one.fit, one.registration, Scatter.white()))
 
 
 def close(found, asked) -> None:  # type: ignore[no-untyped-def]

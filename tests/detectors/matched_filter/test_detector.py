@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.simulated_days import PressDay
-from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import Inspector
@@ -139,20 +139,24 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
     many = np.repeat(np.repeat(patches, -(-rows // 10), axis=0), -(-columns // 8), axis=1)[:rows, :columns]
     page = replace(page, cmyk=np.ascontiguousarray(many))
     found = bench.inspector.inspect(page, bench.scan(page, rng))
-    times = float(found.kept["widening"])
+    times = float(found.stored_arrays["widening"])
     assert found.verdict.widened == round(times, 2) > 1
     ours = bench.day.day.press.ours
     assert ours is not None
     assert ours.model.widened(1.0) is ours.model
     wide = replace(ours.model, scale=times * ours.model.scale)
-    score = wide.score(found.kept["values"][None], found.kept["portrait"][None])[0]
+    score = wide.score(found.stored_arrays["values"][None], found.stored_arrays["portrait"][None])[0]
     assert found.verdict.score == score
-    kept = KeptArrays(dict(found.kept), "ours")
+    kept = StoredArrays(dict(found.stored_arrays), "ours")
     assert detector("ours", bench.day.day.press).decided_again(kept).score == score
     assert f"judged {times:.3g} times more widely" in judged(found.verdict, (36.0, 44.0))
-    before = {name: array for name, array in found.kept.items() if name != "widening"}
-    plain = detector("ours", bench.day.day.press).decided_again(KeptArrays(before, "ours")).score
-    assert plain == ours.model.score(found.kept["values"][None], found.kept["portrait"][None])[0] != score
+    before = {name: array for name, array in found.stored_arrays.items() if name != "widening"}
+    plain = detector("ours", bench.day.day.press).decided_again(StoredArrays(before, "ours")).score
+    assert (
+        plain
+        == ours.model.score(found.stored_arrays["values"][None], found.stored_arrays["portrait"][None])[0]
+        != score
+    )
 
 
 def test_what_people_look_at_is_there_when_asked_for(bench: Bench) -> None:
@@ -178,7 +182,7 @@ def test_scans_that_do_not_fit_are_refused(bench: Bench) -> None:
 def test_ours_is_chosen_where_the_press_was_taught_it(trained_press: Press, press: Press) -> None:
     assert detector(None, trained_press).name == "ours"
     assert detector(None, press).name == "chi-square"
-    assert "10 alarms" in Inspector.of(trained_press).promise
+    assert "10 alarms" in Inspector.of(trained_press).guarantee
     for name in ("ours", "bayes"):
         with pytest.raises(RequestError, match="was not taught"):
             detector(name, press)
@@ -190,6 +194,6 @@ def test_teaching_and_inspecting_follow_fringes_where_the_press_does(
 ) -> None:
     bench = Bench(replace(trained_press, fringes=fringes), make_page)
     _, taught_with = bench.day.design(0)
-    used = bench.inspector.prepare(bench.page(0)).known.known
+    used = bench.inspector.prepare(bench.page(0)).prepared_page.prepared_page
     assert (taught_with.overlaps is not None) == (used.overlaps is not None) == fringes
     assert bench.verdict(0).verdict == "good"

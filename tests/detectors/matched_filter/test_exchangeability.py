@@ -17,7 +17,7 @@ from prooflight.detectors.matched_filter.exchangeability import (
     _bet,
     shares,
 )
-from prooflight.detectors.weighted_conformal import ToldPages
+from prooflight.detectors.weighted_conformal import LabelledPages
 
 OWN, PAGES, WORDS = 119, 30, 20
 """Good pages of a press as built, pages of a run, and groups of statistics."""
@@ -27,7 +27,7 @@ def fresh(own: np.ndarray) -> ExchangeabilityTest:
     """Before a run, with a press's own pages (pages, groups)."""
     names = ("score", *(f"word-{k}" for k in range(1, own.shape[1])))
     return ExchangeabilityTest(
-        known=list(own), room=10**6, names=names, log_wealth=np.zeros((own.shape[1], STAKES.size))
+        reference_pages=list(own), room=10**6, names=names, log_wealth=np.zeros((own.shape[1], STAKES.size))
     )
 
 
@@ -123,12 +123,12 @@ def test_misprints_among_good_pages_hardly_ever_suspend() -> None:
     assert told <= 3
 
 
-def sampled(rng: np.random.Generator, *, sheets: int, shift: float = 0.0) -> ToldPages:
+def sampled(rng: np.random.Generator, *, sheets: int, shift: float = 0.0) -> LabelledPages:
     """Standard normal scores: all above 1.28 and one in 50 of the others told good."""
     score = rng.standard_normal(sheets) + shift
     passed = score <= 1.28
     told = np.flatnonzero(~passed | (rng.random(sheets) < 0.02))
-    return ToldPages(
+    return LabelledPages(
         score=score[told],
         weight=np.where(passed[told], 50.0, 1.0),
         run=np.ones(told.size, np.int64),

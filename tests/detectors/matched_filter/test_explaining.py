@@ -17,11 +17,11 @@ from prooflight.registration.register import Registration
 from prooflight.scans.placement import Placement
 
 
-def registration(*, found: bool = True, shift_mm: tuple[float, float] = (0.0, 0.0)) -> Registration:
+def registration(*, located: bool = True, shift_mm: tuple[float, float] = (0.0, 0.0)) -> Registration:
     return Registration(
         placement=Placement(shift_mm=shift_mm),
-        found=found,
-        reason="" if found else "too little is printed to tell where",
+        located=located,
+        reason="" if located else "too little is printed to tell where",
         planes_mm=np.zeros((4, 2)),
         plane_parts=np.zeros((2, 4)),
     )
@@ -114,7 +114,7 @@ def test_an_ink_that_no_sensor_sees_is_not_named_and_hides_no_other() -> None:
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:
     moved = reason_for("wrong-page", None, None, {}, registration(shift_mm=(2.3, -0.1)), distinct="")
     assert moved == "the page lies +2.3, -0.1 mm and +0.00 degrees off its place"
-    lost = reason_for("wrong-page", None, None, {}, registration(found=False), distinct="")
+    lost = reason_for("wrong-page", None, None, {}, registration(located=False), distinct="")
     assert lost == "the scan does not show this page: too little is printed to tell where"
 
 
@@ -166,7 +166,7 @@ def test_without_a_place_it_is_the_page_as_a_whole() -> None:
 
 
 def test_a_lost_place_alone_is_no_other_page() -> None:
-    lost, placed = registration(found=False), registration()
+    lost, placed = registration(located=False), registration()
     assert supported("wrong-page", lost) == "unknown"
     assert supported("wrong-page", placed) == "wrong-page"
     assert supported("streak", lost) == "streak"

@@ -115,8 +115,8 @@ def test_a_chart_of_greys_is_placed_whatever_its_register(
     scan = ideal_scan(seen, press, np.random.default_rng(1))
     expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
     prepared = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=True)
-    found = analyse(prepared, scan).found
-    assert found.found, found.reason
+    found = analyse(prepared, scan).registration
+    assert found.located, found.reason
     x_mm, y_mm = np.meshgrid(np.linspace(6, 30, 5), np.linspace(6, 38, 7))
     size = {"page_width_mm": page.width_mm, "page_height_mm": page.height_mm}
     seen_mm = np.stack(found.placement.seen_mm(x_mm, y_mm, **size)) - np.stack([x_mm, y_mm])

@@ -74,7 +74,9 @@ def test_a_mark_is_what_a_scan_says_most(press: Press, page: Page) -> None:
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         analysis = analyse(known, scan)
         statistics.append(
-            all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+            all_statistics(
+                analysis.sums, analysis.marks, analysis.fit, analysis.registration, Scatter.white()
+            )
         )
     good, bad = (compressed(values_of(one)) for one in statistics)
     assert keys_of(statistics[0]) == keys_of(statistics[1])
@@ -108,9 +110,9 @@ def test_where_nothing_varies_a_mark_at_an_edge_is_told_from_noise(
         scan = ideal_scan(seen, press, np.random.default_rng(2))
         analysis = analyse(known, scan, residual_variance=residual_variance)
         statistics = all_statistics(
-            analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white()
+            analysis.sums, analysis.marks, analysis.fit, analysis.registration, Scatter.white()
         )
-        most.append(max(one.value for one in statistics if one.statistic.word == "box"))
+        most.append(max(one.value for one in statistics if one.statistic.label == "box"))
     good, bad = most
     assert good < 6
     assert (bad > 8) == residual_variance.exact

@@ -183,9 +183,9 @@ def test_the_families_that_say_most_are_of_the_look_that_was_taken(taught: Detec
     found = taught.strongest(few, features, most=2)
     assert found[0] == ("apart/void-", statistics[1])
     assert {one.statistic for _, one in found} <= {one.statistic for one in few}
-    assert np.isfinite(taught.laid_out(few)).tolist() == [index in FIRST for index in range(len(NAMES))]
+    assert np.isfinite(taught.vector_of(few)).tolist() == [index in FIRST for index in range(len(NAMES))]
     with pytest.raises(ValueError, match="not the statistics"):
-        taught.laid_out(few[1:])
+        taught.vector_of(few[1:])
 
 
 def test_families_that_say_the_same_keep_their_order_on_every_processor(taught: DetectorModel) -> None:
@@ -218,22 +218,23 @@ def test_the_first_look_is_at_some_of_all_statistics_and_sees_them_alike(
     expected = predict(page, sensors=press.sensors, geometry=press.geometry)
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry)
     scan, scatter = ideal_scan(expected, press, np.random.default_rng(seed)), Scatter.white()
-    whole, first = analyse(known, scan), analyse(known, scan, looked_at=SCREEN_MODES)
-    every = all_statistics(whole.sums, whole.marks, whole.fit, whole.found, scatter)
+    whole, first = analyse(known, scan), analyse(known, scan, analysed_modes=SCREEN_MODES)
+    every = all_statistics(whole.sums, whole.marks, whole.fit, whole.registration, scatter)
     asked = [one for one in every if in_screen(one.statistic)]
-    found = screen_statistics(first.sums, first.marks, first.fit, first.found, scatter)
+    found = screen_statistics(first.sums, first.marks, first.fit, first.registration, scatter)
     assert keys_of(found) == keys_of(asked)
     np.testing.assert_array_equal(values_of(found), values_of(asked))
     again = first.of_every_mode()
     assert again.of_every_mode() is again
     np.testing.assert_array_equal(
-        values_of(all_statistics(again.sums, again.marks, again.fit, again.found, scatter)), values_of(every)
+        values_of(all_statistics(again.sums, again.marks, again.fit, again.registration, scatter)),
+        values_of(every),
     )
     order = [one.statistic for one in every]
     for threads in (1, 2):
-        shared = analyse(known, scan, looked_at=SCREEN_MODES, threads=threads)
+        shared = analyse(known, scan, analysed_modes=SCREEN_MODES, threads=threads)
         seen = screen_statistics(
-            shared.sums, shared.marks, shared.fit, shared.found, scatter, threads=threads
+            shared.sums, shared.marks, shared.fit, shared.registration, scatter, threads=threads
         )
         rest = remaining_statistics(shared.of_every_mode().sums, scatter, seen, order=order, threads=threads)
         assert keys_of(rest) == keys_of(every)

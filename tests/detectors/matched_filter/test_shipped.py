@@ -69,5 +69,5 @@ def trained_names(press: Press, page: Page) -> list[str]:
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry)
     analysis = analyse(known, ideal_scan(expected, press, np.random.default_rng(2)))
     return keys_of(
-        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, Scatter.white())
+        all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, Scatter.white())
     )

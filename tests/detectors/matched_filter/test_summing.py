@@ -32,7 +32,7 @@ from prooflight.kernels.residuals.moving import STRETCH, move_smooth
 from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
 from prooflight.kernels.statistics.boxes import own_of_cells
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
-from prooflight.kernels.statistics.slants import tiles_known
+from prooflight.kernels.statistics.slants import tile_scores
 from prooflight.kernels.statistics.streaks import levelled_parts, widened
 from prooflight.kernels.statistics.tiles import ResidualImages, line_sums, tile_sums
 from prooflight.pages.parallel import parts_of
@@ -432,7 +432,7 @@ def test_tiles_by_themselves_say_what_boxes_of_one_would(seed: int) -> None:
 
     t, known = np.empty((2, 9, 14), np.float32)
     scatter = np.array([1.2, 3.0, 0.02], np.float32)
-    tiles_known(*found, scatter, np.float32(LEAST_POWER), t, known)
+    tile_scores(*found, scatter, np.float32(LEAST_POWER), t, known)
     spread = spread_of(found[1], found[2], scatter.astype(np.float64))
     informed = found[1] > LEAST_POWER
     np.testing.assert_allclose(t, t_statistic(*found, scatter.astype(np.float64)), rtol=1e-4, atol=1e-6)

@@ -36,7 +36,9 @@ def test_what_the_prior_drew_in_is_undone(times: float, share: float) -> None:
         noise = rng.standard_normal(4) * np.sqrt((1 - share) / share)
         amounts = share * (times * rng.standard_normal(4) + noise)
         layout.parts(pulls).gain[:, 0] = amounts / np.sqrt(share)
-        fit = SimpleNamespace(prior=prior, white=np.zeros(1), shape=np.zeros((1, 1)), told=told, pulls=pulls)
+        fit = SimpleNamespace(
+            prior=prior, white=np.zeros(1), shape=np.zeros((1, 1)), determined_share=told, pulls=pulls
+        )
         colours = SimpleNamespace(root=np.ones((1, 1)), centres=np.zeros((1, 4)))
         found = _of_fit(
             SimpleNamespace(colours=colours),  # type: ignore[arg-type]
@@ -56,9 +58,9 @@ def test_planes_scatter_about_their_own_mean() -> None:
     rows = np.zeros((PAGES, len(AMOUNTS), 2))
     for row in rows:
         planes = 0.048 * rng.standard_normal((4, 2))
-        found: dict[str, Any] = {"found": True, "placement": Placement(), "plane_parts": parts}
+        found: dict[str, Any] = {"located": True, "placement": Placement(), "plane_parts": parts}
         found["planes_mm"] = planes - np.einsum("ai,ia->a", parts, planes)
-        told = _of_place(SimpleNamespace(found=SimpleNamespace(**found)))  # type: ignore[arg-type]
+        told = _of_place(SimpleNamespace(registration=SimpleNamespace(**found)))  # type: ignore[arg-type]
         row[[names == ("register.plane_um",) for names in AMOUNTS]] = told["register.plane_um"]
     (learned,) = learned_amounts(rows)
     assert learned.value == pytest.approx(48, rel=0.1)

@@ -24,7 +24,7 @@ from prooflight.detectors.matched_filter.visibility import (
     ExpectedPage,
     Mark,
     VisibleMarks,
-    floor_in_words,
+    floor_text,
     least_sizes,
     limits,
     on_tint,
@@ -228,8 +228,8 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
     assert trained_press.ours is not None
     inspector = Inspector.of(trained_press)
     prepared = inspector.prepare(page_of(design()))
-    assert isinstance(prepared.known, MatchedFilterPage)
-    marks, model = VisibleMarks.of(prepared.known), prepared.known.model
+    assert isinstance(prepared.prepared_page, MatchedFilterPage)
+    marks, model = VisibleMarks.of(prepared.prepared_page), prepared.prepared_page.model
     assert model.screen is not None
     x, y = TRIED[where]
     place = int((y - marks.top_mm) / marks.line_mm), int((x - marks.left_mm) / marks.pixel_mm)
@@ -242,16 +242,18 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
             rng = np.random.default_rng([seed, 3])
             scan = day.recorded(day.seen_in_press(spotted(x, y, times * size), rng, IN_PLACE), rng)
             found = inspector.inspect(prepared, scan)
-            deviations = model.deviations(found.kept["values"][None], found.kept["portrait"][None])
+            deviations = model.deviations(
+                found.stored_arrays["values"][None], found.stored_arrays["portrait"][None]
+            )
             by_marks = model.screen.evidence(deviations)[0, of_marks].max() > limit
-            by_floor = found.kept["floor_mm2"] > 0.1
+            by_floor = found.stored_arrays["floor_mm2"] > 0.1
             assert (by_marks or by_floor) == (times > 1), (times, seed)
             if times > 1:
                 assert found.verdict.verdict == "misprint"
 
 
 def test_rows_are_of_the_places_that_a_page_has(trained_press: Press) -> None:
-    known = Inspector.of(trained_press).prepare(page_of(design())).known
+    known = Inspector.of(trained_press).prepare(page_of(design())).prepared_page
     assert isinstance(known, MatchedFilterPage)
     marks = VisibleMarks.of(known)
     rows = {row.place: row for row in marks.rows()}
@@ -267,16 +269,16 @@ def test_rows_are_of_the_places_that_a_page_has(trained_press: Press) -> None:
 
 def test_a_tint_hides_what_bare_paper_shows(trained_press: Press) -> None:
     assert trained_press.ours is not None
-    station = trained_press.station()
-    paper, tint = (on_tint(trained_press.ours, station, black) for black in (0.0, 0.4))
+    press_context = trained_press.press_context()
+    paper, tint = (on_tint(trained_press.ours, press_context, black) for black in (0.0, 0.4))
     assert 0.1 < paper[0] < tint[0] < 1
     assert 0.01 < paper[1] < tint[1] < 0.5
-    without = on_tint(trained_press.ours, replace(station, floor_share=0.0), 0.0)
+    without = on_tint(trained_press.ours, replace(press_context, floor_share=0.0), 0.0)
     assert without[1] > paper[1]
 
 
 def test_the_floor_is_said_in_words() -> None:
-    assert floor_in_words(0.1).startswith(
+    assert floor_text(0.1).startswith(
         "A flat place over 0.1 mm² that differs by more than 10 % of paper white"
     )
-    assert floor_in_words(0.0) == ""
+    assert floor_text(0.0) == ""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from prooflight.detectors.base import KeptArrays
+from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.false_alarm_rate import GoodScores, PressScores
 from prooflight.detectors.matched_filter.zones import STATISTICS, ZonedJudge, baseline_of, careful_scores
 from prooflight.detectors.verdict import Decision
@@ -43,7 +43,7 @@ def scan(page: Page, trained_press: Press) -> NDArray[np.uint16]:
 
 
 def zoned(page: Page, *entries: ZoneEntry, price: PriceEntry | None = None) -> JobZones:
-    zones = JobZones.made(entries, [(page.width_mm, page.height_mm)])
+    zones = JobZones.create(entries, [(page.width_mm, page.height_mm)])
     return zones if price is None else zones.priced(price)
 
 
@@ -124,7 +124,7 @@ def test_a_careful_zone_alarms_by_itself_and_is_named(
 ) -> None:
     """Its statistics are compared with what this page's good prints give, which here is stated."""
     bare = Inspector.of(trained_press, zones=zoned(page, careful()))
-    values = bare.inspect(page, scan).kept["careful"]
+    values = bare.inspect(page, scan).stored_arrays["careful"]
     zones = calibrated(zoned(page, careful()))
     assert zones.document.price is not None
     price = zones.document.price.model_copy(update={"careful_mean": tuple(map(float, values))})
@@ -137,7 +137,7 @@ def test_a_careful_zone_alarms_by_itself_and_is_named(
     (region, *_) = found.verdict.regions
     assert abs(region.x_mm + region.width_mm / 2 - spot[0] - 1) < 3
     assert abs(region.y_mm + region.height_mm / 2 - spot[1] - 1) < 3
-    again = inspector.detector.decided_again(KeptArrays(found.kept, "ours"))
+    again = inspector.detector.decided_again(StoredArrays(found.stored_arrays, "ours"))
     assert (again.misprint, again.score, again.threshold) == (
         True,
         pytest.approx(found.verdict.score),
@@ -148,7 +148,7 @@ def test_a_careful_zone_alarms_by_itself_and_is_named(
 def test_without_zones_on_a_page_nothing_is_other(
     trained_press: Press, page: Page, scan: NDArray[np.uint16]
 ) -> None:
-    elsewhere = JobZones.made(
+    elsewhere = JobZones.create(
         [ZoneEntry(name="stamp", kind="ignore", pages="2", rectangle_mm=IGNORED)],
         [(page.width_mm, page.height_mm)] * 2,
     )
@@ -156,7 +156,7 @@ def test_without_zones_on_a_page_nothing_is_other(
         Inspector.of(trained_press, zones=zones).inspect(page, scan)
         for zones in (None, calibrated(elsewhere))
     )
-    assert one.kept.keys() == other.kept.keys()
+    assert one.stored_arrays.keys() == other.stored_arrays.keys()
     assert replace(one.verdict, milliseconds=0) == replace(other.verdict, milliseconds=0)
 
 
@@ -276,7 +276,7 @@ def test_numbers_that_are_not_finite_decide_nothing_good(strange: float) -> None
     rng = np.random.default_rng(4)
     one, ours = judge(rng, good=200, share=0.2), press_of(0.05, rng)
     for score, value in ((strange, 0.0), (0.0, strange)):
-        assert one.decide(ours, score, np.array([value])).word in ("not-inspected", "misprint")
+        assert one.decide(ours, score, np.array([value])).verdict_name in ("not-inspected", "misprint")
 
 
 def test_a_scan_is_unchanged_by_being_looked_at(

@@ -256,7 +256,7 @@ def test_what_is_in_no_bin_is_no_good_page(value: float) -> None:
         naive_histogram=np.ones((1, INTERVALS), np.int64),
         block_z=block_z,
     )
-    assert detector.decide(found).word == "not-inspected"
+    assert detector.decide(found).verdict_name == "not-inspected"
 
 
 def test_a_quantile_edge_is_a_value_that_was_seen_and_belongs_to_the_bin_above() -> None:

@@ -219,6 +219,6 @@ def test_tiles_without_pixels_are_no_good_page() -> None:
     empty[0, 2, 3] = 0
     with np.errstate(invalid="ignore"):
         decision = ChiSquare(good_pages_per_false_alarm=100.0, misprint_rate=0.01).decide(evidence(empty))
-    assert decision.word == "not-inspected"
+    assert decision.verdict_name == "not-inspected"
     unpromised = ChiSquare(good_pages_per_false_alarm=np.nan, misprint_rate=0.01)
-    assert unpromised.decide(evidence(flat())).word == "not-inspected"
+    assert unpromised.decide(evidence(flat())).verdict_name == "not-inspected"

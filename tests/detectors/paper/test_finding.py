@@ -34,7 +34,7 @@ def verdict(page: Page, scan: np.ndarray, press: Press) -> Verdict:
 
 
 def find_page(page: Page, scan: np.ndarray, press: Press) -> PlacedPage:
-    return find(SoughtPage.of(PlannedPage(page, press.station())), scan, press.station())
+    return find(SoughtPage.of(PlannedPage(page, press.press_context())), scan, press.press_context())
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -56,9 +56,9 @@ def test_a_page_in_its_place_is_predicted_under_the_light_of_now(
         )
         for times in (bright, bright * 0.98)
     )
-    sought = SoughtPage.of(PlannedPage(page, brighter.station())).relit(now.station())
+    sought = SoughtPage.of(PlannedPage(page, brighter.press_context())).relit(now.press_context())
     expected = predict(page, sensors=now.sensors, geometry=press.geometry)
-    found = find(sought, ideal_scan(expected, now, np.random.default_rng(1)), now.station())
+    found = find(sought, ideal_scan(expected, now, np.random.default_rng(1)), now.press_context())
     assert found.placement is IN_PLACE
     # relighting rounds once more than predicting
     assert found.prediction.expected_dn == pytest.approx(expected.expected_dn, rel=1e-5)

@@ -14,7 +14,7 @@ from prooflight.detectors.disposition import without_gate
 from prooflight.inspection.codes.finding import page_codes
 from prooflight.inspection.codes.reading import KIND, failed_again, read_codes
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import kept_evidence, replayed
+from prooflight.inspection.redeciding import evidence_to_store, replayed
 from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.scans.placement import IN_PLACE, Placement
@@ -53,11 +53,11 @@ def with_code(
 
 
 def found(page: Page, press: Press) -> tuple[PageCode, ...]:
-    return page_codes(PlannedPage(page, press.station(threads=1)), press.sensors, press.geometry)
+    return page_codes(PlannedPage(page, press.press_context(threads=1)), press.sensors, press.geometry)
 
 
 def scanned(page: Page, press: Press, seed: int = 3) -> NDArray[np.uint16]:
-    return ideal_scan(press.station(threads=1).predict(page), press, stream(seed, "print", 1))
+    return ideal_scan(press.press_context(threads=1).predict(page), press, stream(seed, "print", 1))
 
 
 @pytest.mark.parametrize("symbology", ["QRCode", "DataMatrix", "Code128", "Code39", "ITF"])
@@ -117,7 +117,7 @@ def test_a_code_in_a_colour_that_only_the_second_sensor_sees_well_reads(
 def test_a_code_is_read_where_the_page_lies(press: Press, page: Page) -> None:
     """Off its place by more than the margin that is read with a code."""
     printed, off = with_code(page), Placement(shift_mm=(2.2, 4.1))
-    dn = np.rint(press.station(threads=1).predict(printed, off).expected_dn).astype(np.uint16)
+    dn = np.rint(press.press_context(threads=1).predict(printed, off).expected_dn).astype(np.uint16)
     codes = found(printed, press)
     where = {"page": printed, "sensors": press.sensors, "geometry": press.geometry}
     (there,) = read_codes(codes, dn, off, **where)
@@ -140,7 +140,7 @@ class Passing:
 
 def passing(inspector: Inspector, page: Page) -> object:
     prepared = inspector.prepare(page)
-    return replace(prepared, known=Passing(prepared.known))
+    return replace(prepared, prepared_page=Passing(prepared.prepared_page))
 
 
 def test_a_code_that_does_not_read_is_a_misprint_by_name(press: Press, page: Page) -> None:
@@ -155,7 +155,7 @@ def test_a_code_that_does_not_read_is_a_misprint_by_name(press: Press, page: Pag
     assert verdict.reason == f"QR Code '{TEXT}' at x = 4 mm, y = 4 mm does not read"
     assert [region.kind for region in verdict.regions] == [KIND]
     assert verdict.codes[0].grade == 0
-    kept = kept_evidence(done, printed, press)
+    kept = evidence_to_store(done, printed, press)
     assert failed_again(kept)
 
 
@@ -189,7 +189,7 @@ def test_a_verdict_by_a_code_is_made_again_from_evidence(press: Press, page: Pag
     unread = replace(done.verdict, verdict="misprint", kind=KIND)
     grey = np.full((40, 40), 220, np.uint8)
     kept = {
-        **kept_evidence(done, printed, press),
+        **evidence_to_store(done, printed, press),
         "code0": grey,
         "code0_text": np.frombuffer(TEXT.encode(), np.uint8),
         "code0_symbology": np.frombuffer(b"QR Code", np.uint8),

@@ -56,7 +56,7 @@ def job_page(number: int, size: tuple[int, int]) -> Page:
 
 @given(layouts())
 def test_what_is_said_is_read_again(layout: Layout) -> None:
-    again = Layout.parse(layout.words)
+    again = Layout.parse(layout.text)
     assert again == (layout if layout.order != "alternate" else replace(layout, depth=1))
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from prooflight.errors import RequestError
-from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -125,7 +125,7 @@ def _blank(press: Press) -> Page:
 class PlayedCamera:
     """A camera of this process; see ``Camera``. Its clock goes on as lines come."""
 
-    found = FoundCamera(id="Played-1", maker="Played", model="P", serial="1", address="here", backend="none")
+    info = CameraInfo(id="Played-1", maker="Played", model="P", serial="1", address="here", backend="none")
 
     def __init__(
         self, scenes: Scenes, *, form: str = "Mono12", rate_hz: float = 2770.0, **features: Any

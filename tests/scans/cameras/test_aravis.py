@@ -21,7 +21,7 @@ from tests.scans.cameras.test_pixel_formats import packed
 
 from prooflight.errors import RequestError, ScanError
 from prooflight.scans.cameras import backends
-from prooflight.scans.cameras.backends import found_camera, found_cameras, opened
+from prooflight.scans.cameras.backends import camera_named, list_cameras, opened
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 
@@ -41,7 +41,7 @@ SETTINGS = CameraSettings(
 
 
 def ready(settings: CameraSettings = SETTINGS) -> Camera:
-    return backends.ready(found_camera(ID), settings, where="my.toml")
+    return backends.ready(camera_named(ID), settings, where="my.toml")
 
 
 def assert_played(blocks: list[LineBlock], lines: np.ndarray = LINES) -> None:
@@ -148,7 +148,7 @@ def test_a_camera_that_another_program_has_taken_is_opened_again(camera: Peer) -
 
 
 def test_a_camera_is_found_and_describes_itself(camera: Peer) -> None:
-    (one,) = found_cameras()
+    (one,) = list_cameras()
     assert (one.id, one.model, one.serial, one.address, one.backend) == (
         ID,
         "Fake",
@@ -157,9 +157,9 @@ def test_a_camera_is_found_and_describes_itself(camera: Peer) -> None:
         "aravis",
     )
     for name in (ID, "PL01", "127.0.0.1"):
-        assert found_camera(name) == one
+        assert camera_named(name) == one
     with pytest.raises(RequestError, match=rf"^camera XY: does not answer; these answer: {ID}$"):
-        found_camera("XY")
+        camera_named("XY")
     open_camera = opened(one)
     features = open_camera.features()
     assert features["PixelFormat"].choices[:2] == ("Mono10", "Mono12")
@@ -211,5 +211,5 @@ def test_an_encoder_is_found_by_its_name(camera: Peer) -> None:
 def test_a_camera_that_another_program_controls_is_refused(camera: Peer) -> None:
     one = ready()
     with pytest.raises(ScanError, match="controlled by another program"):
-        opened(found_camera(ID))
+        opened(camera_named(ID))
     one.close()

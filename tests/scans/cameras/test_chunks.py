@@ -16,7 +16,7 @@ from tests.scans.cameras.test_viva import ADDRESS, viva_camera
 
 from prooflight.scans.cameras import viva
 from prooflight.scans.cameras.aravis import FEWEST_BUFFERS, Aravis
-from prooflight.scans.cameras.backends import found_camera, ready
+from prooflight.scans.cameras.backends import camera_named, ready
 from prooflight.scans.cameras.chunk_places import ChunkPlace, chunk_places
 from prooflight.scans.cameras.setting_up import CameraSettings, temperature_c
 
@@ -74,7 +74,7 @@ def test_a_register_that_is_not_whole_has_no_place(register: dict[str, str]) -> 
 
 def open_camera(backend: str) -> Camera:
     """viva's simulated camera does not answer Aravis' search on loopback, and does where it is called by address."""
-    one = found_camera(f"viva:{ADDRESS}")
+    one = camera_named(f"viva:{ADDRESS}")
     if backend == "aravis":
         if lacks := Aravis().lacks:
             pytest.skip(lacks)

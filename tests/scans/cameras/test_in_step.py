@@ -112,7 +112,7 @@ def test_a_camera_that_falls_silent_is_left_out_and_taken_in_again_in_its_place(
                 continue
             for block in counters[sensor].take(grab(place, sensor=sensor)):
                 blocks += step.add(sensor, block)
-        held.append(step.held)
+        held.append(step.waiting_lines)
         # 8 blocks of A and the 3 lines of B's offset are waited for.
         assert step.silent == ((1,) if 28 <= place < 45 else ())
     assert max(held) <= 64 + 2 * LINES + 3

@@ -10,7 +10,7 @@ import pytest
 from tests.scans.cameras.peers import faults_of, numbered_lines, numbers, read
 
 from prooflight.errors import RequestError
-from prooflight.scans.cameras.backends import found_camera, found_cameras, opened, ready
+from prooflight.scans.cameras.backends import camera_named, list_cameras, opened, ready
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 
@@ -52,7 +52,7 @@ def playing(lines: np.ndarray, folder: Path, *, blocks_per_s: float = 200.0) -> 
 def test_what_is_played_comes_to_the_byte(tmp_path: Path) -> None:
     lines = numbered_lines(16 * LINES, PIXELS)
     settings = playing(lines, tmp_path)
-    source = CameraLines(lambda: ready(found_camera(NAME), settings, where="my.toml"), name=ID)
+    source = CameraLines(lambda: ready(camera_named(NAME), settings, where="my.toml"), name=ID)
     blocks = read(source, 40 * LINES)
     assert not faults_of(blocks)
     came = np.concatenate([block.lines[0] for block in blocks])
@@ -66,7 +66,7 @@ def test_a_buffer_that_failed_is_a_fault_of_its_lines(tmp_path: Path) -> None:
     known: list[Camera] = []
 
     def again() -> Camera:
-        known.append(ready(found_camera(NAME), settings, where="my.toml"))
+        known.append(ready(camera_named(NAME), settings, where="my.toml"))
         return known[-1]
 
     source, blocks = CameraLines(again, name=ID), []
@@ -87,7 +87,7 @@ def test_a_buffer_that_failed_is_a_fault_of_its_lines(tmp_path: Path) -> None:
 
 
 def test_a_camera_is_found_and_describes_itself() -> None:
-    (one,) = found_cameras("pylon")
+    (one,) = list_cameras("pylon")
     assert (one.id, one.serial, one.backend) == (ID, "0815-0000", "pylon")
     camera = opened(one)
     features = camera.features()
@@ -105,8 +105,8 @@ def test_what_it_lacks_is_said_in_one_line() -> None:
     with pytest.raises(
         RequestError, match=rf"^my.toml, camera.pixel_format: {ID} has no PixelFormat 'Mono9'; it has Mono8, "
     ):
-        ready(found_camera(NAME), CameraSettings(pixel_format="Mono9"), where="my.toml")
+        ready(camera_named(NAME), CameraSettings(pixel_format="Mono9"), where="my.toml")
     with pytest.raises(
         RequestError, match=r"cannot start a line by a trigger: its TriggerSelector has FrameBurstStart"
     ):
-        ready(found_camera(NAME), CameraSettings(trigger="encoder"), where="my.toml")
+        ready(camera_named(NAME), CameraSettings(trigger="encoder"), where="my.toml")

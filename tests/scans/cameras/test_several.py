@@ -13,7 +13,7 @@ from tests.scans.cameras.test_silence import Clock, FakeCamera
 from prooflight.errors import RequestError, ScanError
 from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.cameras import backends
-from prooflight.scans.cameras.backends import found_camera
+from prooflight.scans.cameras.backends import camera_named
 from prooflight.scans.cameras.camera import Camera, Grab
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.several import SeveralCameras
@@ -43,7 +43,7 @@ class Counted:
 
 def source(number: int, settings: CameraSettings) -> CameraLines:
     def ready() -> Any:
-        return Counted(backends.ready(found_camera(f"PL{number + 1:02}"), settings, where="my.toml"))
+        return Counted(backends.ready(camera_named(f"PL{number + 1:02}"), settings, where="my.toml"))
 
     return CameraLines(ready, name=f"camera {number + 1}", settings=settings, reopen_s=0.05)
 

@@ -13,15 +13,15 @@ from tests.scans.cameras.peers import ID, faults_of, gige_camera, numbered_lines
 
 from prooflight.errors import ScanError
 from prooflight.scans.cameras import backends
-from prooflight.scans.cameras.asking import ANSWER_S, ASK_AFTER_S, Watchdog
-from prooflight.scans.cameras.backends import found_camera
-from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.backends import camera_named
+from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
+from prooflight.scans.cameras.liveness import ANSWER_S, ASK_AFTER_S, Watchdog
 from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.lines import LineBlock
 
 LINES, PIXELS = 64, 16
-FOUND = FoundCamera(id="cam", maker="", model="", serial="1", address="", backend="none")
+FOUND = CameraInfo(id="cam", maker="", model="", serial="1", address="", backend="none")
 ENCODER = CameraSettings(trigger="encoder", encoder_steps=2)
 
 
@@ -43,7 +43,7 @@ class FakeCamera:
     dies_s: float = 1.0
     position: Callable[[], int] = lambda: 0
     block: int = 0
-    found: FoundCamera = FOUND
+    info: CameraInfo = FOUND
     closed: bool = False
     features_: dict[str, str] = field(
         default_factory=lambda: {"Width": str(PIXELS), "Height": str(LINES), "PixelFormat": "Mono8"}
@@ -199,7 +199,7 @@ def test_a_camera_that_answers_and_sends_nothing_is_opened_again() -> None:
         def ready() -> object:
             if said:
                 peer.send("lost", 0.0)  # it is mended by being opened again
-            return backends.ready(found_camera(ID), settings, where="my.toml")
+            return backends.ready(camera_named(ID), settings, where="my.toml")
 
         moving = threading.Event()
 

@@ -21,7 +21,7 @@ from tests.scans.cameras.peers import (
 )
 
 from prooflight.scans.cameras import viva
-from prooflight.scans.cameras.backends import found_camera, opened, ready
+from prooflight.scans.cameras.backends import camera_named, opened, ready
 from prooflight.scans.cameras.setting_up import CameraSettings, temperature_c
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.cameras.viva import OVERHEAD, empty_packets
@@ -48,7 +48,7 @@ def viva_camera(**asked: Any) -> Iterator[Any]:
 
 def source(settings: CameraSettings | None = None, **told: Any) -> CameraLines:
     def again() -> Camera:
-        return ready(found_camera(f"viva:{ADDRESS}"), settings or CameraSettings(), where="my.toml")
+        return ready(camera_named(f"viva:{ADDRESS}"), settings or CameraSettings(), where="my.toml")
 
     return CameraLines(again, name="cam", **told)
 
@@ -74,7 +74,7 @@ def test_viva_reads_what_aravis_plays_and_names_what_it_lost(lost: float) -> Non
 def test_a_packet_that_was_never_sent_is_a_fault_of_its_lines() -> None:
     """The third block's second packet."""
     with viva_camera(drop_packets=[(3, 2)], packet_resend=False):
-        camera = opened(found_camera(f"viva:{ADDRESS}"))
+        camera = opened(camera_named(f"viva:{ADDRESS}"))
         packet = camera.feature("GevSCPSPacketSize")
         camera.close()
         assert packet is not None
@@ -125,7 +125,7 @@ def test_lines_that_stop_are_noticed_while_the_camera_is_slow_to_answer(
     slow = {testing.FakeGigeCamera.REGISTERS["DeviceTemperature"]: 5.0}
     with viva_camera(drop_packets=never_sent, packet_resend=False, delay_ack=slow):
         lines = CameraLines(
-            lambda: ready(found_camera(f"viva:{ADDRESS}"), CameraSettings(), where="my.toml"),
+            lambda: ready(camera_named(f"viva:{ADDRESS}"), CameraSettings(), where="my.toml"),
             name="cam",
             settings=CameraSettings(trigger=trigger),
         )

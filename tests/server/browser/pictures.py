@@ -134,7 +134,7 @@ def _job(folder: Path, priced: Path | None) -> Path:
         ZoneEntry(name="picture", kind="careful", pages="4", rectangle_mm=(20, 60, 80, 70)),
         ZoneEntry(name="numbering", kind="ignore", pages="all", rectangle_mm=(150, 278, 50, 12)),
     ]
-    zones = JobZones.made(entries, sizes)
+    zones = JobZones.create(entries, sizes)
     asked = PriceRequest(job=job, press=job, zones=zones, prints=90, trials=24)
     zones.priced(entry(asked)).save(folder / "sample-job.zones.json")
     return job

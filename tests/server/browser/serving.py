@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from fastapi import FastAPI
 
-    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.accounts.account_store import Accounts
     from prooflight.server.console import Console
     from prooflight.server.zones.prices import Prices
 

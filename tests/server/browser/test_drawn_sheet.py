@@ -10,7 +10,7 @@ from tests.server.browser.test_fit_for_use import fit_for_everybody
 from tests.server.drawn_sheets import MIDDLE, write_drawn
 
 from prooflight.cli import run
-from prooflight.journal.words import Words, run_key
+from prooflight.journal.labels import LabelStore, run_key
 from prooflight.server.accounts.roles import Role
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def test_a_drawn_sheet_opens_whole_and_is_told_by_one_tap(
 
     page.locator(".tap.good").tap()
     page.wait_for_selector(".tap.good[aria-pressed=true]")
-    (word,) = Words(sampled.journal).of_run(run_key(sampled.console.reading.run(1)))
+    (word,) = LabelStore(sampled.journal).of_run(run_key(sampled.console.reading.run(1)))
     assert (word.sheet, word.word, word.by) == (0, "good", "Jan")
     page.click("text=Next")
     page.wait_for_url("**/runs/1/sheets/1")

@@ -85,12 +85,12 @@ def test_a_page_is_fit_for_everybody_and_for_gloves(
 def test_no_page_is_left_out(standing: Serving) -> None:
     app = standing.app
     asked = {urlsplit(path).path for path in (*PAGES, *ELSEWHERE)} - {"/nowhere"}
-    looked_at = {
+    analysed_modes = {
         next(route.path for route in app.routes if route.matches(getting(path))[0] is Match.FULL)
         for path in asked
     }
     there = {path for method, path, *_ in endpoint_rows(app) if method == "GET" and "/api/" not in path}
-    assert looked_at == there - set(PARTS)
+    assert analysed_modes == there - set(PARTS)
 
 
 def getting(path: str) -> dict[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 from tests.server.browser.runs import facts, misprint
 
 from prooflight.journal.journal import Journal
-from prooflight.server.accounts.book import SESSION_S
+from prooflight.server.accounts.account_store import SESSION_S
 from prooflight.server.accounts.roles import Role
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from tests.server.browser.runs import facts, sheet
 from tests.server.consoles import PASSWORD
 
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import kept_evidence
+from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.journal.journal import Journal
 from prooflight.rng import stream
 from prooflight.server.accounts.roles import Role
@@ -154,7 +154,7 @@ def test_a_verdict_made_again_is_the_same(
     rng = stream(4, "print", page.number)
     scan = scan_page(page, press=press, request=None, others=(), fetch=lambda _: page, rng=rng).dn
     looked = inspector.inspect(prepared, scan, scan_name="scan")
-    evidence = dict(kept_evidence(looked, prepared.page, press))
+    evidence = dict(evidence_to_store(looked, prepared.page, press))
     record = replace(sheet(0, rng), verdict=looked.verdict, evidence=evidence)
     other = replace(record, sheet=1, verdict=replace(looked.verdict, score=(looked.verdict.score or 0) + 1))
     with Journal.open(str(emptied)) as journal:

@@ -28,7 +28,7 @@ def outcome(found: int, false: int, marked: int) -> Outcome:
     box = (0, 0, 10, 10)
     return Outcome(
         name="pair",
-        found=(box,) * (found + false),
+        boxes=(box,) * (found + false),
         pairs={at: (at, 0.8) for at in range(found)},
         marked=(box,) * marked,
         kinds=(1,) * marked,

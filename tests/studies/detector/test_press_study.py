@@ -15,7 +15,7 @@ from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.press.findings import FIRST
 from prooflight_studies.press.judging import (
     ALPHAS,
-    OURS,
+    MATCHED_FILTER,
     PARTS,
     RateCheck,
     alarms_by_others,
@@ -85,7 +85,7 @@ def verdicts(rows: Rows) -> Verdicts:
 
 
 def test_misprints_are_caught_and_good_pages_pass(verdicts: Verdicts) -> None:
-    ours = verdicts.methods[OURS]
+    ours = verdicts.methods[MATCHED_FILTER]
     assert ours.area > 0.85
     assert ours.alarms[1][ours.scored.bad].mean() > 0.6
     assert ours.alarms[1][~ours.scored.bad].mean() < 0.3
@@ -100,7 +100,7 @@ def test_every_page_keeps_its_press_day(rows: Rows, verdicts: Verdicts) -> None:
 
 
 def test_a_wrong_page_is_certain(rows: Rows, verdicts: Verdicts) -> None:
-    assert verdicts.methods[OURS].promised[rows["another"]].all()
+    assert verdicts.methods[MATCHED_FILTER].nominal_alarms[rows["another"]].all()
     assert (verdicts.kinds[rows["another"]] == "wrong-page").all()
 
 
@@ -124,7 +124,7 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     third = {name: column for name, column in drawn_rows(3).items() if name not in ("names", "unmade_kind")}
     trial = {name: column[third["kind"] == ""] for name, column in third.items()}
     (often, seldom), tried = check_rates(verdicts, good, trial, calibration={0.1: 100, 0.01: DESIGNS})
-    ours = verdicts.methods[OURS]
+    ours = verdicts.methods[MATCHED_FILTER]
     assert tried[0].alarms.shape == tried[1].alarms.shape == (DESIGNS,)
     assert (tried[1].alarms <= tried[0].alarms).all()
     assert tried[1].alarms.sum() <= 5
@@ -143,10 +143,10 @@ def test_good_pages_of_other_designs_set_thresholds_and_teach_nothing(rows: Rows
     }
     good["design"] = good["design"] + 1000
     more = judged(rows, Scatter.white(), seed=1, good=good, trees=30, ablations=False)
-    ours, before = more.methods[OURS], verdicts.methods[OURS]
+    ours, before = more.methods[MATCHED_FILTER], verdicts.methods[MATCHED_FILTER]
     assert np.array_equal(ours.scored.score, before.scored.score)
     assert np.array_equal(ours.part, before.part)
-    assert not np.array_equal(ours.promised, before.promised)
+    assert not np.array_equal(ours.nominal_alarms, before.nominal_alarms)
     assert more.detectors[0].good_designs == verdicts.detectors[0].good_designs + DESIGNS
 
 
@@ -181,11 +181,11 @@ def test_the_page_says_it_all(rows: Rows, verdicts: Verdicts) -> None:
         fringes=False,
         main=rows,
         verdicts=verdicts,
-        kept=[RateCheck(rate=0.001, designs=5000, alarms=verdicts.methods[OURS].promised)],
+        kept=[RateCheck(rate=0.001, designs=5000, alarms=verdicts.methods[MATCHED_FILTER].nominal_alarms)],
         tried=[RateCheck(rate=0.001, designs=5000, alarms=np.zeros(123, bool))],
         looser={"variations 1.5 times those assumed": alarms},
         ideal=verdicts,
-        real=verdicts.methods[OURS],
+        real=verdicts.methods[MATCHED_FILTER],
     )
     text = page_of(found)
     assert "nan" not in text

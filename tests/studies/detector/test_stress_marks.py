@@ -188,7 +188,7 @@ def composed(size_pt: float, text: str, *, under_picture: bool = False) -> Compo
 
     def compose(sheet: Callable[..., Sheet]) -> Page:
         on = sheet(width_mm=60.0, height_mm=20.0, dpi=DPI)
-        on.words(5.0, 10.0, text, OutlineFace("DejaVuSans"), size_pt)
+        on.draw_text(5.0, 10.0, text, OutlineFace("DejaVuSans"), size_pt)
         if under_picture:
             on.rect(0.0, 0.0, 60.0, 20.0, (80, 0, 0, 0))
         return Page(cmyk=on.cmyk, dpi=DPI, name="elsewhere", number=1)

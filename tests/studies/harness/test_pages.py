@@ -165,7 +165,7 @@ def test_results_become_what_json_has() -> None:
 
 def test_what_templates_say_of_every_run_stands_in_the_published_pages() -> None:
     """Text that hangs on no figure; a template and its page in docs/results cannot drift apart."""
-    looked_at = 0
+    analysed_modes = 0
     for template in STUDIES.glob(f"*/{TEMPLATE}"):
         study = template.parent.name
         if study in UNPUBLISHED:
@@ -174,8 +174,8 @@ def test_what_templates_say_of_every_run_stands_in_the_published_pages() -> None
         fixed = list(said_always(template.read_text(encoding="utf-8")))
         published = "\n".join(page.read_text(encoding="utf-8") for page in published_pages(study))
         assert [line for line in fixed if line not in published] == [], study
-        looked_at += len(fixed)
-    assert looked_at > 100
+        analysed_modes += len(fixed)
+    assert analysed_modes > 100
 
 
 def said_always(template: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from prooflight.kernels.compiled import kernel
-from prooflight.prediction.predict import looked_up
+from prooflight.prediction.predict import expected_light
 from prooflight_studies.speed import start as speed_start
 from prooflight_studies.speed import study as speed
 from prooflight_studies.speed.cores import counted, page_cost, page_costs
@@ -70,7 +70,9 @@ def test_lcms2_looks_up_the_table_that_prediction_does(press: Press) -> None:
     image = Image.frombuffer("CMYK", (500, 1), cmyk.tobytes(), "raw", "CMYK", 0, 1)
     lightness = np.asarray(transform.apply(image))[0, :, 0] / 255
     assert LAB_WHITE == 0xFF00
-    np.testing.assert_allclose(lightness, looked_up(cmyk[0], press.sensors[0])[0] / table.max(), atol=0.03)
+    np.testing.assert_allclose(
+        lightness, expected_light(cmyk[0], press.sensors[0])[0] / table.max(), atol=0.03
+    )
 
 
 def test_the_first_verdict_of_a_new_process(

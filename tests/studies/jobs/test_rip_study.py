@@ -14,7 +14,7 @@ from prooflight.errors import RequestError
 from prooflight_studies.rip.cases import CASES, case_pdf
 from prooflight_studies.rip.handed import HANDED, handed_rows
 from prooflight_studies.rip.pages import difference, page_row
-from prooflight_studies.rip.study import is_right, middle_of_ours, run_rip_study
+from prooflight_studies.rip.study import is_right, middle_of_prooflight, run_rip_study
 
 HANDED_PDFS = Path(__file__).resolve().parents[3] / ".." / "shared" / "pdf_cases"
 needs_ghostscript = pytest.mark.skipif(shutil.which("gs") is None, reason="Ghostscript is not installed")
@@ -24,7 +24,7 @@ def test_ours_prints_what_the_specification_says(tmp_path: Path) -> None:
     for case in CASES:
         pdf = tmp_path / "case.pdf"
         pdf.write_bytes(case_pdf(case))
-        assert is_right(middle_of_ours(pdf), case.inks), case.name
+        assert is_right(middle_of_prooflight(pdf), case.inks), case.name
 
 
 @needs_ghostscript

@@ -15,7 +15,7 @@ from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.press.artefact import Press
 from prooflight_studies.rip.cases import CASES, case_pdf
 from prooflight_studies.ripped.printing import RIPS, as_printed, device_cmyk, fits, rip_of, statements
-from prooflight_studies.ripped.study import PromisePlan, counts, run_promise_study, spread
+from prooflight_studies.ripped.study import FalseAlarmPlan, counts, run_false_alarm_study, spread
 
 needs_ghostscript = pytest.mark.skipif(shutil.which("gs") is None, reason="Ghostscript is not installed")
 
@@ -36,7 +36,7 @@ def rows_of(alarms: list[bool], kinds: list[str], *, rip: str = "am-1200") -> di
 
 def test_counts_are_those_of_rows(trained_press: Press) -> None:
     rows = rows_of([True, False, False, True, True], ["", "", "", "streak", "scum"])
-    (row,) = counts(rows, trained_press, PromisePlan(seed=1, learned=0))
+    (row,) = counts(rows, trained_press, FalseAlarmPlan(seed=1, learned=0))
     assert (row.good, row.alarms, row.misprints, row.caught, row.learned) == (3, 1, 2, 2, 0)
     assert row.pages_with_alarms == ("d000",)
     assert row.false_alarms.startswith("1 of 3")
@@ -44,7 +44,7 @@ def test_counts_are_those_of_rows(trained_press: Press) -> None:
 
 def test_every_page_is_printed_equally_often_by_every_rip() -> None:
     judged, taught_by = [f"d{n:03}" for n in range(1, 80, 2)], [f"d{n:03}" for n in range(0, 90, 2)]
-    pieces = PromisePlan(seed=1, prints=300).pieces(judged, taught_by)
+    pieces = FalseAlarmPlan(seed=1, prints=300).pieces(judged, taught_by)
     for rip in RIPS:
         for world in ("press", "measured"):
             here = [piece for piece in pieces if (piece.rip, piece.world) == (rip.name, world)]
@@ -71,19 +71,23 @@ def test_few_pages_are_spread_over_all() -> None:
 )
 def test_a_plan_that_cannot_be_is_refused(plan: dict[str, object], message: str) -> None:
     with pytest.raises(RequestError, match=message):
-        PromisePlan(seed=1, **plan)  # type: ignore[arg-type]
+        FalseAlarmPlan(seed=1, **plan)  # type: ignore[arg-type]
 
 
 def test_a_press_that_was_not_taught_is_refused(press: Press, tmp_path: Path) -> None:
     press.save(tmp_path / "a.press")
     with pytest.raises(RequestError, match="was not taught our detector"):
-        run_promise_study(tmp_path / "a.press", tmp_path, tmp_path, cache=tmp_path, plan=PromisePlan(seed=1))
+        run_false_alarm_study(
+            tmp_path / "a.press", tmp_path, tmp_path, cache=tmp_path, plan=FalseAlarmPlan(seed=1)
+        )
 
 
 def test_a_folder_without_pages_is_refused(trained_press: Press, tmp_path: Path) -> None:
     trained_press.save(tmp_path / "a.press")
     with pytest.raises(RequestError, match="0 pages of odd and 0 of even numbers"):
-        run_promise_study(tmp_path / "a.press", tmp_path, tmp_path, cache=tmp_path, plan=PromisePlan(seed=1))
+        run_false_alarm_study(
+            tmp_path / "a.press", tmp_path, tmp_path, cache=tmp_path, plan=FalseAlarmPlan(seed=1)
+        )
 
 
 @needs_ghostscript

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def zones() -> PageZones:
-    made = JobZones.made(zones_of("ignore", stream(3, "zones-study", 0)), [PAGE_MM])
+    made = JobZones.create(zones_of("ignore", stream(3, "zones-study", 0)), [PAGE_MM])
     return PageZones(zones=made.of_pages[1], careful_share=0.2)
 
 
@@ -135,7 +135,7 @@ def test_the_page_counts_its_rows() -> None:
         good={name: Tally(prints=40, alarms=1) for name in ("careful", "ignored")},
         good_bare={name: Tally(prints=40, alarms=0) for name in ("careful", "ignored")},
     )
-    found = zones_results([rows, rows], seed=1, promised=0.01)
+    found = zones_results([rows, rows], seed=1, nominal_rate=0.01)
     spot = found.price[0]
     assert (spot["prints"], spot["alarms"], spot["zones"], spot["before_known"], spot["compared"]) == (
         8,

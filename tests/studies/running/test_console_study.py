@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("uvicorn", reason='needs pip install "prooflight[server]"')
 
 from prooflight.detectors.disposition import without_gate
-from prooflight_studies.console.beside import BLOCKS, LoadPlan, _figures, paired_difference, slope
+from prooflight_studies.console.alongside import BLOCKS, LoadPlan, _figures, paired_difference, slope
 from prooflight_studies.console.study import ALARM_EVERY, ConsoleFigures, Delay, Load, _delay, _sheet
 from prooflight_studies.harness.page import page_text, plain
 

@@ -24,7 +24,7 @@ def pool() -> Pool:
         kind=np.array([""] * good.size + ["density"] * wrong.size),
         severity=np.zeros(good.size + wrong.size),
         threshold=1.28,
-        promise="one in 100",
+        guarantee="one in 100",
         minutes=1.0,
     )
 

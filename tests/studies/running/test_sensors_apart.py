@@ -11,7 +11,7 @@ from prooflight.errors import ScanError
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.scans.placement import Placement
-from prooflight_studies.cameras.apart import found_offset
+from prooflight_studies.cameras.camera_offset import camera_offset
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +35,7 @@ def test_an_offset_is_found_from_what_two_sensors_saw(
         one = predict(page, sensors=press.sensors, geometry=press.geometry, placement=place)
         noise = rng.standard_normal(one.expected_dn[at].shape) * np.sqrt(one.variance_dn2[at])
         seen.append(np.rint(np.clip(one.expected_dn[at] + noise, 0, 65535)).astype(np.uint16))
-    found = found_offset(*seen)
+    found = camera_offset(*seen)
     assert found.lines == pytest.approx(lines, abs=0.05)
     assert found.pixels == pytest.approx(pixels, abs=0.05)
     assert found.lines == pytest.approx(lines, abs=5 * found.lines_sd)
@@ -49,4 +49,4 @@ def test_blank_paper_tells_no_offset() -> None:
     with pytest.raises(
         ScanError, match=r"^A and B: shows the same edges to both sensors in .* let a page of text"
     ):
-        found_offset(first, second, where="A and B")
+        camera_offset(first, second, where="A and B")

@@ -23,9 +23,9 @@ from prooflight.simulation.corpus.corpus import (
     Corpus,
     design_page,
 )
+from prooflight.simulation.corpus.designs.design_style import DesignStyle
 from prooflight.simulation.corpus.designs.faces import OutlineFace
 from prooflight.simulation.corpus.designs.inks import BLACK, TOTAL_INK_MAX, Separation
-from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.setting import Style, broken, cut, width_em
 from prooflight.simulation.corpus.designs.sheet import MM_PER_PT, Sheet
 from prooflight_studies.corpus.figures import corpus_results, page_figures, summary, table
@@ -243,7 +243,7 @@ def test_black_type_prints_over_and_other_type_knocks_out() -> None:
     for ink, under in ((BLACK, (0, 90, 40)), ((200, 0, 0, 0), (200, 0, 0))):
         sheet = Sheet(width_mm=20, height_mm=10, dpi=200)
         sheet.rect(0, 0, 20, 10, tint)
-        sheet.words(3, 8, "Ag", face, 20, ink)
+        sheet.draw_text(3, 8, "Ag", face, 20, ink)
         inked = (sheet.cmyk != tint).any(axis=2)
         assert inked.sum() > 200
         np.testing.assert_array_equal(sheet.cmyk[inked], np.tile([*under, ink[3]], (inked.sum(), 1)))

@@ -33,9 +33,9 @@ def list_cameras(
     json: Json = False,
 ) -> None:
     """List the cameras that answer."""
-    from prooflight.scans.cameras.backends import found_cameras
+    from prooflight.scans.cameras.backends import list_cameras
 
-    cameras = found_cameras(backend)
+    cameras = list_cameras(backend)
     if json:
         show.print_json([asdict(one) for one in cameras])
         return
@@ -53,10 +53,10 @@ def features(
     json: Json = False,
 ) -> None:
     """List a camera's features from its own description, and set some of them."""
-    from prooflight.scans.cameras.backends import found_camera, opened
+    from prooflight.scans.cameras.backends import camera_named, opened
 
     wanted = [_wanted(text) for text in set_ or ()]
-    camera = opened(found_camera(name))
+    camera = opened(camera_named(name))
     try:
         for feature, value in wanted:
             camera.set(feature, value)
@@ -95,7 +95,7 @@ def record(
     from prooflight.scans.raw import write_block
 
     source = camera_lines(name, camera)
-    source.tell = lambda _kind, text: faults.told(text)
+    source.tell = lambda _kind, text: faults.report(text)
     begun_s = time.monotonic()
     messages: list[str] = []
     with whole_file(out) as unfinished, unfinished.open("wb") as file, closing(source.blocks()) as blocks:
@@ -105,7 +105,7 @@ def record(
                 messages += [fault.detail for fault in block.faults]
                 if not json:
                     for fault in block.faults:
-                        faults.told(fault.detail)
+                        faults.report(fault.detail)
                 if lines is not None and block.next_line >= lines:
                     break
         except KeyboardInterrupt:

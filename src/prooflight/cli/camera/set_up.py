@@ -18,7 +18,7 @@ from prooflight.errors import RequestError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.commissioning.line_camera.dialogue import Protocol
+    from prooflight.commissioning.line_camera.wizard import Protocol
     from prooflight.press.press_file import PressFile
 
 STYLES: Final = {"title": "bold", "plain": "", "good": "green", "poor": "bold red", "faint": "dim"}
@@ -52,35 +52,35 @@ def set_up(
     Each step shows what to do, waits for Enter, measures, and reports its result. Comments of the press file
     stay. A set-up that was stopped continues where it was.
     """
-    from prooflight.commissioning.line_camera import dialogue
+    from prooflight.commissioning.line_camera import wizard
+    from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.commissioning.line_camera.steps import QUESTIONS
-    from prooflight.commissioning.line_camera.tap import CameraTap
     from prooflight.press.press_file import PressFile
-    from prooflight.scans.cameras.backends import found_camera, ready
+    from prooflight.scans.cameras.backends import camera_named, ready
 
-    given = None if answers is None else dialogue.answers_of(_answers(answers), QUESTIONS, where=answers)
-    camera = found_camera(name)
+    given = None if answers is None else wizard.answers_of(_answers(answers), QUESTIONS, where=answers)
+    camera = camera_named(name)
     begun = not press_file.exists()
-    unfinished = dialogue.protocol_path(press_file)
-    left = None if again or begun else dialogue.Protocol.of(unfinished, camera=camera.id)
+    unfinished = wizard.protocol_path(press_file)
+    left = None if again or begun else wizard.Protocol.of(unfinished, camera=camera.id)
     press = _source(like) if begun else PressFile.read(press_file)
     settings = press.camera_settings()
     opened = ready(camera, settings, where=str(press_file))
     try:
-        reader = CameraTap(opened, names=settings.names.get(camera.model))
+        reader = CameraLineReader(opened, names=settings.names.get(camera.model))
         if begun:
             _begin(press_file, press, sensors=reader.sensors, camera=camera.id)
             _say(f"{press_file} is begun from {press.path.name}", "faint", quiet=json)
-        protocol = left or dialogue.Protocol(camera=camera.id, begun=begun)
+        protocol = left or wizard.Protocol(camera=camera.id, begun=begun)
         attended = not yes and given is None
-        prompts = dialogue.Talk(
+        prompts = wizard.Prompts(
             say=lambda text, kind: _say(text, kind, quiet=json),
             answer=_typed if attended else _given(given, quiet=json),
             attended=attended,
         )
         try:
-            dialogue.SetUp(tap=reader, path=press_file, talk=prompts, protocol=protocol).run()
-        except dialogue.Stopped:
+            wizard.SetUp(line_reader=reader, path=press_file, prompts=prompts, protocol=protocol).run()
+        except wizard.Stopped:
             _say("stopped; the same command goes on from here", "faint", quiet=json)
     finally:
         opened.close()
@@ -139,7 +139,7 @@ def _say(text: str, kind: Literal["title", "plain", "good", "poor", "faint"], *,
 
 def _typed(_key: str, question: str, usual: str) -> str:
     """Read one line; the question goes to standard error, so that standard output may be a document."""
-    from prooflight.commissioning.line_camera.dialogue import Stopped
+    from prooflight.commissioning.line_camera.wizard import Stopped
 
     show.errors.print(f"> {question}{f' [{usual}]' if usual else ''} ", end="", style="cyan", highlight=False)
     show.errors.file.flush()
@@ -172,9 +172,9 @@ def _facts(protocol: Protocol, press_file: Path) -> dict[str, Any]:
 
 
 def _summary(protocol: Protocol, press_file: Path) -> None:
-    from prooflight.commissioning.line_camera.dialogue import protocol_path
+    from prooflight.commissioning.line_camera.wizard import protocol_path
 
-    table = show.table_of("", ("step", "state", "seconds"), words=("step", "state"))
+    table = show.table_of("", ("step", "state", "seconds"), text_columns=("step", "state"))
     for one in protocol.steps.values():
         style = {"good": "green", "poor": "bold red", "failed": "bold red"}.get(one["state"], "dim")
         table.add_row(one["title"], Text(one["state"], style=style), f"{one['seconds']:.1f}")

@@ -162,7 +162,7 @@ def block_table(block: SensorBlock) -> Table:
     from prooflight.commissioning.camera.sensor_block import FIELDS
 
     headings = ("field", "value", "+-", "from")
-    table = table_of(f"Sensor {block.fields['name']}", headings, words=("field", "from"))
+    table = table_of(f"Sensor {block.fields['name']}", headings, text_columns=("field", "from"))
     for name in FIELDS:
         value = block.fields.get(name)
         shown = "" if value is None else "a curve" if isinstance(value, dict) else str(value)

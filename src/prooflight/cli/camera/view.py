@@ -16,7 +16,7 @@ from prooflight.cli.options import Json
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from prooflight.commissioning.line_camera.tap import CameraTap, LastLines
+    from prooflight.commissioning.line_camera.line_reader import CameraLineReader, LastLines
     from prooflight.press.press_file import PressFile
     from prooflight.reporting.camera_live import CameraShown
 
@@ -47,19 +47,19 @@ def view(
     """
     from rich.live import Live
 
-    from prooflight.commissioning.line_camera.tap import CameraTap
+    from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.press.press_file import PressFile
     from prooflight.reporting.camera_live import draw_camera, live_camera
-    from prooflight.scans.cameras.backends import found_camera, ready
+    from prooflight.scans.cameras.backends import camera_named, ready
     from prooflight.scans.cameras.setting_up import CameraSettings
 
     file = None if press is None else PressFile.read(press)
     settings = CameraSettings() if file is None else file.camera_settings()
-    camera = found_camera(name)
+    camera = camera_named(name)
     opened = ready(camera, settings, where=str(press))
     shown: CameraShown | None = None
     try:
-        reader = CameraTap(opened, names=settings.names.get(camera.model))
+        reader = CameraLineReader(opened, names=settings.names.get(camera.model))
         live = not json and show.people.is_terminal
         with ExitStack() as stack:
             screen = stack.enter_context(Live(console=show.people, auto_refresh=False)) if live else None
@@ -82,7 +82,7 @@ def view(
 
 
 def _views(
-    reader: CameraTap, file: PressFile | None, *, frames: int | None, seconds: float | None
+    reader: CameraLineReader, file: PressFile | None, *, frames: int | None, seconds: float | None
 ) -> Iterator[CameraShown]:
     """Yield one analysis after another, as lines come."""
     begun_s = shown_s = time.monotonic()
@@ -98,7 +98,7 @@ def _views(
             return
 
 
-def _current_view(reader: CameraTap, last: LastLines, file: PressFile | None) -> CameraShown:
+def _current_view(reader: CameraLineReader, last: LastLines, file: PressFile | None) -> CameraShown:
     from prooflight.commissioning.line_camera.page_steps import lens_mtf50
     from prooflight.commissioning.line_camera.seen import sensor_views
     from prooflight.reporting.camera_live import CameraShown

@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 
 from prooflight.cli import faults, show
-from prooflight.cli.exit_codes import MISPRINT_FOUND, NOT_ALL_INSPECTED
+from prooflight.cli.exit_codes import EXIT_MISPRINT, NOT_ALL_INSPECTED
 from prooflight.cli.options import JobPath, Json, Pages, Profile
 from prooflight.errors import visible
 from prooflight.reporting.wording import count
@@ -84,7 +84,7 @@ def check(
     if refused:
         raise typer.Exit(NOT_ALL_INSPECTED)
     if of_files or any(page.warnings for page in done):
-        raise typer.Exit(MISPRINT_FOUND)
+        raise typer.Exit(EXIT_MISPRINT)
 
 
 def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
@@ -97,19 +97,19 @@ def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
     early = early_warnings(job, shown=shown)
     tell_warnings(early.warnings, json=json)
     if early.remark and not json:
-        faults.told(early.remark)
+        faults.report(early.remark)
     return early
 
 
 def tell_warnings(warnings: Iterable[PageWarning], *, json: bool) -> None:
     """Print each warning on a line."""
-    from prooflight.pages.check import in_words, plain
+    from prooflight.pages.check import plain, warning_text
 
     for warning in warnings:
         if json:
             show.print_json({"warning": plain(warning)})
         else:
-            faults.told(f"warning: {in_words(warning)}")
+            faults.report(f"warning: {warning_text(warning)}")
 
 
 def _drawing(folder: Path, press: Press | None) -> Callable[[Page], None]:
@@ -172,10 +172,10 @@ def _srgb(page: CheckedPage, name: str, press: Press | None) -> str | None:
 
 def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, press: Press | None) -> None:
     """Print one row a page for people, then what its cells only count, then every warning."""
-    from prooflight.pages.check import in_words
+    from prooflight.pages.check import warning_text
 
-    words = ("page", "size [mm]", "inks [%]", "transparency, overprint", "made of")
-    table = show.table_of(title, words, words=words)
+    text_columns = ("page", "size [mm]", "inks [%]", "transparency, overprint", "made of")
+    table = show.table_of(title, text_columns, text_columns=text_columns)
     table.columns[0].no_wrap = True
     for page in done:
         table.add_row(page.name, *_cells(page))
@@ -200,11 +200,11 @@ def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, pres
             show.people.print(f"{title}: {line}")
     warnings = [*of_files, *(warning for page in done for warning in page.warnings)]
     for warning in warnings:
-        shown = Text.assemble(("warning ", "yellow"), visible(in_words(warning)))
+        shown = Text.assemble(("warning ", "yellow"), visible(warning_text(warning)))
         show.people.print(shown, soft_wrap=True)
     for page in done:
         if page.refused:
-            faults.told(f"{page.name} cannot be used and would not be inspected: {page.refused}")
+            faults.report(f"{page.name} cannot be used and would not be inspected: {page.refused}")
     refused = sum(bool(page.refused) for page in done)
     parts = [count(len(done), "page"), count(len(warnings), "warning")]
     show.people.print(", ".join(parts + ([f"{refused:,} cannot be used"] if refused else [])))
@@ -224,7 +224,7 @@ def _cells(page: CheckedPage) -> list[str]:
         return ["\n".join(sides), "\n".join(printed), "", ""]
     spots = _some("spot", [spot.painted for spot in facts.spots], "painted")
     effects = [*facts.transparency, *(f"overprint {mode}" for mode in facts.overprint)]
-    made_of = (
+    content = (
         _some("layer", [layer.printed for layer in facts.layers], "printed"),
         _some("font", [font.embedded for font in facts.fonts], "embedded"),
         _images(facts.images),
@@ -233,7 +233,7 @@ def _cells(page: CheckedPage) -> list[str]:
         "\n".join([*sides, facts.box]),
         "\n".join(filter(None, (*printed, spots))),
         "\n".join(effects),
-        "\n".join(filter(None, made_of)),
+        "\n".join(filter(None, content)),
     ]
 
 
@@ -282,11 +282,13 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None) -> None:
             rows.setdefault((spot.name, tuple(page.spots.get(spot.name, ())), spot.painted), []).append(page)
     if not rows:
         return
-    words = ("spot colour", "looks like", "painted", "pages")
-    table = show.table_of("What is printed of spot colours, in per cent", words[:1], words=words)
+    text_columns = ("spot colour", "looks like", "painted", "pages")
+    table = show.table_of(
+        "What is printed of spot colours, in per cent", text_columns[:1], text_columns=text_columns
+    )
     for letter in "CMYK":
         table.add_column(letter, justify="right")
-    for heading in words[1:] if press is not None else words[2:]:
+    for heading in text_columns[1:] if press is not None else text_columns[2:]:
         table.add_column(heading)
     for (name, cmyk, painted), pages in rows.items():
         inks = [f"{ink:g}" for ink in _percent(cmyk) or ()] or ["–"] * 4

@@ -56,7 +56,7 @@ def codes(
     table = show.table_of(
         f"codes of {job.name}",
         ("page", "code", "text", "mm", "grade", ""),
-        words=("page", "code", "text", "mm", ""),
+        text_columns=("page", "code", "text", "mm", ""),
     )
     for name, one in read_codes:
         place = f"{one.width_mm:.0f} x {one.height_mm:.0f} at {one.x_mm:.0f}, {one.y_mm:.0f}"
@@ -71,5 +71,5 @@ def _of_page(page: Page, name: str, press: Press) -> list[tuple[str, Code]]:
     from prooflight.inspection.codes.finding import page_codes
     from prooflight.inspection.codes.reading import foretold
 
-    planned = PlannedPage(page, press.station())
+    planned = PlannedPage(page, press.press_context())
     return [(name, foretold(code)) for code in page_codes(planned, press.sensors, press.geometry)]

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from prooflight.cli import faults, laid_out, show
+from prooflight.cli import faults, imposition, show
 from prooflight.cli.options import (
     Detector,
     JobPath,
     Json,
-    LayoutWords,
+    LayoutOption,
     OnDevice,
     Pages,
     PressArtefact,
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from prooflight.cli.jobs.inspected import Inspected
+    from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.inspection.job import InspectPage, Pair
-    from prooflight.inspection.promise import Judged, PromiseWatch
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -85,9 +85,9 @@ def demo(
     from prooflight.press.pages import job_source
     from prooflight.reporting.report import RunSummary, write_report
     from prooflight.reporting.visibility_picture import VisibleOnPage
-    from prooflight.simulation.worlds import known_world
+    from prooflight.simulation.worlds import world_named
 
-    into = known_world(world)
+    into = world_named(world)
     if zones and (job is not None or into != "press"):
         what = "zones are shown on the sample job, in the press world"
         remedy = "leave --job and --world out, or draw zones of your own: docs/how-to/zones.md"
@@ -225,7 +225,7 @@ def simulate(
     misprint: Annotated[
         str | None, typer.Option(metavar="KIND[:SEVERITY]", help="Misprint on every page.")
     ] = None,
-    layout: LayoutWords = None,
+    layout: LayoutOption = None,
     pages: Pages = None,
     profile: Profile = None,
     seed: Seed = 1,
@@ -239,25 +239,25 @@ def simulate(
     from prooflight.pages.parallel import in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
-    from prooflight.simulation.files import ScanToFile, kept_truths, write_truth
+    from prooflight.simulation.files import ScanToFile, stored_truths, write_truth
     from prooflight.simulation.scans import MisprintRequest
-    from prooflight.simulation.worlds import known_world
+    from prooflight.simulation.worlds import world_named
 
-    known_world(world)
+    world_named(world)
     loaded = Press.load(press)
     source = job_source(job, loaded, profile=profile)
-    source, _ = laid_out.laid_out(source, layout, loaded.geometry)
+    source, _ = imposition.imposed(source, layout, loaded.geometry)
     request = MisprintRequest.parse(misprint) if misprint else None
     with source.open() as opened:
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         job_pages, names = len(opened), {source.page_name(number) for number in numbers}
-    kept_before = kept_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
+    stored_before = stored_truths(out / "truth.json", names, world=world, seed=seed, press=loaded)
     out.mkdir(parents=True, exist_ok=True)
     work = ScanToFile(
         job=source, press=loaded, out=out, request=request, seed=seed, job_pages=job_pages, world=world
     )
     truths = list(_shown(in_order(work, numbers), len(numbers), "printing and scanning", quiet=json))
-    write_truth(out / "truth.json", [*kept_before, *truths], world=world, seed=seed, press=loaded)
+    write_truth(out / "truth.json", [*stored_before, *truths], world=world, seed=seed, press=loaded)
     if json:
         show.print_json(truths)
     else:
@@ -302,7 +302,7 @@ def inspect(
             help="With --scanner: curve of the scans, black and white in per cent; default their profile, or sRGB.",
         ),
     ] = None,
-    layout: LayoutWords = None,
+    layout: LayoutOption = None,
     detector: Detector = None,
     device: OnDevice = "cpu",
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
@@ -356,9 +356,9 @@ def inspect(
     from prooflight.cli.jobs.check import checked_early, tell_warnings
     from prooflight.cli.jobs.inspected import inspected
     from prooflight.cli.jobs.zones import zones_in_force
+    from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
-    from prooflight.inspection.promise import Judged, PromiseWatch
     from prooflight.line.prepared_store import PreparedStore
     from prooflight.pages.parallel import FEWEST_FOR_PROCESSES, in_order
     from prooflight.press.artefact import Press
@@ -387,7 +387,7 @@ def inspect(
         device
     )  # a wrong name ends before any work
     source = job_source(job, loaded, profile=profile)
-    source, plan = laid_out.laid_out(source, layout, loaded.geometry)
+    source, plan = imposition.imposed(source, layout, loaded.geometry)
     with source.open() as opened:
         if drawn_way:
             zones_of_job = scanners.zones_of_scans(zones, opened.page_sizes_mm)
@@ -413,19 +413,19 @@ def inspect(
     else:
         stored = PreparedStore.of(inspector, source) if plan is None else None
         work = InspectPage(job=source, inspector=inspector, scans=scans, stored=stored)
-    promise = PromiseWatch.of(inspector.detector)
+    guarantee = GuaranteeMonitor.of(inspector.detector)
     if report is None:
         tried = Tried(work, work.name, Judged)
         done = inspected(
-            _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), promise),
+            _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), guarantee),
             attrgetter("verdict"),
             names=[work.name(pair) for pair in pairs],
-            unseen=lambda _place, verdict: Judged(promise.marked(verdict)),
+            unseen=lambda _place, verdict: Judged(guarantee.marked(verdict)),
             json=json,
         )
     else:
         done = _reported(
-            work, pairs, report, promise, job=name, plan=plan, early=early, processes=processes, json=json
+            work, pairs, report, guarantee, job=name, plan=plan, early=early, processes=processes, json=json
         )
     tell_warnings(_later(done, early), json=json)
     if not json:
@@ -434,9 +434,9 @@ def inspect(
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
     if plan is not None:
-        laid_out.of_job_told(laid_out.of_job(plan, done.verdicts), json=json)
-    if promise.suspended:
-        faults.told(promise.suspended)
+        imposition.print_job(imposition.of_job(plan, done.verdicts), json=json)
+    if guarantee.suspended:
+        faults.report(guarantee.suspended)
     _leave(done)
 
 
@@ -449,17 +449,17 @@ def _refuse_without_scanner(tone: str | None, dpi: float | None) -> None:
             )
 
 
-def _in_run(items: Iterable[InRun], promise: PromiseWatch) -> Iterator[InRun]:
+def _in_run(items: Iterable[InRun], guarantee: GuaranteeMonitor) -> Iterator[InRun]:
     """Yield inspected items in the order of the job, each with the run's state of the false-alarm rate by then."""
     for place, item in enumerate(items):
-        promise.add(item.verdict, item.summary, place)
-        yield replace(item, verdict=promise.marked(item.verdict), summary=None)
+        guarantee.add(item.verdict, item.summary, place)
+        yield replace(item, verdict=guarantee.marked(item.verdict), summary=None)
 
 
 def _later(done: Inspected[Any], early: EarlyWarnings) -> list[PageWarning]:
     """Return warnings of pages that were not printed before the first of them."""
     every = dict.fromkeys(warning for item in done.items for warning in item.warnings)
-    return [warning for warning in every if warning not in early.known]
+    return [warning for warning in every if warning not in early.at_start]
 
 
 def _leave(done: Inspected[Any]) -> None:
@@ -472,7 +472,7 @@ def _reported(
     work: InspectPage,
     pairs: Sequence[Pair],
     report: Path,
-    promise: PromiseWatch,
+    guarantee: GuaranteeMonitor,
     *,
     job: str,
     plan: SheetPlan | None,
@@ -483,17 +483,17 @@ def _reported(
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
     from prooflight.inspection.job import UNUSABLE
-    from prooflight.pages.check import in_words
+    from prooflight.pages.check import warning_text
     from prooflight.pages.parallel import in_order
     from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
     from prooflight.reporting.visibility_picture import VisibleOnPage
 
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        _in_run(in_order(pictured, pairs, processes=processes, killed=pictured.killed), promise),
+        _in_run(in_order(pictured, pairs, processes=processes, killed=pictured.killed), guarantee),
         attrgetter("verdict"),
         names=[work.name(pair) for pair in pairs],
-        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], promise.marked(verdict)),
+        unseen=lambda place, verdict: unpictured_entry(pairs[place][0], guarantee.marked(verdict)),
         json=json,
     )
     report.mkdir(parents=True, exist_ok=True)
@@ -502,10 +502,10 @@ def _reported(
         work.inspector,
         job=job,
         pages_per_s=pages_per_s,
-        suspended=promise.suspended,
-        warnings=[in_words(warning) for warning in (*early.warnings, *_later(done, early))],
+        suspended=guarantee.suspended,
+        warnings=[warning_text(warning) for warning in (*early.warnings, *_later(done, early))],
     )
-    sheets = () if plan is None else laid_out.of_job(plan, done.verdicts)
+    sheets = () if plan is None else imposition.of_job(plan, done.verdicts)
     visible = None
     with suppress(*UNUSABLE):  # its entry says why the page cannot be used
         visible = VisibleOnPage.of(work.inspector, work.page(1))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from prooflight.commissioning.zones.defects import areas_of, with_defect
 from prooflight.commissioning.zones.price import ZonePrints, fewest_prints, price_of
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
-from prooflight.reporting.zones_at_work import Looked, ZonesAtWork, page_with_zones
+from prooflight.reporting.zones_at_work import InspectedSheet, ZonesAtWork, page_with_zones
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.zones.price import Shown
     from prooflight.detectors.matched_filter.detector import MatchedFilterPage
-    from prooflight.detectors.verdict import Word
+    from prooflight.detectors.verdict import VerdictName
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
 
@@ -33,7 +33,7 @@ SPOTS_MM: Final = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0)
 
 def zones_of_letter(number: int, sizes_mm: Sequence[tuple[float, float]]) -> JobZones:
     """Return zones of page ``number``, from 1, of a job with pages of these sizes."""
-    return JobZones.made(
+    return JobZones.create(
         [
             ZoneEntry(name="address", kind="careful", pages=str(number), rectangle_mm=ADDRESS_MM),
             ZoneEntry(name="stamp", kind="ignore", pages=str(number), rectangle_mm=STAMP_MM),
@@ -83,7 +83,7 @@ def zones_at_work(
     return ZonesAtWork(
         page=page.name,
         picture=page_with_zones(page, on_page.zones),
-        looked=tuple(inspected),
+        inspected=tuple(inspected),
         prints=prints,
         alarmed_before=price.alarmed_before,
         alarmed_after=price.alarmed_after,
@@ -91,6 +91,6 @@ def zones_at_work(
     )
 
 
-def _inspected(what: str, scan: Scan, bare: MatchedFilterPage, zoned: MatchedFilterPage) -> Looked:
-    before: Word = bare.inspect(scan).verdict.verdict
-    return Looked(what=what, before=before, after=zoned.inspect(scan).verdict.verdict)
+def _inspected(what: str, scan: Scan, bare: MatchedFilterPage, zoned: MatchedFilterPage) -> InspectedSheet:
+    before: VerdictName = bare.inspect(scan).verdict.verdict
+    return InspectedSheet(what=what, before=before, after=zoned.inspect(scan).verdict.verdict)

@@ -142,7 +142,7 @@ class PrintAndInspect:
         return two_worlds(
             ideal=paper.inspect(page, ideal),
             plain=paper.inspect(page, printed),
-            ours=Inspector.of(self.press, DETECTOR["press"]).inspect(page, printed),
+            matched_filter=Inspector.of(self.press, DETECTOR["press"]).inspect(page, printed),
             press=self.press,
         )
 

@@ -49,7 +49,7 @@ class Inspected(Generic[Item]):
         unseen = [verdict for verdict in verdicts if verdict.verdict == "not-inspected"]
         if unseen:
             what = f"{len(unseen):,} of {count(len(verdicts), 'page')}"
-            faults.told(not_inspected(what, len(unseen), f"{unseen[0].page}: {unseen[0].reason}"))
+            faults.report(not_inspected(what, len(unseen), f"{unseen[0].page}: {unseen[0].reason}"))
         misprints = sum(verdict.verdict == "misprint" for verdict in verdicts)
         return of_run(misprints=misprints, complete=not unseen)
 

@@ -37,13 +37,13 @@ def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None
     zones_of_job = JobZones.read(path, job.page_sizes_mm)
     zones_of_job.refuse_unpriced(press.digest, where=path)
     for line in zones_of_job.contested():
-        faults.told(line)
+        faults.report(line)
     if (
         press.ours is not None
         and press.ours.told
         and not press.ours.told[-1].rests_on(zones_of_job.zones_digest)
     ):
-        faults.told(
+        faults.report(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
             "of those alone; watch with --sample and calibrate it anew by pages with them"
         )
@@ -141,10 +141,10 @@ def job_zones(
         raise RequestError(
             job, what, remedy="name layers or annotations that it has, or give --press for its codes"
         )
-    new_zones = JobZones.made(on_all_pages(entries, len(sizes)), sizes, where=job)
+    new_zones = JobZones.create(on_all_pages(entries, len(sizes)), sizes, where=job)
     new_zones.save(out)
     for line in (*unmet, *new_zones.contested()):
-        faults.told(line)
+        faults.report(line)
     if json:
         show.print_json(
             {"zones": new_zones.document.model_dump(mode="json", by_alias=True), "digest": new_zones.digest}
@@ -170,7 +170,7 @@ def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple
 
 def _table(zones: JobZones, title: str) -> Any:
     table = show.table_of(
-        f"zones of {title}", ("zone", "kind", "pages", "mm"), words=("zone", "kind", "pages", "mm")
+        f"zones of {title}", ("zone", "kind", "pages", "mm"), text_columns=("zone", "kind", "pages", "mm")
     )
     for entry in zones.document.zones:
         if entry.rectangle_mm is not None:
@@ -218,7 +218,7 @@ def price(
     with source.open() as opened:
         zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
     for line in zones_of_job.contested():
-        faults.told(line)
+        faults.report(line)
     priced = price_of(
         source,
         loaded,
@@ -246,8 +246,10 @@ def _say(price: Price) -> None:
     """Print the price, for people."""
     from prooflight.commissioning.zones.defects import SORTS
 
-    words = ("zone", "kind", "what is caught at 99 %")
-    table = show.table_of("price of the zones", (*words, "without zones", "with them"), words=words)
+    text_columns = ("zone", "kind", "what is caught at 99 %")
+    table = show.table_of(
+        "price of the zones", (*text_columns, "without zones", "with them"), text_columns=text_columns
+    )
     for area in price.areas:
         for at, sort in enumerate(SORTS):
             if sort.name in area.before:
@@ -303,7 +305,7 @@ def show_zones(
     with source.open() as opened:
         zones_of_job = JobZones.read(zones, opened.page_sizes_mm)
     for line in zones_of_job.contested():
-        faults.told(line)
+        faults.report(line)
     if picture is not None:
         _draw(picture, source, zones_of_job)
     if json:
@@ -342,7 +344,7 @@ def drop(
     left = without_zone(zones_of_job, name)
     if left:
         share = zones_of_job.document.careful_share
-        JobZones.made(left, sizes, careful_share=share, where=zones).save(zones)
+        JobZones.create(left, sizes, careful_share=share, where=zones).save(zones)
     else:
         zones.unlink()
     if json:

@@ -173,7 +173,7 @@ def _address(text: str) -> tuple[str, int]:
 
 def _answers_table(results: list[Answer]) -> Any:
     headings = ("what", "where", "answers", "what it says")
-    table = show.table_of("The plant", headings, words=headings)
+    table = show.table_of("The plant", headings, text_columns=headings)
     for one in results:
         label = Text("yes", style="green") if one.answers else Text("no", style="bold red")
         table.add_row(one.what, one.where, label, one.says)

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.cli import faults, laid_out, show
+from prooflight.cli import faults, imposition, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
@@ -79,7 +79,7 @@ def runs(
         show.print_json([run_facts(run) for run in listed])
     else:
         show.people.print(_runs_table(listed, path))
-    damaged.told()
+    damaged.report()
 
 
 def _runs_table(listed: list[RunRow], path: Path) -> Table:
@@ -118,15 +118,15 @@ def show_run(
 ) -> None:
     """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
     from prooflight.journal.exporting import job_warnings, page_facts, write_csv
-    from prooflight.journal.words import Words
-    from prooflight.line.told import asked_of_run
+    from prooflight.journal.labels import LabelStore
+    from prooflight.line.labelled_sheets import sample_of_run
 
     damaged = Damaged()
     with reading(journal) as opened:
         run_row = run_of(opened, run)
         if sheets and json:
-            laid_out.run_facts(opened, run_row, damaged=damaged.add)
-            damaged.told()
+            imposition.run_facts(opened, run_row, damaged=damaged.add)
+            damaged.report()
             return
         if json or csv:
             pages = opened.pages(run_row.id, damaged=damaged.add)
@@ -134,19 +134,19 @@ def show_run(
                 show.print_json([page_facts(page) for page in pages])
             else:
                 write_csv(pages, sys.stdout)
-            damaged.told()
+            damaged.report()
             return
-        sampled = asked_of_run(opened, Words(opened.path), run_row)
+        sampled = sample_of_run(opened, LabelStore(opened.path), run_row)
         total = 0
         shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
         for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
-        assembled = laid_out.of_run(opened, run_row, damaged=damaged.add)
+        assembled = imposition.of_run(opened, run_row, damaged=damaged.add)
     show.people.print(_facts_table(run_row))
     for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")
-    if run_row.facts.settings.get("sample") or any(one.word for one in sampled):
+    if run_row.facts.settings.get("sample") or any(one.label for one in sampled):
         for line in feedback.sample_lines(run_row, sampled):
             show.people.print(line)
         if open_questions := sum(not one.state for one in sampled):
@@ -164,10 +164,10 @@ def show_run(
             f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
         )
     if assembled is not None:
-        laid_out.sheets_told([*assembled.sheets, *assembled.sets], assembled.counts, last=last)
+        imposition.print_sheets([*assembled.sheets, *assembled.sets], assembled.counts, last=last)
     elif sheets:
         show.people.print("The run was watched without --layout: every page is a sheet of its own.")
-    damaged.told()
+    damaged.report()
 
 
 @app.command()
@@ -198,7 +198,7 @@ def pair(
         try:
             pairing.pair(one, other, pages_a_set=pages_a_set, damaged=damaged.add, json=json)
         finally:
-            damaged.told()
+            damaged.report()
 
 
 @app.command()
@@ -225,7 +225,7 @@ def export(
         else:
             with whole_file(out) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
                 _write(pages, file, json=json)
-    damaged.told()
+    damaged.report()
 
 
 @app.command()
@@ -270,7 +270,7 @@ def replay(
         headings = ("", "recorded", "again", "")
         parts = (f"Sheet {sheet} of run {run_row.id}", page.verdict.page, show.reserved(page.verdict))
         title = ", ".join(filter(None, parts))
-        table = show.table_of(title, headings, words=headings)
+        table = show.table_of(title, headings, text_columns=headings)
         for figure in figures:
             label = Text("same", style="green") if figure.same else Text("differs", style="bold red")
             table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), label)
@@ -362,7 +362,7 @@ def tidy(
             f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
         )
     for line in (*messages, *tidied.refused):
-        faults.told(line)
+        faults.report(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)
 
@@ -380,12 +380,12 @@ class Damaged:
         if len(self._first) < DAMAGED_SHOWN:
             self._first.append(error)
 
-    def told(self) -> None:
+    def report(self) -> None:
         """Name the rows and exit, if there are any."""
         for error in self._first:
-            faults.told(error)
+            faults.report(error)
         if more := self.count - len(self._first):
-            faults.told(f"{count(more, 'more row')} cannot be read")
+            faults.report(f"{count(more, 'more row')} cannot be read")
         if self.count:
             raise typer.Exit(UNUSABLE_INPUT)
 
@@ -436,8 +436,10 @@ def _facts_table(run: RunRow) -> Table:
 
 
 def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
-    words = ("page", "verdict", "disposition", "what")
-    table = show.table_of(title, ("sheet", "page", "verdict", "disposition", "score", "what"), words=words)
+    text_columns = ("page", "verdict", "disposition", "what")
+    table = show.table_of(
+        title, ("sheet", "page", "verdict", "disposition", "score", "what"), text_columns=text_columns
+    )
     for page in pages:
         verdict = page.verdict
         what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]

@@ -20,7 +20,7 @@ from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunRow
-    from prooflight.line.told import AskedSheet, Replayed
+    from prooflight.line.labelled_sheets import Replayed, SampledSheet
     from prooflight.line.tolerances import Proposal
     from prooflight.press.artefact import Press
 
@@ -61,7 +61,7 @@ def mark(
     json: Json = False,
 ) -> None:
     """Label a sheet, also while its run goes on. Labels are added, none is replaced; the last one counts."""
-    from prooflight.journal.words import GOOD, MOST_NOTE, Labels, Words, run_key
+    from prooflight.journal.labels import GOOD, MOST_NOTE, Labels, LabelStore, run_key
 
     if word not in (*MARKS, UNDO):
         raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join((*MARKS, UNDO))}")
@@ -70,7 +70,7 @@ def mark(
     with reading(journal) as opened:
         run_row = run_of(opened, run)
         page = opened.page(run_row.id, sheet)
-        label_store, key, now_s = Words(opened.path), run_key(run_row), time.time()
+        label_store, key, now_s = LabelStore(opened.path), run_key(run_row), time.time()
         if word == UNDO:
             last = Labels(label_store.of_run(key)).of(sheet)
             if last is None:
@@ -97,12 +97,12 @@ def asked(
     json: Json = False,
 ) -> None:
     """List the sheets that await a label, and the rates that the labelled sheets of the run show."""
-    from prooflight.journal.words import Words
-    from prooflight.line.told import asked_of_run, counts_of
+    from prooflight.journal.labels import LabelStore
+    from prooflight.line.labelled_sheets import counts_of, sample_of_run
 
     with reading(journal) as opened:
         run_row = run_of(opened, run)
-        sheets = asked_of_run(opened, Words(opened.path), run_row)
+        sheets = sample_of_run(opened, LabelStore(opened.path), run_row)
     counts = counts_of(run_row, sheets)
     listed = [one for one in sheets if every or not one.state]
     if json:
@@ -118,7 +118,7 @@ def asked(
         return
     title = f"Run {run_row.id}: asked" + ("" if every else ", not yet told")
     headings = ("sheet", "page", "verdict", "drawn with", "told")
-    table = show.table_of(title, headings, words=("page", "verdict", "told"))
+    table = show.table_of(title, headings, text_columns=("page", "verdict", "told"))
     for one in listed[:SHOWN]:
         record = one.record
         table.add_row(
@@ -135,12 +135,13 @@ def asked(
         show.people.print(line)
 
 
-def sample_lines(run: RunRow, sheets: list[AskedSheet]) -> list[str]:
+def sample_lines(run: RunRow, sheets: list[SampledSheet]) -> list[str]:
     """Return the rates that the sheets sampled for review show, for people."""
-    from prooflight.line.told import counts_of
+    from prooflight.line.labelled_sheets import counts_of
 
     counts = counts_of(run, sheets)
-    text = f"{counts.passed_told} of the sheets that passed and {counts.alarms_told} of {count(counts.alarms, 'alarm')}"
+    alarms = f"{counts.labelled_alarms} of {count(counts.alarms, 'alarm')}"
+    text = f"{counts.labelled_passed} of the sheets that passed and {alarms}"
     lines = [f"told: {text}"]
     if (rate := counts.false_alarms) is not None:
         lines.append(
@@ -174,11 +175,11 @@ def tolerances(
     force once its price was shown and saved (`prooflight zones price --save`). `prooflight zones drop`
     revokes it.
     """
-    from prooflight.journal.words import Words
+    from prooflight.journal.labels import LabelStore
     from prooflight.line.tolerances import proposals
 
     with reading(journal) as opened:
-        listed = proposals(opened, Words(opened.path), opened.runs(damaged=lambda _: None)[-runs:])
+        listed = proposals(opened, LabelStore(opened.path), opened.runs(damaged=lambda _: None)[-runs:])
     if grant is not None:
         _grant(listed, grant, zones=zones, job=job, json=json)
         return
@@ -190,7 +191,7 @@ def tolerances(
         return
     for number, one in enumerate(listed, 1):
         show.people.print(f"{number}.", show.strong(f"{one.kind} {one.where}"), f"on {', '.join(one.pages)}")
-        for line in one.told:
+        for line in one.sentences:
             show.people.print(f"  {line}")
     show.people.print("None of these is applied: --grant N puts one into the zones of its job.")
 
@@ -212,11 +213,11 @@ def _grant(listed: list[Proposal], number: int, *, zones: Path | None, job: Path
     zones_of_job = JobZones.read(zones, sizes) if zones.exists() else None
     entry = granted(proposal, sizes)
     share = {} if zones_of_job is None else {"careful_share": zones_of_job.document.careful_share}
-    JobZones.made(with_zone(zones_of_job, entry), sizes, where=zones, **share).save(zones)
+    JobZones.create(with_zone(zones_of_job, entry), sizes, where=zones, **share).save(zones)
     if json:
         show.print_json({"zones": str(zones), "granted": entry.model_dump(mode="json", exclude_none=True)})
         return
-    for line in proposal.told:
+    for line in proposal.sentences:
         show.people.print(f"  {line}")
     show.people.print(
         "Zones know no kind and no amount: whatever is printed there will pass, which is more than was proposed."
@@ -258,8 +259,8 @@ def recalibrate(
     json: Json = False,
 ) -> None:
     """Set the threshold again by the labels of alarms and of the random sample; X.press stays as it is."""
-    from prooflight.journal.words import Words
-    from prooflight.line.told import asked_of_run, replayed_run, told_pages
+    from prooflight.journal.labels import LabelStore
+    from prooflight.line.labelled_sheets import labelled_pages, replayed_run, sample_of_run
     from prooflight.press.artefact import Press
 
     press = Press.load(artefact)
@@ -268,24 +269,24 @@ def recalibrate(
         raise RequestError(artefact, what, remedy="build it with `prooflight press build --detector quick`")
     if out.exists() and out.samefile(artefact):
         raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
-    digests = {press.digest, *(told.replaces for told in press.ours.told)}
+    digests = {press.digest, *(labelled.replaces for labelled in press.ours.told)}
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
         journals = [stack.enter_context(reading(one)) for one in given]
         sampled = [
-            [(run, asked_of_run(opened, Words(opened.path), run)) for run in opened.runs()]
+            [(run, sample_of_run(opened, LabelStore(opened.path), run)) for run in opened.runs()]
             for opened in journals
         ]
-        told = told_pages(
+        labelled = labelled_pages(
             [one for of_journal in sampled for one in of_journal],
             digests=digests,
             replaces=press.digest,
-            rate=1 / promise if promise else press.ours.promise.rate,
+            rate=1 / promise if promise else press.ours.guarantee.rate,
             now_s=time.time(),
             journals=[opened.path.name for opened in journals],
             half_life_days=half_life,
         )
-        detector = press.ours.recalibrated(told)
+        detector = press.ours.recalibrated(labelled)
         replays: list[Replayed] = []
         for opened, of_journal in zip(journals, sampled, strict=True):
             of_press = [one for one in of_journal if one[0].facts.press_digest in digests]
@@ -298,17 +299,17 @@ def recalibrate(
                 "press": str(out),
                 "digest": digest,
                 "replaces": press.digest,
-                "promise": str(detector.promise),
+                "promise": str(detector.guarantee),
                 "threshold_before": press.ours.threshold,
                 "threshold": detector.threshold,
-                "sampled": int(told.passed.sum()),
-                "false_alarms": int((~told.passed).sum()),
+                "sampled": int(labelled.passed.sum()),
+                "false_alarms": int((~labelled.passed).sum()),
                 "replayed": [asdict(one) for one in replays],
             }
         )
         return
     show.people.print(
-        f"threshold {press.ours.threshold:.2f} before, {detector.threshold:.2f} now: {detector.promise}"
+        f"threshold {press.ours.threshold:.2f} before, {detector.threshold:.2f} now: {detector.guarantee}"
     )
     _show_replays(replays)
     show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {press.digest[:16]}")
@@ -319,7 +320,7 @@ def _show_replays(replays: list[Replayed]) -> None:
     if not replays:
         return
     headings = ("run", "sheets", "alarms", "would go", "of these told", "would come")
-    table = show.table_of("At the new threshold", headings, words=("of these told",))
+    table = show.table_of("At the new threshold", headings, text_columns=("of these told",))
     for one in replays:
         text = ", ".join(f"{number} {word or 'nothing'}" for word, number in one.gone_told.items())
         table.add_row(
@@ -355,7 +356,7 @@ def go_back(
 
 def before_recalibration(press: Press, where: Path) -> Press:
     """Return the press that this one replaced; RequestError if it replaced none, or another one than it names."""
-    detector = None if press.ours is None else press.ours.before_told()
+    detector = None if press.ours is None else press.ours.before_recalibration()
     if press.ours is None or detector is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     before = replace(press, ours=detector)
@@ -366,8 +367,8 @@ def before_recalibration(press: Press, where: Path) -> Press:
     return before
 
 
-def _sampled_facts(one: AskedSheet) -> dict[str, Any]:
-    record, word = one.record, one.word
+def _sampled_facts(one: SampledSheet) -> dict[str, Any]:
+    record, word = one.record, one.label
     return {
         "sheet": record.sheet,
         "page": record.verdict.page,

@@ -12,7 +12,7 @@ import typer
 from rich.text import Text
 
 from prooflight.cli import faults, show
-from prooflight.cli.exit_codes import MISPRINT_FOUND, NOT_ALL_INSPECTED
+from prooflight.cli.exit_codes import EXIT_MISPRINT, NOT_ALL_INSPECTED
 from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
 
@@ -36,7 +36,7 @@ TraysFile = Annotated[
         help="The controller's log: JSON lines or CSV of session, tag, tray, count; default its reports over the wire.",
     ),
 ]
-WORDS: Final = {
+ACCOUNT_TEXTS: Final = {
     "accepted": "in the good tray, as decided",
     "diverted": "rejected, as decided",
     "lost": "good, but rejected",
@@ -79,7 +79,7 @@ def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -
         _print(accounts, run)
         show.people.print(f"To print again: {count(len(listed), 'sheet')}; see `prooflight run reprint-list`")
     if accounts.wrong:
-        raise typer.Exit(MISPRINT_FOUND)
+        raise typer.Exit(EXIT_MISPRINT)
     if accounts.open or accounts.disagreements:
         raise typer.Exit(NOT_ALL_INSPECTED)
 
@@ -110,7 +110,7 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
         show.written(out)
         return
     headings = ("copy", "page", "set", "goes behind", "why")
-    table = show.table_of(f"To print again, run {run.id}", headings, words=headings[1:])
+    table = show.table_of(f"To print again, run {run.id}", headings, text_columns=headings[1:])
     for one in listed.sheets:
         why = f"{one.why}; take it out of the good tray" if one.take_out else one.why
         number = f"{one.number} ({visible(one.page)})"
@@ -130,16 +130,16 @@ def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintL
 
     PlantError: the gate's log is damaged. RequestError: the controller's log is none, or is not of this run.
     """
-    from prooflight.journal.words import Labels, Words, run_key
-    from prooflight.line.told import incidents_by_sheet
-    from prooflight.plant.gate.log import KeptDecisions, log_path
+    from prooflight.journal.labels import Labels, LabelStore, run_key
+    from prooflight.line.labelled_sheets import incidents_by_sheet
+    from prooflight.plant.gate.log import LoggedDecisions, log_path
     from prooflight.plant.gate.reconciling import read_trays, reconciled
     from prooflight.plant.reprinting import reprint_list
 
     pages = list(opened.pages(run.id))
     path, gate = log_path(opened.path, run.id), None
     if path.is_file():
-        gate_log = KeptDecisions.read(path)
+        gate_log = LoggedDecisions.read(path)
         rows = None if trays is None else read_trays(trays)
         gate = gate_log, reconciled(pages, gate_log, rows)
         if trays is not None and gate_log.sessions and gate[1].source == "wire":
@@ -149,7 +149,7 @@ def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintL
         run,
         pages,
         passed=max((page.job_page + 1 for page in pages if page.job_page is not None), default=0),
-        labels=Labels(Words(opened.path).of_run(run_key(run))),
+        labels=Labels(LabelStore(opened.path).of_run(run_key(run))),
         incident_of=incidents_by_sheet(pages)[1].get,
         gate=gate,
     )
@@ -158,11 +158,11 @@ def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintL
 
 def _print(accounts: Reconciliation, run: RunRow) -> None:
     headings = ("sheets", "what became of them")
-    table = show.table_of(f"Run {run.id}, reconciled", headings, words=headings[1:])
-    for account, words in WORDS.items():
+    table = show.table_of(f"Run {run.id}, reconciled", headings, text_columns=headings[1:])
+    for account, text_columns in ACCOUNT_TEXTS.items():
         if number := accounts.counts[account]:
             style = "bold red" if account == "wrong" else ""
-            table.add_row(f"{number:,}", Text(words, style=style))
+            table.add_row(f"{number:,}", Text(text_columns, style=style))
     table.add_row(f"{len(accounts.sheets):,}", Text("all", style="bold"))
     show.people.print(table)
     _reasons("Good sheets lost", accounts.lost_by)
@@ -174,15 +174,15 @@ def _print(accounts: Reconciliation, run: RunRow) -> None:
         )
     for different in accounts.disagreements[:SHOWN]:
         where = different.file or "no row of it"
-        faults.told(
+        faults.report(
             f"sheet {different.sheet}: {different.wire} tray over the wire, {where} in the controller's log"
         )
     if len(accounts.disagreements) > SHOWN:
-        faults.told(f"the two differ for {count(len(accounts.disagreements) - SHOWN, 'more sheet')}")
+        faults.report(f"the two differ for {count(len(accounts.disagreements) - SHOWN, 'more sheet')}")
     for one in accounts.wrong[:SHOWN]:
-        faults.told(f"{_name(one)} is in the good tray: {one.why}")
+        faults.report(f"{_name(one)} is in the good tray: {one.why}")
     if len(accounts.wrong) > SHOWN:
-        faults.told(
+        faults.report(
             f"{count(len(accounts.wrong) - SHOWN, 'more sheet')} in the good tray against the decision"
         )
 
@@ -199,7 +199,7 @@ def _reasons(title: str, counts: Counter[str]) -> None:
     if not counts:
         return
     headings: tuple[str, ...] = ("sheets", "why")
-    table: Any = show.table_of(title, headings, words=headings[1:])
+    table: Any = show.table_of(title, headings, text_columns=headings[1:])
     for why, number in counts.most_common():
         table.add_row(f"{number:,}", visible(why))
     show.people.print(table)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from prooflight.cli import exit_codes, laid_out, show
+from prooflight.cli import exit_codes, imposition, show
 from prooflight.inspection.sheets import Counts, SheetVerdict
 from prooflight.line.pairing import pair_plan, paired
 
@@ -34,11 +34,11 @@ def pair(
     if json:
         facts: dict[str, list[Any]] = {"sheets": [], "sets": []}
         for one in parts:
-            for name, entry in laid_out.sheet_facts(one).items():
+            for name, entry in imposition.sheet_facts(one).items():
                 facts["sheets" if name == "sheet_verdict" else "sets"].append(entry)
         show.print_json({"fronts": fronts[1].id, "backs": backs[1].id, **facts, "counts": counts.facts})
     else:
-        laid_out.sheets_told(parts, counts)
+        imposition.print_sheets(parts, counts)
     sheets = [one for one in parts if isinstance(one, SheetVerdict)]
     code = exit_codes.of_run(
         misprints=sum(one.verdict == "misprint" for one in sheets),

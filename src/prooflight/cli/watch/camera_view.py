@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-LOOK_S: Final = 1.0
+POLL_S: Final = 1.0
 """Time between two views: each costs some 0.15 s of CPU at 7,296 pixels, 0.3 s where print moves."""
 WINDOW_LINES: Final = 512
 """Lines that are analysed. assumed: enough for percentiles and still edges; the ruler of `camera view`
@@ -51,7 +51,7 @@ class ShownLines:
         press: Press,
         name: str,
         healths: Callable[[], Mapping[str, Health]] | None = None,
-        look_s: float = LOOK_S,
+        poll_s: float = POLL_S,
     ) -> None:
         """Wrap a source.
 
@@ -59,7 +59,7 @@ class ShownLines:
         source is no camera.
         """
         self._source, self._exchange, self._press = source, exchange, press
-        self._name, self._healths, self._look_s = name, healths, look_s
+        self._name, self._healths, self._poll_s = name, healths, poll_s
         self._blocks: deque[LineBlock] = deque()
         self._times: deque[tuple[float, int]] = deque(maxlen=RATE_BLOCKS)
         self._count = self._lines = self._lost = 0
@@ -95,7 +95,7 @@ class ShownLines:
         self._thread.join()
         self._exchange.clear()
 
-    def told(self) -> dict[str, Any] | None:
+    def current_view(self) -> dict[str, Any] | None:
         """Return the current view in the form of JSON; None if no line has come yet."""
         from prooflight.commissioning.line_camera.seen import sensor_views
 
@@ -144,11 +144,11 @@ class ShownLines:
         if hasattr(os, "setpriority"):
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LEAST_PRIORITY)
-        while not self._ended.wait(self._look_s):
-            if not self._exchange.asked():
+        while not self._ended.wait(self._poll_s):
+            if not self._exchange.is_requested():
                 continue
             try:
-                view = self.told()
+                view = self.current_view()
                 if view is not None:
                     self._exchange.write(view)
             except Exception:  # whoever looks must not end the inspection

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from prooflight.cli import laid_out, show
+from prooflight.cli import imposition, show
 from prooflight.cli.options import (
     Detector,
     JobPath,
     Json,
-    LayoutWords,
+    LayoutOption,
     OnDevice,
     PressArtefact,
     Profile,
     Seed,
     Zones,
 )
-from prooflight.cli.watch.console import console_beside
+from prooflight.cli.watch.console import console_alongside
 from prooflight.cli.watch.options import (
     CameraOption,
     DeadlineMsOption,
@@ -73,7 +73,7 @@ def watch(
     press: PressArtefact,
     source: SourceOption,
     sheets: SheetsOption = None,
-    layout: LayoutWords = None,
+    layout: LayoutOption = None,
     detector: Detector = None,
     device: OnDevice = "cpu",
     deadline_ms: DeadlineMsOption = 1e3 * DEADLINE_S,
@@ -151,7 +151,7 @@ def watch(
             fed=read.plant.simulated,
             plan=read.plan,
         ),
-        shown=lambda scans, total: (show.told_progress if json else show.progress)(
+        shown=lambda scans, total: (show.logged_progress if json else show.progress)(
             scans, total=total, what="printing for the drum"
         ),
     )
@@ -200,12 +200,12 @@ def watch(
         warnings=read.early.warnings,
     )
     with (
-        console_beside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
+        console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
         recorder_of(journal, facts) as recorder,
         lines_shown(planned, journal) as planned,
     ):
         status = run_until_ended(planned, read.plant, recorder, console)
-    console.told_all()
+    console.end_sheets()
     if not json:
         show.people.print(console.line(status))
     unrecorded = 0 if recorder is None else recorder.unrecorded
@@ -261,7 +261,7 @@ def _read_job(
     from prooflight.cli.watch.plant import Plant
     from prooflight.press.pages import job_source
 
-    source, plan = laid_out.laid_out(
+    source, plan = imposition.imposed(
         job_source(job, press, profile=profile), layout, press.geometry, sheets=sheets
     )
     with source.open() as opened:

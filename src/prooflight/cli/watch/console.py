@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    Told = Callable[[str, str | None], None]
+    Announce = Callable[[str, str | None], None]
 
 MISSING: Final = 'install it with pip install "prooflight[server]"'
 END_S: Final = 10.0
@@ -21,7 +21,7 @@ END_S: Final = 10.0
 
 
 @contextmanager
-def console_beside(
+def console_alongside(
     wanted: bool,
     *,
     journal: str | None,
@@ -29,11 +29,11 @@ def console_beside(
     job: Path,
     port: int,
     trays: Path | None = None,
-    told: Told | None = None,
+    announce: Announce | None = None,
 ) -> Iterator[None]:
     """Run the console from before the run until after it; it only reads the journal. RequestError: it cannot run.
 
-    ``trays`` is the controller's log of its trays. ``told`` receives the address, and the link for a first
+    ``trays`` is the controller's log of its trays. ``announce`` receives the address, and the link for a first
     admin, in the console's process; None: they are printed.
     """
     if not wanted:
@@ -55,7 +55,7 @@ def console_beside(
         presses=(press.absolute(),),
         jobs=(job.absolute(),),
     )
-    process = spawned(settings, Listening(port=port), told or told_aside)
+    process = spawned(settings, Listening(port=port), announce or print_address)
     try:
         yield
     finally:
@@ -66,11 +66,11 @@ def console_beside(
             process.join()
 
 
-def told_aside(address: str, link: str | None) -> None:
+def print_address(address: str, link: str | None) -> None:
     """Print on standard error, because the run's output goes to standard output."""
-    faults.told(f"the console is at {address}")
+    faults.report(f"the console is at {address}")
     if link is not None:
-        faults.told(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")
+        faults.report(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")
 
 
 def needed() -> None:

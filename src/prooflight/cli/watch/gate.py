@@ -173,5 +173,5 @@ def gate_of(
         report=report,
     ) as gate:
         yield gate
-        if left := gate.talk.waiting:
+        if left := gate.protocol.waiting:
             progress(f"{count(left, 'sheet')} on the way to the gate")

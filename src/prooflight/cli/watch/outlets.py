@@ -28,19 +28,19 @@ def outlets_in(plant: PressFile | None, press: str) -> list[Outlet]:
     """
     if plant is None:
         return []
-    from prooflight.plant.outlets.made import outlets_of
+    from prooflight.plant.outlets.configured import outlets_of
     from prooflight.plant.outlets.outlet import check
 
     outlets = outlets_of(plant, press)
     for outlet in outlets:
         tried = check(outlet)
         if not tried.ok:
-            raise RequestError(tried.name, f"does not answer ({tried.said})", remedy=REMEDY)
+            raise RequestError(tried.name, f"does not answer ({tried.answer})", remedy=REMEDY)
     return outlets
 
 
 @contextmanager
-def events_told(
+def events_published(
     outlets: Sequence[Outlet],
     facts: RunFacts,
     *,

@@ -98,7 +98,7 @@ class Plant:
         """
         with ExitStack() as stack:
             stream = stack.enter_context(
-                watch_outlets.events_told(
+                watch_outlets.events_published(
                     self.outlets,
                     facts,
                     run_id=None if recorder is None else recorder.run_id,
@@ -144,14 +144,14 @@ class ServedPlant:
             self.gate.arrived(number, page)
 
     @property
-    def gate_told(self) -> Callable[[Outcome], Outcome] | None:
+    def gate_observer(self) -> Callable[[Outcome], Outcome] | None:
         """Function that decides every sheet and returns it with the decision; called first, because the gate is due."""
-        return None if self.gate is None else self.gate.told
+        return None if self.gate is None else self.gate.observe
 
     @property
-    def stream_told(self) -> Callable[[Outcome], None] | None:
+    def stream_observer(self) -> Callable[[Outcome], None] | None:
         """Function that receives every sheet, after the sheet is in the journal."""
-        return None if self.stream is None else self.stream.told
+        return None if self.stream is None else self.stream.observe
 
     @property
     def noticed(self) -> Callable[[Notice], None] | None:
@@ -160,7 +160,7 @@ class ServedPlant:
 
     def too_late(self) -> int:
         """Return how many sheets have passed the gate before their result could be written."""
-        return 0 if self.gate is None else self.gate.talk.too_late
+        return 0 if self.gate is None else self.gate.protocol.too_late
 
     def phase(self, phase: str, detail: str) -> None:
         """Publish the run's phase."""

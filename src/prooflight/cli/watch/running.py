@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from prooflight.cli.watch.view import Watching
     from prooflight.inspection.inspector import Inspector
     from prooflight.journal.records import RunFacts
-    from prooflight.line.book import JobBook
     from prooflight.line.notices import PageWarnings
     from prooflight.line.outcomes import Outcome
     from prooflight.line.packed_design import PackedDesign
+    from prooflight.line.page_store import JobPageStore
     from prooflight.line.pager import PageStart
     from prooflight.line.prepared_store import PreparedStore
     from prooflight.line.recording import Recorder
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
 
-Told = TypeVar("Told")
+Event = TypeVar("Event")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,13 +79,13 @@ class _PreparedJob:
     warnings: PageWarnings | None
 
     @classmethod
-    def of(cls, planned: PlannedRun, book: JobBook) -> Self:
+    def of(cls, planned: PlannedRun, page_store: JobPageStore) -> Self:
         from prooflight.line.prepared_store import MOST_BYTES, PreparedStore, clean
 
         store = PreparedStore.of(planned.inspector, planned.job)
         if store is not None:
             clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
-        return cls(store=store, warnings=book.warnings)
+        return cls(store=store, warnings=page_store.warnings)
 
     def load(self, design: Hashable) -> PackedDesign | None:
         packed = None if self.store is None else self.store.load(cast("int", design))
@@ -102,8 +102,8 @@ def run_until_ended(
     planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
 ) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
-    from prooflight.line.book import JobBook
     from prooflight.line.notices import Notice, PageWarnings
+    from prooflight.line.page_store import JobPageStore
     from prooflight.line.recording import ending_of
     from prooflight.line.watching import watched
 
@@ -119,7 +119,7 @@ def run_until_ended(
         progress=show.steps(quiet=console.json),
     ) as served:
         console.phase, console.too_late = served.phase, served.too_late
-        job_book = JobBook(
+        page_store = JobPageStore(
             job=planned.job,
             press=press,
             pages=planned.pages,
@@ -127,22 +127,23 @@ def run_until_ended(
             plan=planned.plan,
             warnings=PageWarnings(lambda one: notify(one), planned.warnings),
         )
-        before = _PreparedJob.of(planned, job_book)
+        before = _PreparedJob.of(planned, page_store)
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
-            book=job_book,
+            page_store=page_store,
             start=planned.start,
             settings=planned.settings,
             keep=planned.keep,
             follow=planned.follow,
             false_alarms=planned.false_alarms,
             tell=_decided_first(
-                served.gate_told, _each(partial(console.told, recorder=recorder), served.stream_told)
+                served.gate_observer,
+                _each(partial(console.observe, recorder=recorder), served.stream_observer),
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
-            name=job_book.name,
+            name=page_store.name,
             flaws={
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
@@ -174,23 +175,23 @@ def _decided_first(
     if decide is None:
         return tell
 
-    def told(outcome: Outcome) -> None:
+    def observe(outcome: Outcome) -> None:
         decided = replace(outcome, record=replace(outcome.record, gate="hold"))
         try:
             decided = decide(outcome)
         finally:
             tell(decided)
 
-    return told
+    return observe
 
 
-def _each(*tells: Callable[[Told], None] | None) -> Callable[[Told], None]:
+def _each(*tells: Callable[[Event], None] | None) -> Callable[[Event], None]:
     """Return a function that calls all given ones in order; an error of one does not keep the others from
     being called.
     """
     there = [one for one in reversed(tells) if one is not None]
 
-    def tell(what: Told) -> None:
+    def tell(what: Event) -> None:
         with ExitStack() as stack:
             for one in there:
                 stack.callback(one, what)
@@ -204,9 +205,9 @@ def exit_code(status: Status, lacks: str) -> int:
 
     broke_off = status.phase is Phase.FAULT
     if status.promise_suspended:
-        faults.told(suspended(status.promise_suspended))
+        faults.report(suspended(status.promise_suspended))
     if broke_off or lacks:
-        faults.told("; ".join(filter(None, (status.detail, lacks))))
+        faults.report("; ".join(filter(None, (status.detail, lacks))))
     if broke_off and not status.good + status.misprints:
         return UNUSABLE_INPUT
     complete = not (broke_off or lacks)
@@ -251,7 +252,7 @@ def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | Non
         Recorder(opened, opened.begin_run(facts)) as recorder,
     ):
         if (aside := set_aside(opened.path, recorder.run_id)) is not None:
-            faults.told(
+            faults.report(
                 f"{aside} is the gate's log of a run that this journal does not know; it was put aside"
             )
         yield recorder

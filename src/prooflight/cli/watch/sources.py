@@ -182,10 +182,10 @@ def _settings_of(
 
 
 def _one_camera(name: str, wanted: CameraSettings, settings: Path | None) -> CameraLines:
-    from prooflight.scans.cameras.backends import found_camera, ready
+    from prooflight.scans.cameras.backends import camera_named, ready
     from prooflight.scans.cameras.source import CameraLines
 
-    camera = found_camera(name)
+    camera = camera_named(name)
     again = partial(ready, camera, wanted, where=str(settings))
     return CameraLines(again, name=camera.id, settings=wanted)
 
@@ -213,14 +213,14 @@ def _drum(
     from prooflight.simulation.drum import Drum
     from prooflight.simulation.ring import RingPrint, rendered, ring_size
     from prooflight.simulation.scans import MisprintRequest
-    from prooflight.simulation.worlds import known_world
+    from prooflight.simulation.worlds import world_named
 
     kinds = (wishes.misprint or "").split(",") if wishes.misprint else []
     prints = RingPrint(
         job=job,
         press=press,
         pages=wishes.pages,
-        world=known_world(wishes.world),
+        world=world_named(wishes.world),
         requests=tuple(MisprintRequest.parse(kind.strip()) for kind in kinds),
         every=wishes.every,
         seed=wishes.seed,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from rich.live import Live
 
 from prooflight.cli import faults, show
-from prooflight.cli.laid_out import sheet_facts, sheets_line
+from prooflight.cli.imposition import sheet_facts, sheets_line
 from prooflight.journal.exporting import page_facts
 from prooflight.line.pace import REMEDY
 from prooflight.line.status import Phase
@@ -55,7 +55,7 @@ class Watching:
     """Function that returns how many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """Function that returns the health of the source's cameras, by name."""
-    told_s: float = 0.0
+    health_printed_s: float = 0.0
     """Time at which a program last received the cameras' health."""
     last_phase: Phase | None = None
     phase_s: float = 0.0
@@ -63,7 +63,7 @@ class Watching:
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the status line is on, above which the notices are printed."""
 
-    def told(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
+    def observe(self, outcome: Outcome, *, recorder: Recorder | None) -> None:
         """Record one sheet in the journal first, then show it."""
         verdict = outcome.record.verdict
         if outcome.came and verdict.verdict == "not-inspected" and not self.first_passed:
@@ -82,7 +82,7 @@ class Watching:
         )
         self._tell_sheets(parts)
 
-    def told_all(self) -> None:
+    def end_sheets(self) -> None:
         """Show the sheets that waited for more sides, because no more sheets come."""
         if self.sheets is not None:
             parts = self.sheets.end()
@@ -100,7 +100,7 @@ class Watching:
         if self.live.is_set():
             show.people.print(notice.text, style="yellow")
         else:
-            faults.told(notice.text)
+            faults.report(notice.text)
 
     def line(self, status: Status) -> Text:
         """Return the state of the run in one line."""
@@ -157,8 +157,8 @@ class Watching:
                 self.phase(str(status.phase), status.detail)
                 self.tell_phase(status)
                 now_s = time.monotonic()
-                if self.json and now_s - self.told_s >= TELL_S:
-                    self.told_s = now_s
+                if self.json and now_s - self.health_printed_s >= TELL_S:
+                    self.health_printed_s = now_s
                     self.tell_cameras()
                 if view is not None:
                     view.update(self._fitted(status), refresh=True)

@@ -13,7 +13,7 @@ from prooflight.commissioning.chart.edge_spread import footprint_of
 from prooflight.commissioning.chart.scan import COLOUR
 from prooflight.detectors.cost import RunningCosts
 from prooflight.inks.built_in import built_in_inks
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press.artefact import ClippedShare, Press
 from prooflight.press.blocks import IN_IDEAL, InspectionBlock

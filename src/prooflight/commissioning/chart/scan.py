@@ -159,7 +159,7 @@ def _decoded(images: TiffImages, path: Path) -> NDArray[np.generic]:
     shape = page.imagelength, page.imagewidth, page.samplesperpixel
     if page.dtype is None:
         raise ScanError(path, f"holds {page.bitspersample} bits", remedy=_REMEDY)
-    images.check(path, page, kept_bytes=_BYTES_PER_SAMPLE * prod(shape))
+    images.check(path, page, result_bytes=_BYTES_PER_SAMPLE * prod(shape))
     samples = np.empty(shape, page.dtype)
     decode_into(page, samples)
     return samples

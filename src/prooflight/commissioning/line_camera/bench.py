@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from prooflight.camera.camera import Camera
     from prooflight.commissioning.camera.fixed_pattern import Measured
     from prooflight.commissioning.line_camera.file_edit import Edit
-    from prooflight.commissioning.line_camera.tap import CameraTap
+    from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.commissioning.ruler.reading import SensorReading
     from prooflight.press.press_file import PressFile
 
@@ -25,7 +25,7 @@ class StepResult:
     """Result of a step."""
 
     good: bool
-    says: tuple[str, ...]
+    remarks: tuple[str, ...]
     """Text for a person, one line each."""
     edits: tuple[Edit, ...] = ()
     values: dict[str, Measured] = field(default_factory=dict)
@@ -38,7 +38,7 @@ class StepResult:
 class Bench:
     """State that the steps share."""
 
-    tap: CameraTap
+    line_reader: CameraLineReader
     press: PressFile
     """Press file as it stands now."""
     begun: bool
@@ -62,12 +62,16 @@ class Bench:
     @property
     def where(self) -> str:
         """Return the camera's name, for errors."""
-        return self.tap.name
+        return self.line_reader.name
 
     @property
     def top_code_dn(self) -> int:
         """Return the top code of the converter, where 16 bits hold fewer. [DN]"""
-        return 2 ** self.camera().sensors[0].bits - 1 if self.tap.form.bits == 16 else self.tap.top_code_dn
+        return (
+            2 ** self.camera().sensors[0].bits - 1
+            if self.line_reader.form.bits == 16
+            else self.line_reader.top_code_dn
+        )
 
     def camera(self) -> Camera:
         """Return the press file's camera."""
@@ -75,4 +79,4 @@ class Bench:
 
     def sensor_name(self, at: int) -> str:
         """Return the prefix of lines about the sensor at index ``at``; empty: there is but one."""
-        return "" if self.tap.sensors == 1 else f"sensor {at + 1}: "
+        return "" if self.line_reader.sensors == 1 else f"sensor {at + 1}: "

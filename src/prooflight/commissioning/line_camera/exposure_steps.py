@@ -41,19 +41,19 @@ EVEN_LEAST: Final = 0.7
 
 def dark(bench: Bench) -> StepResult:
     """Measure black level and noise with the lens covered, at two exposure times where they can be set."""
-    tap, top = bench.tap, bench.top_code_dn
+    line_reader, top = bench.line_reader, bench.top_code_dn
     times = _dark_times(bench)
     bench.dark = {}
     for at in times:
         if at:
-            tap.set("exposure_us", at)
-        lines = tap.lines(LINES)
+            line_reader.set("exposure_us", at)
+        lines = line_reader.lines(LINES)
         _refuse_light(bench, lines, top)
         bench.dark[at] = _exposures(bench, lines, f"dark at {at:g} us" if at else "dark")
     if times[0]:
-        tap.set("exposure_us", times[0])
+        line_reader.set("exposure_us", times[0])
     usual = bench.dark[times[0]]
-    says, good = [], True
+    remarks, good = [], True
     for at, one in enumerate(usual):
         name = bench.sensor_name(at)
         line = f"{name}black {one.mean_dn:.2f} DN, noise {np.sqrt(one.variance_dn2):.2f} DN from line to line"
@@ -62,15 +62,15 @@ def dark(bench: Bench) -> StepResult:
             line += (
                 f"; {100 * one.lowest_share:.0f} % at code 0: raise the camera's black level by some codes"
             )
-        says.append(line)
+        remarks.append(line)
     values = {f"black_dn.{at + 1}": _mean(one) for at, one in enumerate(usual)}
     unmeasured = () if len(times) > 1 else ("dark current apart from black level: one exposure time only",)
-    return StepResult(good=good, says=tuple(says), values=values, unmeasured=unmeasured)
+    return StepResult(good=good, remarks=tuple(remarks), values=values, unmeasured=unmeasured)
 
 
 def _dark_times(bench: Bench) -> list[float]:
     """Return the present exposure time, and another far from it; [0]: the camera has none that can be set."""
-    one = bench.tap.feature("exposure_us")
+    one = bench.line_reader.feature("exposure_us")
     if one is None or not one.writable or not one.value:
         return [0.0]
     now, least, greatest = float(one.value), one.least or 1.0, one.greatest or np.inf
@@ -95,13 +95,13 @@ def flat(bench: Bench) -> StepResult:
     """
     if not bench.dark:
         raise ScanError(bench.where, "has no dark exposure yet", remedy="repeat the step dark first")
-    tap = bench.tap
+    line_reader = bench.line_reader
     timed = 0.0 not in bench.dark
     flats, at_work = _timed_flats(bench) if timed else (_lit_flats(bench), 0.0)
     if timed:
-        tap.set("exposure_us", at_work)
+        line_reader.set("exposure_us", at_work)
     camera = bench.camera()
-    says, values, edits = [], {}, list[Edit]()
+    remarks, values, edits = [], {}, list[Edit]()
     for at, sensor in enumerate(camera.sensors):
         block = _characterised(bench, sensor, at, [one[at] for one in flats], at_work)
         if at == 0:
@@ -132,15 +132,17 @@ def flat(bench: Bench) -> StepResult:
                         number=at,
                     )
                 )
-        says.append(name + ", ".join(parts))
-        says += [f"{name}{note}" for note in block.notes if not note.startswith("saturation was not reached")]
+        remarks.append(name + ", ".join(parts))
+        remarks += [
+            f"{name}{note}" for note in block.notes if not note.startswith("saturation was not reached")
+        ]
     light = [
         smoothed(flats[-1][at].column_mean_dn - next(iter(bench.dark.values()))[at].mean_dn)
-        for at in range(tap.sensors)
+        for at in range(line_reader.sensors)
     ]
     flatness = min(float(one.min() / max(one.max(), 1e-9)) for one in light)
     good = flatness >= EVEN_LEAST
-    says.append(
+    remarks.append(
         f"light along the line: least {100 * flatness:.0f} % of the greatest"
         + ("" if good else "; move the lamp: below 70 % dark ends are noisy")
     )
@@ -154,10 +156,10 @@ def flat(bench: Bench) -> StepResult:
                 why="measured: light at 80 % of full",
             )
         )
-        says.append(f"exposure at work {at_work:.4g} us: the brightest column at {100 * AT_WORK:.0f} %")
+        remarks.append(f"exposure at work {at_work:.4g} us: the brightest column at {100 * AT_WORK:.0f} %")
     return StepResult(
         good=good,
-        says=tuple(says),
+        remarks=tuple(remarks),
         edits=tuple(edits),
         values=values,
         unmeasured=("quantum efficiency, fill factor, voltage swing: from a data sheet",),
@@ -190,13 +192,13 @@ def _characterised(
 
 def _timed_flats(bench: Bench) -> tuple[list[tuple[Exposure, ...]], float]:
     """Take exposures at ``LEVELS`` times up to nearly full; return them and the time for operation. [us]"""
-    tap, top = bench.tap, bench.top_code_dn
+    line_reader, top = bench.line_reader, bench.top_code_dn
     black = min(one.mean_dn for one in next(iter(bench.dark.values())))
     time_us = next(iter(bench.dark))
     for _ in range(12):
         requested_us = time_us
-        time_us = tap.set("exposure_us", requested_us)
-        lines = tap.lines(32)
+        time_us = line_reader.set("exposure_us", requested_us)
+        lines = line_reader.lines(32)
         bright = max(float(np.percentile(image.mean(axis=0), 99.5)) for image in lines)
         if bright > 0.985 * top:
             wanted = time_us / 4
@@ -216,8 +218,8 @@ def _timed_flats(bench: Bench) -> tuple[list[tuple[Exposure, ...]], float]:
         raise ScanError(bench.where, what, remedy="open the lens, or bring the lamp closer")
     flats = []
     for share in np.linspace(1 / LEVELS, 1, LEVELS):
-        set_us = tap.set("exposure_us", share * time_us)
-        flats.append(_exposures(bench, tap.lines(LINES), f"flat at {set_us:.4g} us"))
+        set_us = line_reader.set("exposure_us", share * time_us)
+        flats.append(_exposures(bench, line_reader.lines(LINES), f"flat at {set_us:.4g} us"))
     return flats, time_us * (AT_WORK * top - black) / (bright - black)
 
 
@@ -225,7 +227,7 @@ def _lit_flats(bench: Bench) -> list[tuple[Exposure, ...]]:
     """Take exposures at as many levels of light as a person makes: the camera has no exposure time to set."""
     flats, top = [], bench.top_code_dn
     for level in range(1, LEVELS + 1):
-        lines = bench.tap.lines(LINES)
+        lines = bench.line_reader.lines(LINES)
         share = float((lines >= top).mean())
         if share > 0.001:
             what = f"is saturated: {100 * share:.3g} % of its pixels are at {top} DN"

@@ -52,7 +52,7 @@ WRONG_ORIENTATION: Final = ("upside down", "sideways", "mirrored")
 def focus(bench: Bench) -> StepResult:
     """Measure MTF50 from a ruler page that passes or lies still."""
     result, tried = None, 0
-    for last in bench.tap.endless(FOCUS_LINES):
+    for last in bench.line_reader.endless(FOCUS_LINES):
         if last.came - tried < TRIED_LINES:
             continue
         tried = last.came
@@ -67,28 +67,30 @@ def focus(bench: Bench) -> StepResult:
     camera = bench.camera()
     wanted = lens_mtf50(camera, camera.sensors[0])
     good = result.across.value >= SHARP_LEAST * wanted
-    says = [
+    remarks = [
         f"MTF50 across {result.across.value:.3f} +- {result.across.standard_error:.3f} cycles/pixel by {result.by};"
         f" the press file's lens would give {wanted:.3f}"
     ]
     values = {"mtf50_across_per_pixel": result.across}
     if result.along is not None:
-        says.append(f"MTF50 along {result.along.value:.3f} +- {result.along.standard_error:.3f} cycles/line")
+        remarks.append(
+            f"MTF50 along {result.along.value:.3f} +- {result.along.standard_error:.3f} cycles/line"
+        )
         values["mtf50_along_per_line"] = result.along
     if len(result.places) > 1:
         at, sharp = zip(*result.places, strict=True)
         spread = (max(sharp) - min(sharp)) / np.mean(sharp)
-        says.append(
+        remarks.append(
             f"along the line {min(sharp):.3f} to {max(sharp):.3f}, least at {100 * at[int(np.argmin(sharp))]:.0f} %"
         )
         if spread > TILT_MOST:
             good = False
-            says.append(
+            remarks.append(
                 "sharpness differs along the line: the camera stands at a slant, or the lens is not its own"
             )
     if result.across.value < SHARP_LEAST * wanted:
-        says.append("turn the lens while `prooflight camera view` shows its MTF50, then repeat this step")
-    return StepResult(good=good, says=tuple(says), values=values)
+        remarks.append("turn the lens while `prooflight camera view` shows its MTF50, then repeat this step")
+    return StepResult(good=good, remarks=tuple(remarks), values=values)
 
 
 def lens_mtf50(camera: Camera, sensor: LineSensor) -> float:
@@ -102,7 +104,7 @@ def _read_page(bench: Bench) -> tuple[SensorReading, ...]:
     """Read the next ruler page that passes whole."""
     top, where = bench.top_code_dn, bench.where
     tried = 0
-    for last in bench.tap.endless(PAGES_LINES):
+    for last in bench.line_reader.endless(PAGES_LINES):
         if last.came < min(max(tried + TRIED_LINES, TRIED_MORE * tried), PAGES_LINES):
             continue
         tried, lines = last.came, last.lines()
@@ -126,8 +128,8 @@ def width(bench: Bench) -> StepResult:
     camera = bench.camera()
     magnification = camera.sensors[0].pixel_pitch_um * 1e-3 / pixel.value
     distance = camera.lens.focal_length_mm * (1 + 1 / magnification)
-    field_mm = pixel.value * bench.tap.pixels
-    says = [
+    field_mm = pixel.value * bench.line_reader.pixels
+    remarks = [
         f"{pixel.value:.6f} +- {pixel.standard_error:.6f} mm a pixel, {field_mm:.1f} mm in all"
         f" ({scale.bars[0]} marks, each within {scale.residual_px[0]:.3f} pixel); {how}",
         f"the page lies turned by {scale.skew_deg.value:+.3f} +- {scale.skew_deg.standard_error:.3f} degrees,"
@@ -135,18 +137,18 @@ def width(bench: Bench) -> StepResult:
     ]
     good = abs(scale.shear_deg) < 0.5
     if not good:
-        says.append("turn the camera until its line is at right angles to the travel")
+        remarks.append("turn the camera until its line is at right angles to the travel")
     if scale.bent_across_mm > 0:
-        says.append(f"the lens bends the ruler by {1000 * scale.bent_across_mm:.0f} um at most")
+        remarks.append(f"the lens bends the ruler by {1000 * scale.bent_across_mm:.0f} um at most")
         good = good and scale.bent_across_mm < pixel.value
-    says += _plane_lines(bench, reading)
+    remarks += _plane_lines(bench, reading)
     edit = Edit(
         block="lens",
         field="object_distance_mm",
         value=round(float(distance), 3),
         why=f"measured: lays a pixel on {pixel.value:.6f} +- {pixel.standard_error:.6f} mm",
     )
-    return StepResult(good=good, says=tuple(says), edits=(edit,), values={"pixel_mm": pixel})
+    return StepResult(good=good, remarks=tuple(remarks), edits=(edit,), values={"pixel_mm": pixel})
 
 
 def _plane_lines(bench: Bench, reading: tuple[SensorReading, ...]) -> list[str]:
@@ -201,26 +203,28 @@ def pitch(bench: Bench) -> StepResult:
         speed = line.value * rate_hz
         remedy = f"set the encoder's divider, or transport.speed_mm_s = {speed:.1f} if that is meant"
         raise ScanError(bench.where, what, remedy=remedy)
-    says = [
+    remarks = [
         f"{line.value:.6f} +- {line.standard_error:.6f} mm a line"
         f" ({scale.bars[1]} marks, each within {scale.residual_px[1]:.3f} line); {how}"
     ]
     good = True
     if len(bench.passes) > 1:
         spread = np.ptp(bench.passes) / np.mean(bench.passes)
-        says.append(f"{len(bench.passes)} pages passed, their lines alike to {100 * spread:.3f} %")
+        remarks.append(f"{len(bench.passes)} pages passed, their lines alike to {100 * spread:.3f} %")
         good = bool(spread < PITCH_OFF / 10)
     if scale.bent_along_mm > 0:
-        says.append(f"along the page lines wander by {1000 * scale.bent_along_mm:.0f} um at most")
+        remarks.append(f"along the page lines wander by {1000 * scale.bent_along_mm:.0f} um at most")
     pixel = scale.pixel_mm.value
-    says.append(f"a line is {line.value / pixel:.4f} times as long as a pixel is wide")
+    remarks.append(f"a line is {line.value / pixel:.4f} times as long as a pixel is wide")
     stages = camera.sensors[0].tdi_stages
     smear = stages * abs(line.value / camera.binning_along / pixel - 1)
     if stages > 1 and smear > SMEAR_MOST:
         good = False
-        says.append(f"TDI smears lines over {smear:.1f} pixels: bring the encoder's step to {pixel:.5f} mm")
+        remarks.append(
+            f"TDI smears lines over {smear:.1f} pixels: bring the encoder's step to {pixel:.5f} mm"
+        )
     speed = line.value * rate_hz
-    says.append(f"{rate_hz:.2f} lines/s {whose}: the paper runs at {speed:.1f} mm/s")
+    remarks.append(f"{rate_hz:.2f} lines/s {whose}: the paper runs at {speed:.1f} mm/s")
     edits = [
         Edit(
             block="sensor",
@@ -240,14 +244,14 @@ def pitch(bench: Bench) -> StepResult:
         )
     )
     values = {"line_mm": line, "line_rate_hz": Measured(value=rate_hz, standard_error=0.0)}
-    return StepResult(good=good, says=tuple(says), edits=tuple(edits), values=values)
+    return StepResult(good=good, remarks=tuple(remarks), edits=tuple(edits), values=values)
 
 
 def _line_rate(bench: Bench) -> tuple[float, str]:
     """Return the lines a second, and their source: the camera's own clock is better than the lines' arrival."""
-    counted = bench.tap.rate_hz()
+    counted = bench.line_reader.rate_hz()
     free = bench.press.camera_settings().trigger != "encoder"
-    reported = bench.tap.feature("line_rate_hz")
+    reported = bench.line_reader.feature("line_rate_hz")
     if (
         free
         and reported is not None
@@ -278,16 +282,16 @@ def paper(bench: Bench) -> StepResult:
     luminance = camera.light.luminance_cd_m2 * float(np.mean(factors))
     shares = [one.paper_dn / top for one in bench.readings]
     good = min(shares) > 0.4 and max(shares) < 0.95
-    says = [
+    remarks = [
         "bare paper " + ", ".join(f"{one.paper_dn:.0f} DN" for one in bench.readings) + f" of {top},"
         " solid black " + ", ".join(f"{one.solid_dn:.0f} DN" for one in bench.readings)
     ]
     if not good:
-        says.append(
+        remarks.append(
             "bring paper to 40 to 95 % of the top code by exposure, lens or lamp, and repeat from flat on"
         )
     if len(factors) > 1 and np.ptp(factors) > 0.1 * np.mean(factors):
-        says.append(
+        remarks.append(
             "sensors see paper in other shares than the press file's light and quantum efficiencies say"
         )
     edit = Edit(
@@ -298,7 +302,7 @@ def paper(bench: Bench) -> StepResult:
     )
     return StepResult(
         good=good,
-        says=tuple(says),
+        remarks=tuple(remarks),
         edits=(edit,),
         values={"luminance_cd_m2": Measured(value=luminance, standard_error=0.0)},
         unmeasured=("the light's spectrum: as the press file has it",),
@@ -310,7 +314,7 @@ def colour(bench: Bench) -> StepResult:
     if not bench.readings:
         bench.readings = _read_page(bench)
     places = [one.place for one in bench.readings]
-    says = [
+    remarks = [
         f"{bench.sensor_name(at)}{one.lines.value:+.3f} +- {one.lines.standard_error:.3f} lines,"
         f" {one.pixels.value:+.3f} +- {one.pixels.standard_error:.3f} pixels from the first"
         for at, one in enumerate(places)
@@ -332,4 +336,6 @@ def colour(bench: Bench) -> StepResult:
     unmeasured = (
         () if has_offsets else ("offsets have no place in this version's press file: set them in the camera",)
     )
-    return StepResult(good=good, says=tuple(says), edits=tuple(edits), values=values, unmeasured=unmeasured)
+    return StepResult(
+        good=good, remarks=tuple(remarks), edits=tuple(edits), values=values, unmeasured=unmeasured
+    )

@@ -34,36 +34,40 @@ class Step:
 
 def _fits(bench: Bench) -> StepResult:
     """Compare width and depth of the camera's lines with the press file."""
-    tap, sensors = bench.tap, bench.camera().sensors
-    form = f"{tap.sensors} x {tap.pixels} pixels, {tap.form.name}"
+    line_reader, sensors = bench.line_reader, bench.camera().sensors
+    form = f"{line_reader.sensors} x {line_reader.pixels} pixels, {line_reader.form.name}"
     edits: list[Edit] = []
     if bench.begun and not bench.described:
-        if tap.sensors != len(sensors):
-            what = f"sends {tap.sensors} sensors, {bench.press.path.name} describes {len(sensors)}"
+        if line_reader.sensors != len(sensors):
+            what = f"sends {line_reader.sensors} sensors, {bench.press.path.name} describes {len(sensors)}"
             raise ScanError(bench.where, what, remedy="begin with a press file of as many [[sensor]] blocks")
         edits = _of_data_sheet(bench)
     else:
         _refuse_other(bench, sensors)
-    rate = bench.tap.feature("line_rate_hz")
+    rate = bench.line_reader.feature("line_rate_hz")
     rate_text = f", {float(rate.value):g} lines/s by its own word" if rate is not None and rate.value else ""
-    return StepResult(good=True, says=(f"{bench.where}: {form}{rate_text}",), edits=tuple(edits))
+    return StepResult(good=True, remarks=(f"{bench.where}: {form}{rate_text}",), edits=tuple(edits))
 
 
 def _refuse_other(bench: Bench, sensors: Sequence[LineSensor]) -> None:
-    tap, file = bench.tap, bench.press.path.name
-    if tap.pixels != sensors[0].pixels:
-        what = f"sends lines of {tap.pixels} pixels, {file} says sensor.pixels = {sensors[0].pixels}"
+    line_reader, file = bench.line_reader, bench.press.path.name
+    if line_reader.pixels != sensors[0].pixels:
+        what = f"sends lines of {line_reader.pixels} pixels, {file} says sensor.pixels = {sensors[0].pixels}"
         raise ScanError(
             bench.where,
             what,
             remedy=f"set Width = {sensors[0].pixels} under [camera.features], or mend pixels",
         )
-    if tap.sensors != len(sensors):
-        what = f"sends {tap.form.name}, {tap.sensors} sensors, {file} describes {len(sensors)}"
+    if line_reader.sensors != len(sensors):
+        what = (
+            f"sends {line_reader.form.name}, {line_reader.sensors} sensors, {file} describes {len(sensors)}"
+        )
         raise ScanError(bench.where, what, remedy="set camera.pixel_format, or describe each [[sensor]]")
     bits = sensors[0].bits
-    if tap.form.bits not in (bits, 16):
-        what = f"sends {tap.form.name}, {tap.form.bits} bits, {file} says sensor.bits = {bits}"
+    if line_reader.form.bits not in (bits, 16):
+        what = (
+            f"sends {line_reader.form.name}, {line_reader.form.bits} bits, {file} says sensor.bits = {bits}"
+        )
         raise ScanError(bench.where, what, remedy=f'set camera.pixel_format, e.g. "Mono{bits}"')
 
 
@@ -78,17 +82,17 @@ DATA_SHEET: Final = (
 
 def _of_data_sheet(bench: Bench) -> list[Edit]:
     """Return a new press file's edits: fields that the camera reports, and those of its data sheet."""
-    tap, camera = bench.tap, bench.camera()
-    every = range(tap.sensors)
+    line_reader, camera = bench.line_reader, bench.camera()
+    every = range(line_reader.sensors)
     edits = [
-        Edit(block="sensor", field="pixels", value=tap.pixels, why="as the camera sends", number=at)
+        Edit(block="sensor", field="pixels", value=line_reader.pixels, why="as the camera sends", number=at)
         for at in every
     ]
-    bits = tap.form.bits
+    bits = line_reader.form.bits
     if bits == 16:
         bits = int(_number(bench, "bits", "Bits of the converter (its numbers come in 16)", 12, whole=True))
     edits += [
-        Edit(block="sensor", field="bits", value=bits, why=f"as {tap.form.name} sends", number=at)
+        Edit(block="sensor", field="bits", value=bits, why=f"as {line_reader.form.name} sends", number=at)
         for at in every
     ]
     for block, name, question in DATA_SHEET:
@@ -98,8 +102,8 @@ def _of_data_sheet(bench: Bench) -> list[Edit]:
         why = "stated: data sheet" if value != before else "assumed: nobody said otherwise when it was set up"
         numbers = every if block == "sensor" else (0,)
         edits += [Edit(block=block, field=name, value=value, why=why, number=at) for at in numbers]
-    present = {"pixel_format": tap.form.name}
-    lines = tap.feature("block_lines")
+    present = {"pixel_format": line_reader.form.name}
+    lines = line_reader.feature("block_lines")
     edits += [
         Edit(block="camera", field=name, value=value, why="as it stood") for name, value in present.items()
     ]
@@ -146,7 +150,7 @@ STEPS: Final = (
         title="Colour lines",
         do="",
         measure=page_steps.colour,
-        spared=lambda bench: "the camera has one sensor line" if bench.tap.sensors == 1 else "",
+        spared=lambda bench: "the camera has one sensor line" if bench.line_reader.sensors == 1 else "",
     ),
     Step(
         key="alignment",

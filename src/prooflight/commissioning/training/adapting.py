@@ -66,7 +66,7 @@ def fit_for(
 
     model: not adapted to any press, or to this one by other pages; references: its scores of the pages that
     trained it. another: whether a scan showed another page. glyphs: score of each page's glyphs
-    (``WeighedPage.score``); None: they were not scored.
+    (``ScoredPage.score``); None: they were not scored.
     """
     scores = own_scores(model, good, another, real=real)
     own = GoodScores.of(scores, np.arange(scores.size) if real else good.design)

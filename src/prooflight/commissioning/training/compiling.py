@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.commissioning.training.simulated_days import fitted
-from prooflight.detectors.matched_filter.analysis import analyse_found, prepare_page
-from prooflight.detectors.matched_filter.calibrated import looked_up, score_of
+from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
+from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
-from prooflight.kernels.cache import is_kept
+from prooflight.kernels.cache import is_cached
 from prooflight.kernels.statistics.forest import shares_of
 from prooflight.prediction.predict import predict
 from prooflight.registration.register import Registration
@@ -42,7 +42,7 @@ def compile_in_background(press: Press, pages: Designs) -> None:
     The process ends by itself, or with this one. It is given a page, so that the source of pages need not be
     picklable.
     """
-    if is_kept(shares_of) or (os.cpu_count() or 1) < 2:
+    if is_cached(shares_of) or (os.cpu_count() or 1) < 2:
         return
     context = multiprocessing.get_context("spawn")
     context.Process(target=_compile, args=(press, fitted(pages.page(0), press.geometry)), daemon=True).start()
@@ -61,10 +61,13 @@ def score_unlocated(press: Press, page: Page) -> float:
         page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes, glyphs=True
     )
     none = np.zeros((4, 2))
-    unlocated = Registration(placement=MOVED, found=False, planes_mm=none, plane_parts=none.T)
+    unlocated = Registration(placement=MOVED, located=False, planes_mm=none, plane_parts=none.T)
     scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
-    analysis = analyse_found(prepared, scan, unlocated, residual_variance=ResidualVariance())
+    analysis = analyse_registered(prepared, scan, unlocated, residual_variance=ResidualVariance())
     statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, unlocated, model.scatter)
     return score_of(
-        model, looked_up(model, statistics, prepared.page_features), prepared.page_features, another=False
+        model,
+        statistics_vector(model, statistics, prepared.page_features),
+        prepared.page_features,
+        another=False,
     )

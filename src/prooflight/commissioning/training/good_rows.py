@@ -15,7 +15,7 @@ from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.errors import PressError
 from prooflight.files.atomic import whole_file
-from prooflight.files.schema import Kept, Misfit, check_arrays
+from prooflight.files.schema import ArraySpec, Misfit, check_arrays
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,10 +31,10 @@ SCHEMA: Final = "1"
 SUFFIX: Final = ".waiting"
 TEXTS: Final = ("kind", "schema", "measured_by", "scans", "designs")
 TABLE: Final = {
-    "values": Kept(dtype="float32", shape=("pages", "statistics")),
-    "page_features": Kept(dtype="float64", shape=("pages", "features")),
-    "glyphs": Kept(dtype="float64", shape=("pages",)),
-    "variation": Kept(dtype="float32", shape=("pages", len(AMOUNTS), 2)),
+    "values": ArraySpec(dtype="float32", shape=("pages", "statistics")),
+    "page_features": ArraySpec(dtype="float64", shape=("pages", "features")),
+    "glyphs": ArraySpec(dtype="float64", shape=("pages",)),
+    "variation": ArraySpec(dtype="float32", shape=("pages", len(AMOUNTS), 2)),
 }
 
 
@@ -47,7 +47,7 @@ class GoodRows:
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
     glyphs: NDArray[np.float64]
-    """(pages,) ``WeighedPage.score`` of each."""
+    """(pages,) ``ScoredPage.score`` of each."""
     variation: NDArray[np.float32]
     """(pages, AMOUNTS, 2) ``page_variation``."""
     scans: tuple[str, ...]

@@ -90,7 +90,7 @@ class Pages:
             press=np.full(len(rows["kind"]), press),
         )
 
-    def beside(self, others: Pages) -> Pages:
+    def joined(self, others: Pages) -> Pages:
         """Return these and others, one after the other."""
         return Pages(
             values=np.concatenate([self.values, others.values]),

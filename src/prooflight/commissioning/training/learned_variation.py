@@ -28,7 +28,7 @@ FEW: Final = "not estimated: too few pages tell it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatedBesideLearned:
+class StatedAndLearned:
     """One amount of ``[variation]``, or several that pages of one session show combined, as independent ones add up."""
 
     names: tuple[str, ...]
@@ -39,7 +39,7 @@ class StatedBesideLearned:
     """Remedy, or the reason why it was not estimated; mostly empty."""
 
 
-def stated_beside_learned(press: Press) -> list[StatedBesideLearned]:
+def stated_and_learned(press: Press) -> list[StatedAndLearned]:
     """Return every amount of ``[variation]``.
 
     The list is empty where the press was trained on no real page that shows them.
@@ -58,12 +58,10 @@ def stated_beside_learned(press: Press) -> list[StatedBesideLearned]:
     return rows
 
 
-def _row(
-    names: tuple[str, ...], amounts: Amounts, learned: Learned | None, remark: str
-) -> StatedBesideLearned:
+def _row(names: tuple[str, ...], amounts: Amounts, learned: Learned | None, remark: str) -> StatedAndLearned:
     each = [attrgetter(name)(amounts) for name in names]
     stated = math.hypot(*(max(one) if isinstance(one, tuple) else one for one in each))
     if learned is not None:
         far = stated**WIDE if names[0] == "camera.sigma_error" else WIDE * stated
         remark = REMEDY if learned.low > far else ""
-    return StatedBesideLearned(names=names, stated=stated, learned=learned, remark=remark)
+    return StatedAndLearned(names=names, stated=stated, learned=learned, remark=remark)

@@ -128,7 +128,7 @@ class ScanEvidence(NamedTuple):
     another: bool
     """Whether it shows another page."""
     glyphs: float
-    """Score of the page's glyphs, ``WeighedPage.score``."""
+    """Score of the page's glyphs, ``ScoredPage.score``."""
     floor_mm2: float
     """Area below the floor, ``FloorFinding.area_mm2``."""
 
@@ -187,10 +187,12 @@ class PressDay:
     def evidence(self, prepared: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter) -> ScanEvidence:
         """Return the evidence of a scan of a prepared page."""
         analysis = self.analysed(prepared, scan)
-        statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
+        statistics = all_statistics(
+            analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter
+        )
         return ScanEvidence(
             statistics=statistics,
-            another=shows_another(analysis.found),
+            another=shows_another(analysis.registration),
             glyphs=analysis.glyphs.score,
             floor_mm2=analysis.marks.floor.area_mm2,
         )
@@ -244,7 +246,7 @@ class UnitWork:
         for index in designs:
             rng = stream(self.seed, "training-print", index)
             good = day.day.good(day.page(index))
-            evidence = page_evidence(good.page, day.scan(good, rng), self.press.station())
+            evidence = page_evidence(good.page, day.scan(good, rng), self.press.press_context())
             units.append(window_unit(evidence.block_z))
         return {"unit": np.stack(units)}
 
@@ -292,7 +294,7 @@ class StatisticsWork:
                     "floor_mm2": scan_evidence.floor_mm2,
                 }
                 if self.unit is not None:
-                    evidence = page_evidence(good.page, scan, self.press.station())
+                    evidence = page_evidence(good.page, scan, self.press.press_context())
                     row["windows"] = window_statistics(evidence.block_z, unit=self.unit).ravel()
                 for name, value in row.items():
                     columns[name].append(value)

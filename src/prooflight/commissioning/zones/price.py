@@ -19,7 +19,7 @@ from prooflight.commissioning.zones.defects import SORTS, areas_of, with_defect
 from prooflight.detectors.base import PlannedPage
 from prooflight.detectors.false_alarm_rate import FURTHEST, least_false_alarm_rate
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.glyphs.weighing import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.zones import MOST_OF_RATE, ZonedJudge, baseline_of, careful_scores
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
@@ -151,7 +151,7 @@ class ZonePrints:
         inspection = zoned.inspect(scan)
         after = zoned.whole_score(inspection)
         before = after if bare is None else bare.whole_score(bare.inspect(scan))
-        careful = inspection.kept.get("careful")
+        careful = inspection.stored_arrays.get("careful")
         return GoodPrint(number=page.number, before=before, after=after, careful=careful)
 
     def tried(self, index: int, wishes: Sequence[Wish]) -> list[Tried]:
@@ -207,9 +207,9 @@ class ZonePrints:
         if number not in self._ready:
             if len(self._ready) >= READY:
                 self._ready.clear()
-            context = self.press.station(1)
+            context = self.press.press_context(1)
             assert self.press.ours is not None
-            detector = MatchedFilterDetector(station=context, calibrated=self.press.ours)
+            detector = MatchedFilterDetector(press_context=context, calibrated=self.press.ours)
             page = self.press.geometry.lay(opened(self.job).page(number))
             zones = self.zones.page(page)
             assert zones is not None
@@ -265,7 +265,7 @@ def price_of(
     least = least_false_alarm_rate(len(entry.careful_scores)) if entry.careful_scores else 0.0
     return Price(
         areas=areas,
-        promised=detector.promise.rate,
+        promised=detector.guarantee.rate,
         good=len(scored),
         alarmed_before=sum(one.before > detector.threshold for one in scored),
         alarmed_after=after,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Station
+    from prooflight.detectors.base import PressContext
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -109,18 +109,18 @@ def between(grown: NDArray[np.float32], pixels: float) -> NDArray[np.float32]:
     return np.asarray(grown[below] * (1 - share) + grown[below + 1] * share, np.float32)
 
 
-def grown_light(page: Page, station: Station) -> NDArray[np.float32]:
+def grown_light(page: Page, press_context: PressContext) -> NDArray[np.float32]:
     """Return the light that is expected of a page whose print has grown by 0, 1 and 2 pixels of its raster.
 
     A flat tint does not grow: it has no outline. Returns (growths, channels, lines, pixels) [paper], at most 1.
     """
     cmyk, cross = page.cmyk, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    found = []
+    lights = []
     for _ in range(GROWN_PIXELS + 1):
-        expected = station.predict(replace(page, cmyk=cmyk))
-        found.append(np.clip(bare_light(expected, station.sensors), 0, 1))
+        expected = press_context.predict(replace(page, cmyk=cmyk))
+        lights.append(np.clip(bare_light(expected, press_context.sensors), 0, 1))
         cmyk = cv2.dilate(cmyk, cross)
-    return np.stack(found)
+    return np.stack(lights)
 
 
 def bare_light(expected: Prediction, sensors: Sequence[SensorModel]) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PreparedOnly
 from prooflight.detectors.golden.differences import Tolerance, compare, place_of
 from prooflight.detectors.golden.place import TILE_PIXELS
 from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays, PlannedPage
+    from prooflight.detectors.base import PlannedPage, StoredArrays
     from prooflight.detectors.golden.differences import GoldenDifference
     from prooflight.detectors.golden.place import GoldenPlace
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 
 NAME: Final = "golden"
-PROMISE: Final = (
+GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
     "docs/results/detector/golden.md says how often good ones alarm"
 )
@@ -59,17 +59,17 @@ WRONG_SHIFT_MM: Final = 1.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoldenDetector(StationDetector):
+class GoldenDetector(ContextDetector):
     """Detector with a good scan of each page, or one of all."""
 
     goldens: Mapping[str, Scan]
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = PROMISE
+    guarantee: str = GUARANTEE
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""
-        page, geometry = planned.page, self.station.geometry
+        page, geometry = planned.page, self.press_context.geometry
         golden = self.goldens.get(page.name) or self.goldens.get("")
         if golden is None:
             raise RequestError(
@@ -78,17 +78,17 @@ class GoldenDetector(StationDetector):
         return GoldenSheet(
             page=page.name,
             golden=golden.name,
-            light=evened(golden.dn.astype(np.float32), self.station.sensors),
+            light=evened(golden.dn.astype(np.float32), self.press_context.sensors),
             pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
             left_mm=geometry.left_mm(page.width_mm),
             lead_in_mm=geometry.lead_in_mm,
-            sensors=self.station.sensors,
+            sensors=self.press_context.sensors,
         )
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
-        volume = float(kept.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=kept.wrong_page)
+        volume = float(stored.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=stored.wrong_page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,10 +130,10 @@ class GoldenSheet(PreparedOnly):
                 verdict, excess = Verdict.skipped(self.page, why, detector=NAME), np.zeros_like(expected[0])
                 return self._inspection(verdict, scan, expected, excess)
         where, turned = self._place(expected, seen), False
-        if not where.found:
+        if not where.located:
             over = _alike(scan.name, self.light, measured[:, ::-1, ::-1])[1]
             other = self._place(expected, over)
-            if turned := other.found:
+            if turned := other.located:
                 where, seen, scan = other, over, replace(scan, dn=scan.dn[:, ::-1, ::-1])
         lines, pixels = expected.shape[1:]
         difference = compare(
@@ -194,19 +194,19 @@ class GoldenSheet(PreparedOnly):
         )
         # A sheet that was fed by its other edge lies elsewhere in its scan, which says nothing of its print.
         off_place = not turned and max(abs(across), abs(along)) >= WRONG_SHIFT_MM
-        if where.found and not off_place and not difference.fits:
+        if where.located and not off_place and not difference.fits:
             skipped = Verdict.skipped(self.page, self._misfit(difference), detector=NAME)
             return replace(skipped, shift_mm=(across, along))
-        another = not where.found or off_place
+        another = not where.located or off_place
         regions = tuple(self._region(mark) for mark in places[:MOST_REGIONS])
         kind = WRONG_PAGE_KIND if another else regions[0].kind if regions else None
-        why = _reason(where.likeness, off_place=off_place, registered=where.found, places=len(places))
+        why = _reason(where.likeness, off_place=off_place, registered=where.located, places=len(places))
         return Verdict.from_decision(
             self.page,
             decision_of(places[0].volume if places else 0.0, another=another),
             kind=kind,
             regions=regions,
-            shift_mm=(across, along) if where.found else None,
+            shift_mm=(across, along) if where.located else None,
             detector=NAME,
             reason="; ".join(filter(None, (why, TURNED if turned else ""))),
         )
@@ -243,7 +243,7 @@ class GoldenSheet(PreparedOnly):
             measured_dn=scan.dn[:, *area],
             block_z=np.asarray(blocks, np.float32)[None],
             expect=lambda: Prediction(expected_dn=golden, variance_dn2=np.ones_like(golden)),
-            kept={
+            stored_arrays={
                 "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
                 "volume": np.array(verdict.score or 0.0),
             },

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import Inspection, PreparedOnly, StationDetector
+from prooflight.detectors.base import ContextDetector, Inspection, PreparedOnly
 from prooflight.detectors.golden.chain import SignalChain, grown_light, light_of, to_numbers
 from prooflight.detectors.golden.detector import GoldenSheet, decision_of
 from prooflight.detectors.placing import WRONG_PAGE_KIND
@@ -19,31 +19,31 @@ from prooflight.scans.scan import Scan
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays, PlannedPage
+    from prooflight.detectors.base import PlannedPage, StoredArrays
     from prooflight.detectors.verdict import Decision
     from prooflight.prediction.tables import SensorModel
 
 NAME: Final = "drawn"
-PROMISE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
+GUARANTEE: Final = "none: docs/results/detector/real.md says how often sheets of two real copies alarm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DrawnDetector(StationDetector):
+class DrawnDetector(ContextDetector):
     """Detector that compares with the page as the chain of a scanner would show it."""
 
     chains: Mapping[str, SignalChain]
     """Chains by page name; under the empty name: of every page that has none of its own."""
     name: str = NAME
-    promise: str = PROMISE
+    guarantee: str = GUARANTEE
 
     def prepare(self, planned: PlannedPage) -> DrawnSheet:
         """See ``Detector``; RequestError: nothing states the chain of this page."""
-        page, geometry = planned.page, self.station.geometry
+        page, geometry = planned.page, self.press_context.geometry
         chain = self.chains.get(page.name) or self.chains.get("")
         if chain is None:
             remedy = "scan more of its pages, or choose --detector ours"
             raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
-        numbers = chain.numbers(grown_light(page, self.station), page.pixel_mm)
+        numbers = chain.numbers(grown_light(page, self.press_context), page.pixel_mm)
         ignored = None
         if planned.zones is not None:
             at = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(numbers.shape[1])
@@ -58,12 +58,12 @@ class DrawnDetector(StationDetector):
             left_mm=geometry.left_mm(page.width_mm),
             lead_in_mm=geometry.lead_in_mm,
         )
-        return DrawnSheet(golden=golden, sensors=self.station.sensors, expected=planned)
+        return DrawnSheet(golden=golden, sensors=self.press_context.sensors, expected=planned)
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
-        volume = float(kept.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=kept.wrong_page)
+        volume = float(stored.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=stored.wrong_page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

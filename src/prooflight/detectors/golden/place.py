@@ -89,7 +89,7 @@ class GoldenPlace:
         return cls(nodes=np.zeros((2, 1, 1), np.float32), tile_pixels=max(shape[-2:]), likeness=1.0)
 
     @property
-    def found(self) -> bool:
+    def located(self) -> bool:
         """Whether the scan has the golden's content."""
         return self.likeness >= (LIKE_BENT if self.bent else LIKE)
 

@@ -48,10 +48,10 @@ def _aligned(
 ) -> NDArray[np.float32]:
     """Return ``golden`` as it would look where ``first`` lies, in its levels."""
     where = place_of(golden, first)
-    if not where.found:
+    if not where.located:
         golden = np.ascontiguousarray(golden[:, ::-1, ::-1])
         where = place_of(golden, first)
-    if not where.found or where.bent:
+    if not where.located or where.bent:
         remedy = "leave it out, or name it as the page that it shows"
         raise ScanError(name, f"does not show the page that {of} shows", remedy=remedy)
     result = np.empty_like(first)

@@ -36,7 +36,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
 from prooflight.detectors.matched_filter.fit.residuals import in_register
 from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
-from prooflight.detectors.matched_filter.glyphs.weighing import (
+from prooflight.detectors.matched_filter.glyphs.scoring import (
     NOTHING,
     chance_astray,
     prepare_glyphs,
@@ -58,11 +58,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
-    from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedPage
+    from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredPage
     from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.marks import Marks
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
     from prooflight.pages.zones.zone import PageZones
@@ -226,7 +226,7 @@ def _beat(
 class ScanAnalysis:
     """Result of one scan, before any decision."""
 
-    found: Registration
+    registration: Registration
     fit: Fit
     sums: Sums
     marks: Marks
@@ -236,7 +236,7 @@ class ScanAnalysis:
     """(lines, pixels) binned pixels of careful areas; None: the page has no zones."""
     summed: Callable[[tuple[str, ...]], Sums]
     """Function that returns the sums of given modes of ``MODES``."""
-    glyphs: WeighedPage = NOTHING
+    glyphs: ScoredPage = NOTHING
     """Result of the glyph tests."""
     blind_columns: tuple[int, ...] = ()
     """Camera columns on the page that are faulty in every sensor, so that nothing saw what passed under them."""
@@ -260,7 +260,7 @@ def analyse(
     *,
     lost: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance | None = None,
-    looked_at: tuple[str, ...] = MODES,
+    analysed_modes: tuple[str, ...] = MODES,
     floor_share: float = 0.0,
     engine: Engine = HostImages,
     threads: int = 1,
@@ -277,7 +277,7 @@ def analyse(
         no more: missing lines are unknown, like what is off the page.
     lost : (sensors, lines) lines of the scan that are unknown as well; None: none are.
     residual_variance : variance of good prints in addition to the fit; None: an office-class press's.
-    looked_at : modes that are summed up at once, of ``MODES``, light the first.
+    analysed_modes : modes that are summed up at once, of ``MODES``, light the first.
     floor_share : as in ``measure_marks``.
     engine : what computes the scan's images.
     threads : number of threads that share the work.
@@ -286,21 +286,21 @@ def analyse(
     height_mm = prepared.page.height_mm
     columns = faulty_columns(scan, landmarks.sensors, landmarks.geometry, page_height_mm=height_mm)
     scan = bridged(scan, columns, landmarks.sensors)
-    return analyse_found(
+    return analyse_registered(
         prepared,
         scan,
         register(landmarks, scan, lost=lost, threads=threads),
         lost=lost,
         columns=columns,
         residual_variance=residual_variance or ResidualVariance(),
-        looked_at=looked_at,
+        analysed_modes=analysed_modes,
         floor_share=floor_share,
         engine=engine,
         threads=threads,
     )
 
 
-def analyse_found(
+def analyse_registered(
     prepared: PreparedPage,
     scan: NDArray[np.uint16],
     registration: Registration,
@@ -308,7 +308,7 @@ def analyse_found(
     lost: NDArray[np.bool_] | None = None,
     columns: NDArray[np.bool_] | None = None,
     residual_variance: ResidualVariance,
-    looked_at: tuple[str, ...] = MODES,
+    analysed_modes: tuple[str, ...] = MODES,
     floor_share: float = 0.0,
     engine: Engine = HostImages,
     threads: int = 1,
@@ -376,12 +376,12 @@ def analyse_found(
     if prepared.glyphs is not None:
         pitches_mm = at.pixel_pitch_mm, at.line_pitch_mm
         sd_pixels = [sd / pitch for sd, pitch in zip(registration.shift_sd_mm, pitches_mm, strict=True)]
-        astray = chance_astray(sd_pixels) if registration.found else 1.0
+        astray = chance_astray(sd_pixels) if registration.located else 1.0
         glyphs = score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
     return ScanAnalysis(
-        found=registration,
+        registration=registration,
         fit=fit,
-        sums=images.summed(looked_at),
+        sums=images.summed(analysed_modes),
         marks=marks,
         noise=noise,
         careful=careful,
@@ -417,7 +417,7 @@ def _followed(
     threads: int,
 ) -> tuple[Placement, NDArray[np.float64]]:
     """Return the placement and the planes (4, 2) [mm] that prediction follows."""
-    if prepared.overlaps is None or not registration.found:
+    if prepared.overlaps is None or not registration.located:
         return registration.placement, registration.planes_mm
     fringes = register_by_fringes(
         prepared.overlaps, prepared.landmarks, scan, registration, lost=lost, threads=threads

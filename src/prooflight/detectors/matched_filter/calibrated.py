@@ -11,30 +11,40 @@ from pydantic import Field
 
 from prooflight.detectors.false_alarm_rate import (
     GoodScores,
+    Guarantee,
     PressScores,
-    Promise,
     ReferenceScores,
     posterior_bound,
 )
 from prooflight.detectors.likeness import Likeness
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.glyphs.promise import SHARE, GlyphThreshold, combined_score
-from prooflight.detectors.matched_filter.glyphs.weighing import NONE
+from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE, GlyphThreshold, combined_score
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.page_kinds import kinds_of
 from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
-from prooflight.detectors.weighted_conformal import ToldPages
+from prooflight.detectors.weighted_conformal import LabelledPages
 from prooflight.errors import PressError
-from prooflight.files.schema import Block, Chance, Count, Kept, Misfit, check_arrays, checked, part_of, rising
+from prooflight.files.schema import (
+    ArraySpec,
+    Block,
+    Chance,
+    Count,
+    Misfit,
+    check_arrays,
+    checked,
+    part_of,
+    rising,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.glyphs.weighing import WeighedGlyph, WeighedPage
+    from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph, ScoredPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
 
 PAGES: Final = ("values", "page_features", "glyphs", "variation")
@@ -59,7 +69,7 @@ class GoodPages:
     page_features: NDArray[np.float64]
     """(pages, PAGE_FEATURES)"""
     glyphs: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(pages,) ``WeighedPage.score`` of each; empty: the pages were learned from before glyphs were
+    """(pages,) ``ScoredPage.score`` of each; empty: the pages were learned from before glyphs were
     tested."""
     variation: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(AMOUNTS), 2), np.float32))
     """(real pages that determine it, AMOUNTS, 2) ``page_variation``."""
@@ -82,7 +92,7 @@ class ScannedPage:
     variation: NDArray[np.float32]
     """(AMOUNTS, 2) ``page_variation``."""
     glyphs: float = NONE
-    """``WeighedPage.score``."""
+    """``ScoredPage.score``."""
     floor_mm2: float = 0.0
     """``FloorFinding.area_mm2``."""
     design: str = ""
@@ -102,7 +112,7 @@ class CalibratedDetector:
     """The press's own pages, whose scores are ``own``."""
     real: int
     """Number of them that are real pages; 0: they are simulated."""
-    promise: Promise
+    guarantee: Guarantee
     threshold: float
     requested_rate: float
     """False-alarm rate that was requested in training. [-]"""
@@ -116,7 +126,7 @@ class CalibratedDetector:
 
     False: the press learned and was recalibrated before this was tested; its labelled scores rest on that threshold.
     """
-    told: tuple[ToldPages, ...] = ()
+    told: tuple[LabelledPages, ...] = ()
     """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
     recalibrated."""
     name: str = "ours"
@@ -145,9 +155,9 @@ class CalibratedDetector:
         rate = max(false_alarm_rate, scores.least_rate / share)
         threshold, by_count = scores.threshold(rate * share)
         alone = scores.alone(rate * share)
-        promise = Promise(
+        guarantee = Guarantee(
             rate=rate,
-            asked=false_alarm_rate,
+            requested_rate=false_alarm_rate,
             simulated=count - real,
             real=real,
             reference=0 if alone else scores.reference.worst.size,
@@ -161,7 +171,7 @@ class CalibratedDetector:
             references=references,
             pages=pages,
             real=real,
-            promise=promise,
+            guarantee=guarantee,
             threshold=threshold,
             requested_rate=false_alarm_rate,
             trained_rate=rate,
@@ -170,22 +180,22 @@ class CalibratedDetector:
             counted=counted,
         )
 
-    def recalibrated(self, labelled: ToldPages) -> Self:
+    def recalibrated(self, labelled: LabelledPages) -> Self:
         """Return the detector with the threshold of labelled pages; RequestError: they are too few."""
         return replace(
             self,
             threshold=labelled.threshold,
-            promise=Promise(
+            guarantee=Guarantee(
                 rate=labelled.rate,
                 simulated=0,
                 real=int(labelled.passed.sum()),
-                asked=labelled.rate,
-                told=str(labelled),
+                requested_rate=labelled.rate,
+                label_source=str(labelled),
             ),
             told=(*self.told, labelled),
         )
 
-    def before_told(self) -> Self | None:
+    def before_recalibration(self) -> Self | None:
         """Return the detector that ``recalibrated`` was applied to; None: it never was."""
         if not self.told:
             return None
@@ -215,7 +225,7 @@ class CalibratedDetector:
             return None
         return GlyphThreshold(own=self.pages.glyphs, rate=SHARE * self.trained_rate)
 
-    def wrong_glyphs(self, page: WeighedPage) -> tuple[WeighedGlyph, ...]:
+    def wrong_glyphs(self, page: ScoredPage) -> tuple[ScoredGlyph, ...]:
         """Return the glyphs that alarm by themselves, the worst first.
 
         There are none if the page does not alarm by its glyphs.
@@ -225,7 +235,7 @@ class CalibratedDetector:
         threshold = self.glyphs.threshold + max(self.raised, 0.0)
         if page.score <= threshold:
             return ()
-        return tuple(one for one in page.found if one.ratio > threshold)
+        return tuple(one for one in page.glyphs if one.ratio > threshold)
 
     @property
     def ranking_rate(self) -> float:
@@ -238,7 +248,7 @@ class CalibratedDetector:
         return self.threshold - self.trained_threshold
 
     def decide(self, score: float, glyphs: float = NONE, floor_mm2: float = 0.0) -> Decision:
-        """Decide by one page's score, ``WeighedPage.score`` of its glyphs and ``FloorFinding.area_mm2``."""
+        """Decide by one page's score, ``ScoredPage.score`` of its glyphs and ``FloorFinding.area_mm2``."""
         of_ranking = self.decision(
             score, self.trained_threshold, self.scores.p_value(score, self.ranking_rate)
         )
@@ -277,7 +287,9 @@ class CalibratedDetector:
             return decision
         least = decision.threshold + 1 + float(np.log(floor_mm2 / FLOOR_AREA_MM2))
         p_value = 1.0 if decision.p_value is None else decision.p_value
-        return self.decision(max(decision.score, least), decision.threshold, min(p_value, self.promise.rate))
+        return self.decision(
+            max(decision.score, least), decision.threshold, min(p_value, self.guarantee.rate)
+        )
 
     def decision(self, score: float, threshold: float, p_value: float) -> Decision:
         """Return the decision by a score, which alarms above a threshold."""
@@ -333,7 +345,7 @@ class CalibratedDetector:
         DetectorModel.check(part_of(arrays, mark), stated.tolerance, under=under + mark)
         marks = [f"told{number}." for number in range(len(stated.told))]
         for label_mark, pages in zip(marks, stated.told, strict=True):
-            ToldPages.check(part_of(arrays, label_mark), pages, under=under + label_mark)
+            LabelledPages.check(part_of(arrays, label_mark), pages, under=under + label_mark)
         own = {name: a for name, a in arrays.items() if not name.startswith((mark, *marks))}
         sizes = {"statistics": len(stated.tolerance["names"]), "features": PAGE_FEATURES}
         check_arrays(own, TABLE, sizes, under=under)
@@ -359,15 +371,17 @@ class CalibratedDetector:
             counted=facts.get("counted", not facts.get("told")),
         )
         for number, pages in enumerate(facts.get("told", ())):
-            detector = detector.recalibrated(ToldPages.from_parts(part_of(arrays, f"told{number}."), pages))
+            detector = detector.recalibrated(
+                LabelledPages.from_parts(part_of(arrays, f"told{number}."), pages)
+            )
         return detector
 
 
 def _scores(references: ReferenceScores, own: GoodScores, *, real: int, counted: bool) -> PressScores:
     """Return the scores that set a threshold: real pages' alone where simulated pages were told apart from them."""
     reference = references.by(own.worst.size)
-    apart = counted and real > 0 and Likeness.of(own.worst, reference.worst).told_apart
-    return PressScores(reference=reference, own=own, own_only=apart)
+    is_distinct = counted and real > 0 and Likeness.of(own.worst, reference.worst).is_distinct
+    return PressScores(reference=reference, own=own, own_only=is_distinct)
 
 
 def _of_ranking(pages: GoodPages) -> float:
@@ -387,17 +401,17 @@ class CalibratedFacts(Block):
 
 
 TABLE: Final = {
-    "reference": Kept(dtype="float64", shape=("sizes", "designs"), rule=rising),
-    "reference_pages": Kept(dtype="int64", shape=("sizes",), low=1, rule=rising),
-    "own": Kept(dtype="float64", shape=("pages",), rule=rising),
-    "values": Kept(dtype="float32", shape=("pages", "statistics")),
-    "page_features": Kept(dtype="float64", shape=("pages", "features")),
-    "glyphs": Kept(dtype="float64", shape=("pages",), absent=True),
-    "variation": Kept(dtype="float32", shape=("told", len(AMOUNTS), 2), absent=True),
+    "reference": ArraySpec(dtype="float64", shape=("sizes", "designs"), rule=rising),
+    "reference_pages": ArraySpec(dtype="int64", shape=("sizes",), low=1, rule=rising),
+    "own": ArraySpec(dtype="float64", shape=("pages",), rule=rising),
+    "values": ArraySpec(dtype="float32", shape=("pages", "statistics")),
+    "page_features": ArraySpec(dtype="float64", shape=("pages", "features")),
+    "glyphs": ArraySpec(dtype="float64", shape=("pages",), absent=True),
+    "variation": ArraySpec(dtype="float32", shape=("told", len(AMOUNTS), 2), absent=True),
 }
 
 
-def looked_up(
+def statistics_vector(
     model: DetectorModel, statistics: Sequence[Observed], page_features: NDArray[np.floating]
 ) -> NDArray[np.float32]:
     """Return ``DetectorModel.laid_out``.
@@ -406,7 +420,7 @@ def looked_up(
     """
     if page_features.size == model.centre.shape[1]:
         with suppress(ValueError):
-            return model.laid_out(statistics)
+            return model.vector_of(statistics)
     what = "its detector was taught by another version"
     raise PressError("press", what, remedy="build it again with `prooflight press build`")
 

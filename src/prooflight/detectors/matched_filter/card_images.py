@@ -82,7 +82,7 @@ class SensorOnCard:
     """Tables of a sensor where bodies run."""
 
     recipe: tuple[Any, ...]
-    """What ``look_up`` takes after the planes, but for its light."""
+    """What ``lookup`` takes after the planes, but for its light."""
     near: Any
     far: Any
     farther: Any
@@ -154,30 +154,30 @@ class Designs:
     """Designs where bodies run, for as long as their images are in this machine's memory."""
 
     def __init__(self) -> None:
-        self._known: dict[int, DesignOnCard] = {}
+        self._on_card: dict[int, DesignOnCard] = {}
         self._guard = threading.Lock()
 
     def on_card(self, design: DesignImages, runner: Runner) -> DesignOnCard:
         """Return a design where bodies run; put there if it is not, or seen by other sensors if its light changed."""
         key = id(design.images.levels)
         with self._guard:
-            known = self._known.get(key)
-            if known is None:
-                known = DesignOnCard.of(design, runner)
-                weakref.finalize(design.images.levels, self._known.pop, key, None)
-            elif known.seen_by is not design.sensors:
-                known = known.under(design.sensors, runner)
-            self._known[key] = known
-            return known
+            on_card = self._on_card.get(key)
+            if on_card is None:
+                on_card = DesignOnCard.of(design, runner)
+                weakref.finalize(design.images.levels, self._on_card.pop, key, None)
+            elif on_card.seen_by is not design.sensors:
+                on_card = on_card.under(design.sensors, runner)
+            self._on_card[key] = on_card
+            return on_card
 
 
 def engine_on(pool: Pool, designs: Designs | None = None) -> Engine:
     """Return the engine that analyses each scan on a runner of a pool; designs: where the pool's runners work."""
-    known = designs or Designs()
+    on_card = designs or Designs()
 
     def images(page: PlacedPage) -> CardImages:
         runner = pool.take()
-        return CardImages(page, known.on_card(page.design, runner), runner, pool.give)
+        return CardImages(page, on_card.on_card(page.design, runner), runner, pool.give)
 
     return images
 
@@ -282,7 +282,7 @@ class CardImages:
         return self._design.weights[key][0]
 
     def _filter(self, s: int, passes: list[tuple[Any, ...]], bits: int, again: str) -> None:
-        run, known, (lines, pixels) = self._runner.run, self._design.sensors[s], self._shape
+        run, on_card, (lines, pixels) = self._runner.run, self._design.sensors[s], self._shape
         rows, columns = self._design.packed.shape
         aims = []
         for (name, nodes, pitch, segment, reach, table), extent in zip(passes, (rows, lines), strict=True):
@@ -293,11 +293,11 @@ class CardImages:
             aims.append((base, at, advance, segment, bits, table))
         light, seen = self._room("raster light", (rows, columns)), self._room("rows seen", (rows, pixels))
         run(
-            prediction.look_up,
+            prediction.lookup,
             (rows, columns),
             self._design.packed,
             self._room("planes", (5, 2), np.int32),
-            *known.recipe,
+            *on_card.recipe,
             light,
         )
         run(prediction.across, (rows, pixels), light, *aims[0], seen)
@@ -312,16 +312,16 @@ class CardImages:
             self._room("farther", large),
             self._room("far light", small),
         )
-        run(prediction.convolved, small, blocks, known.far, far)
-        run(prediction.convolved, large, larger, known.farther, farther)
+        run(prediction.convolved, small, blocks, on_card.far, far)
+        run(prediction.convolved, large, larger, on_card.farther, farther)
         run(prediction.far_total, small, far, farther, total)
         run(
             prediction.to_levels,
             (lines, pixels),
             out,
-            known.near,
+            on_card.near,
             total,
-            *known.levels,
+            *on_card.levels,
             self._of(f"mean {again}", s),
             self._of(f"variance {again}", s),
         )
@@ -330,13 +330,13 @@ class CardImages:
 
     def _begin(self) -> None:
         """Bin the scan, move the design's images to the page's place, and make its light."""
-        run, of, known = self._runner.run, self._page.design, self._design
+        run, of, on_card = self._runner.run, self._page.design, self._design
         scan = self._room("scan", self._page.scan.shape, self._page.scan.dtype)
-        modes, nodes = self._room("modes", known.stack.shape), self._page.where.across.shape
+        modes, nodes = self._room("modes", on_card.stack.shape), self._page.where.across.shape
         run(
             residuals.moved,
             self._shape,
-            known.stack,
+            on_card.stack,
             self._room("right", nodes),
             self._room("down", nodes),
             modes,
@@ -351,7 +351,7 @@ class CardImages:
                 residuals.lights,
                 self._shape,
                 self._of("mean first", s),
-                known.sensors[s].offset,
+                on_card.sensors[s].offset,
                 self._of("light", s),
             )
 
@@ -361,12 +361,12 @@ class CardImages:
         corners = np.full(
             (MOST_BLOCKS, 2), max(self._shape), np.int32
         )  # those beyond the page sum up to nothing
-        found = blocks.corners
-        corners[: len(found)] = found
+        block_corners = blocks.corners
+        corners[: len(block_corners)] = block_corners
         self._fill("corners", corners)
         self._runner.step(self._at("blocks"), self._sum_blocks)
         totals = [
-            self._runner.back(self._room(f"block sums {s}", (MOST_BLOCKS, SUMS)))[: len(found)]
+            self._runner.back(self._room(f"block sums {s}", (MOST_BLOCKS, SUMS)))[: len(block_corners)]
             for s in range(self._sensors)
         ]
         return fit_blocks(
@@ -425,7 +425,7 @@ class CardImages:
             there = square >= 0
             noise[s] = noise_of(np.stack([square[there], ratio[there]]), page.residual_variance)
         self._fill("noise", noise.astype(f32))
-        self._runner.step(self._at("weights"), self._weigh)
+        self._runner.step(self._at("weights"), self._compute_weights)
         return noise
 
     @property
@@ -471,12 +471,12 @@ class CardImages:
                 self._room(f"flat {s}", self._flat_shape),
             )
 
-    def _weigh(self) -> None:
+    def _compute_weights(self) -> None:
         of = self._page.residual_variance
         shares = [f32(one) for one in (of.edge, of.contrast, of.share, of.dark)]
         for s, sensor in enumerate(self._page.design.sensors):
             self._runner.run(
-                residuals.weighed,
+                residuals.weighted,
                 self._shape,
                 self._of("light", s),
                 self._of("variance first", s),
@@ -528,7 +528,7 @@ class CardImages:
         for s in range(self._sensors):
             images = self._of("left", s), self._of("weight", s)
             change = self._of(f"mean {before}", s), self._of(f"mean {after}", s)
-            self._runner.run(residuals.foretold_anew, self._shape, *images, *change)
+            self._runner.run(residuals.predicted_again, self._shape, *images, *change)
 
     def take_moves(self, moves: NDArray[np.float32]) -> None:
         """See ``ScanImages``."""
@@ -540,8 +540,8 @@ class CardImages:
     def residuals(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """See ``ScanImages``."""
         light, left, weight = (self._back(name) for name in ("light", "left", "weight"))
-        self._kept = light, left, weight
-        return self._kept
+        self._cached_light = light, left, weight
+        return self._cached_light
 
     def _back(self, name: str) -> NDArray[np.float32]:
         return np.stack([self._runner.back(self._of(name, s)) for s in range(self._sensors)])
@@ -554,7 +554,7 @@ class CardImages:
             return self._screen()
         with self._guard:
             whole = self._on_host()
-        return sums_of(self._page, whole, *self._kept, self._edges, self.unresolved, modes)
+        return sums_of(self._page, whole, *self._cached_light, self._edges, self.unresolved, modes)
 
     def _screen(self) -> Sums:
         """Sum up on the card; its residuals and weight are changed on the way."""
@@ -591,7 +591,7 @@ class CardImages:
     def _sum_columns(self) -> None:
         run, (lines, pixels) = self._runner.run, self._shape
         unresolved = self._page.design.unresolved is not None
-        modes, known = (
+        modes, on_card = (
             self._room("modes", self._design.stack.shape),
             f32(1 / self._page.design.prior.column**2),
         )
@@ -627,7 +627,7 @@ class CardImages:
             sums.column_gains,
             (self._sensors, pixels),
             parts,
-            known,
+            on_card,
             self._room("gains", (self._sensors, pixels)),
         )
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, KeptArrays, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, looked_up, score_of
+from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, score_of, statistics_vector
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
@@ -27,8 +27,8 @@ from prooflight.detectors.matched_filter.explaining import (
     regions_of,
     whole_page,
 )
-from prooflight.detectors.matched_filter.glyphs.telling import FAMILY, KINDS, glyph_explanation, glyphs_name
-from prooflight.detectors.matched_filter.glyphs.weighing import NONE, NOTHING
+from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
 from prooflight.detectors.matched_filter.print_state import print_state
 from prooflight.detectors.matched_filter.run_test import PressRunTest
@@ -50,7 +50,7 @@ from prooflight.scans.placement import IN_PLACE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, PlannedPage, Station
+    from prooflight.detectors.base import Area, PlannedPage, PressContext
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
@@ -73,7 +73,7 @@ PARTS: Final = "parts of the page do not look as designed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MatchedFilterDetector(StationDetector):
+class MatchedFilterDetector(ContextDetector):
     """Detector for presses that drift and jitter, trained on the variation of this press's good prints."""
 
     calibrated: CalibratedDetector
@@ -87,29 +87,29 @@ class MatchedFilterDetector(StationDetector):
         return self.calibrated.name
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """See ``Detector``."""
-        return str(self.calibrated.promise)
+        return str(self.calibrated.guarantee)
 
     def prepare(self, planned: PlannedPage) -> MatchedFilterPage:
         """See ``Detector``."""
-        station = planned.station
+        press_context = planned.press_context
         prepared = prepare_page(
             planned.page,
             planned.expected,
-            sensors=station.sensors,
-            geometry=station.geometry,
-            fringes=station.fringes,
+            sensors=press_context.sensors,
+            geometry=press_context.geometry,
+            fringes=press_context.fringes,
             prior=self.calibrated.model.prior,
             zones=planned.zones,
             glyphs=self.in_full or self.calibrated.glyphs is not None,
-            screen=station.screen,
+            screen=press_context.screen,
         )
         model = self.calibrated.model
         widening = 1.0 if model.residual_variance.exact else prepared.colours.widening
         return MatchedFilterPage(
             detector=self,
-            known=prepared,
+            prepared_page=prepared,
             inks=present_inks(planned.page),
             model=model.widened(widening),
             widening=widening,
@@ -117,17 +117,19 @@ class MatchedFilterDetector(StationDetector):
             judge=None if planned.zones is None else ZonedJudge.of(planned.zones),
         )
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
-        model, another = self.calibrated.model, kept.wrong_page
+        model, another = self.calibrated.model, stored.wrong_page
         with np.errstate(all="ignore"):  # the caller checks results that are not finite
-            values = kept.array("values", "fiu", (len(model.statistics),))
-            page_features = kept.array("portrait", "f", model.centre.shape[1:], finite=True)
-            model = model.widened(_widening_of(kept))
-            glyphs = float(kept.array("glyphs", "f", ())) if "glyphs" in kept.kept else NONE
-            floor_mm2 = float(kept.array("floor_mm2", "f", ())) if "floor_mm2" in kept.kept else 0.0
+            values = stored.array("values", "fiu", (len(model.statistics),))
+            page_features = stored.array("portrait", "f", model.centre.shape[1:], finite=True)
+            model = model.widened(_widening_of(stored))
+            glyphs = float(stored.array("glyphs", "f", ())) if "glyphs" in stored.stored_arrays else NONE
+            floor_mm2 = (
+                float(stored.array("floor_mm2", "f", ())) if "floor_mm2" in stored.stored_arrays else 0.0
+            )
             score = score_of(model, values, page_features, another=another)
-            zoned = ZonedJudge.from_stored(kept)
+            zoned = ZonedJudge.from_stored(stored)
             if zoned is None:
                 return self.calibrated.decide(score, glyphs, floor_mm2)
             judge, careful = zoned
@@ -144,7 +146,7 @@ class MatchedFilterPage:
     """A page with its landmarks and the modes in which its print may go wrong."""
 
     detector: MatchedFilterDetector
-    known: PreparedPage
+    prepared_page: PreparedPage
     inks: str
     """Letters of CMYK that the page has."""
     model: DetectorModel
@@ -155,9 +157,13 @@ class MatchedFilterPage:
     judge: ZonedJudge | None = None
     """Decision rule for pages with zones; None: the page has none, or they are not calibrated."""
 
-    def under(self, station: Station) -> MatchedFilterPage:
+    def under(self, press_context: PressContext) -> MatchedFilterPage:
         """See ``PreparedPage``; cheap."""
-        return replace(self, detector=self.detector.at(station), known=self.known.under(station.sensors))
+        return replace(
+            self,
+            detector=self.detector.at(press_context),
+            prepared_page=self.prepared_page.under(press_context.sensors),
+        )
 
     @property
     def leaves_lost_lines_out(self) -> bool:
@@ -166,11 +172,15 @@ class MatchedFilterPage:
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
-        station, calibrated, prepared = self.detector.station, self.detector.calibrated, self.known
+        press_context, calibrated, prepared = (
+            self.detector.press_context,
+            self.detector.calibrated,
+            self.prepared_page,
+        )
         page, page_features = prepared.page, prepared.page_features
         analysis, statistics, score = self._analysed(scan)
         strongest = self.model.strongest(statistics, page_features, most=STRONGEST)
-        values, another = self.model.laid_out(statistics), shows_another(analysis.found)
+        values, another = self.model.vector_of(statistics), shows_another(analysis.registration)
         glyphs = NOTHING if another else analysis.glyphs
         floor = NO_FLOOR if another else analysis.marks.floor
         stored: dict[str, NDArray[Any]] = {}
@@ -190,7 +200,7 @@ class MatchedFilterPage:
             )
         explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
         if floor.alarms and not explanation:
-            explanation = floor_explanation(floor, analysis.found)
+            explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
         if wrong and prepared.glyphs is not None:
             others = explanation.get("regions", ())
@@ -199,31 +209,33 @@ class MatchedFilterPage:
         verdict = Verdict.from_decision(
             page.name,
             decision,
-            costs=station.costs,
-            shift_mm=shift_of(analysis.found),
+            costs=press_context.costs,
+            shift_mm=shift_of(analysis.registration),
             detector=calibrated.name,
             family=FAMILY if explanation.get("kind") in KINDS else strongest[0][0] if strongest else None,
             inks=measured_inks(analysis, self.inks),
             widened=round(self.widening, 2),
             **explanation,
         )
-        if decision.misprint and scan.lost is not None and not (another or analysis.found.found):
+        if decision.misprint and scan.lost is not None and not (another or analysis.registration.located):
             verdict = Verdict.skipped(page.name, UNPLACED, detector=calibrated.name)
-        elif analysis.found.unplaced:
-            verdict = Verdict.skipped(page.name, unplaced_reason(analysis.found), detector=calibrated.name)
+        elif analysis.registration.unplaced:
+            verdict = Verdict.skipped(
+                page.name, unplaced_reason(analysis.registration), detector=calibrated.name
+            )
         if analysis.blind_columns and not decision.misprint:
             numbers = ", ".join(map(str, analysis.blind_columns))
             verdict = Verdict.skipped(page.name, BLIND.format(numbers), detector=calibrated.name)
-        placement = analysis.found.placement if analysis.found.found else IN_PLACE
-        area = inside(page, station.geometry, placement, lines=scan.dn.shape[1])
+        placement = analysis.registration.placement if analysis.registration.located else IN_PLACE
+        area = inside(page, press_context.geometry, placement, lines=scan.dn.shape[1])
         return Inspection(
             verdict=verdict,
             placement=placement,
             area=area,
             measured_dn=scan.dn[:, *area],
             block_z=self._pictured(analysis, area),
-            expect=lambda: cut(station.predict(page, placement), area),
-            kept=stored
+            expect=lambda: cut(press_context.predict(page, placement), area),
+            stored_arrays=stored
             | {
                 "wrong_page": np.array(another),
                 "values": values,
@@ -232,7 +244,7 @@ class MatchedFilterPage:
                 "glyphs": np.array(glyphs.score),
                 "floor_mm2": np.array(floor.area_mm2),
             },
-            state=partial(print_state, analysis, station.sensors),
+            state=partial(print_state, analysis, press_context.sensors),
             variation=partial(page_variation, prepared, analysis),
             summary=None if another else self._summary(values, score, decision),
         )
@@ -246,13 +258,13 @@ class MatchedFilterPage:
         """
         if self.detector.calibrated.told:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
-        return summary_of(self.model, values, self.known.page_features, score=score)
+        return summary_of(self.model, values, self.prepared_page.page_features, score=score)
 
     def whole_score(self, inspection: Inspection) -> float:
         """Return the score of the page as a whole in one of its inspections, without careful areas."""
-        stored = KeptArrays(inspection.kept, self.detector.name)
+        stored = StoredArrays(inspection.stored_arrays, self.detector.name)
         values = stored.array("values", "fiu", (len(self.model.statistics),))
-        score = score_of(self.model, values, self.known.page_features, another=stored.wrong_page)
+        score = score_of(self.model, values, self.prepared_page.page_features, another=stored.wrong_page)
         return score if np.isfinite(score) else WRONG_PAGE
 
     def _analysed(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
@@ -261,29 +273,29 @@ class MatchedFilterPage:
         All statistics are computed only for a page that alarms.
         """
         calibrated, model = self.detector.calibrated, self.model
-        threads = self.detector.station.threads or os.cpu_count() or 1
+        threads = self.detector.press_context.threads or os.cpu_count() or 1
         screens = model.screen is not None and not self.detector.in_full
         modes = SCREEN_MODES if screens else MODES
         analysis = analyse(
-            self.known,
+            self.prepared_page,
             scan.dn,
             lost=scan.lost,
             residual_variance=calibrated.model.residual_variance,
-            looked_at=modes,
-            floor_share=self.detector.station.floor_share,
-            engine=engine_of(self.detector.station.device),
+            analysed_modes=modes,
+            floor_share=self.detector.press_context.floor_share,
+            engine=engine_of(self.detector.press_context.device),
             threads=threads,
         )
-        another, scatter = shows_another(analysis.found), calibrated.model.scatter
+        another, scatter = shows_another(analysis.registration), calibrated.model.scatter
 
         def scored(statistics: list[Observed]) -> tuple[list[Observed], float]:
-            values = looked_up(model, statistics, self.known.page_features)
-            return statistics, score_of(model, values, self.known.page_features, another=another)
+            values = statistics_vector(model, statistics, self.prepared_page.page_features)
+            return statistics, score_of(model, values, self.prepared_page.page_features, another=another)
 
         seen: list[Observed] = []
         if screens and not another:
             seen = screen_statistics(
-                analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter, threads=threads
+                analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter, threads=threads
             )
             statistics, score = scored(seen)
             if score <= calibrated.threshold:
@@ -291,7 +303,7 @@ class MatchedFilterPage:
         analysis = analysis.of_every_mode().settled()
         if not seen:
             return analysis, *scored(
-                all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.found, scatter)
+                all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter)
             )
         every = remaining_statistics(analysis.sums, scatter, seen, order=model.statistics, threads=threads)
         return analysis, *scored(every)
@@ -310,15 +322,15 @@ class MatchedFilterPage:
         careful: list[Observed],
     ) -> dict[str, Any]:
         """Return kind, places and reason of a misprint."""
-        page, model = self.known.page, self.model
-        another = shows_another(analysis.found)
+        page, model = self.prepared_page.page, self.model
+        another = shows_another(analysis.registration)
         alarmed = self.judge is not None and self.judge.careful_alarms(
             self.detector.calibrated, values_of(careful)
         )
         if self.judge is not None and alarmed and not another:
             return self._careful_explanation(analysis, self.judge.greatest(careful))
-        learned = model.kinds_of(values[None], self.known.page_features[None])[0]
-        kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.found)
+        learned = model.kinds_of(values[None], self.prepared_page.page_features[None])[0]
+        kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.registration)
         regions = _regions(strongest, kind, analysis, page)
         speaking = next(
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
@@ -326,8 +338,8 @@ class MatchedFilterPage:
         place = regions[0] if regions else None
         inks = measured_inks(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
-        distinct = distinct_inks(self.detector.station.sensors)
-        reason = reason_for(kind, speaking, place, inks, analysis.found, distinct=distinct)
+        distinct = distinct_inks(self.detector.press_context.sensors)
+        reason = reason_for(kind, speaking, place, inks, analysis.registration, distinct=distinct)
         reason = PARTS if only_parts else reason
         return {"kind": kind, "regions": regions, "reason": reason}
 
@@ -337,10 +349,10 @@ class MatchedFilterPage:
         greatest: the area's greatest statistic, with its deviation.
         """
         kind, strongest = kind_of(greatest.statistic), [(greatest.statistic.cause, greatest)]
-        regions = _regions(strongest, kind, analysis, self.known.page)
+        regions = _regions(strongest, kind, analysis, self.prepared_page.page)
         inks, place = measured_inks(analysis, self.inks), regions[0] if regions else None
-        distinct = distinct_inks(self.detector.station.sensors)
-        reason = reason_for(kind, greatest, place, inks, analysis.found, distinct=distinct)
+        distinct = distinct_inks(self.detector.press_context.sensors)
+        reason = reason_for(kind, greatest, place, inks, analysis.registration, distinct=distinct)
         zone = None
         if place is not None and self.zones is not None:
             middle = place.x_mm + place.width_mm / 2, place.y_mm + place.height_mm / 2
@@ -357,7 +369,7 @@ class MatchedFilterPage:
             for one in sums.tiles[[0, 1, 3], light]
         )
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
-        side = round(sums.tile_mm / self.detector.station.geometry.pixel_pitch_mm)
+        side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
 
 
@@ -366,7 +378,7 @@ def _regions(
 ) -> tuple[Region, ...]:
     """Return places, those of the verdict's kind first; a wrong page is wrong as a whole."""
     size_mm = page.width_mm, page.height_mm
-    shift_mm = analysis.found.placement.shift_mm if analysis.found.found else (0.0, 0.0)
+    shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
     if kind == WRONG_PAGE_KIND:  # no place is more specific than another
         return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
     kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
@@ -376,9 +388,9 @@ def _regions(
     )
 
 
-def _widening_of(stored: KeptArrays) -> float:
+def _widening_of(stored: StoredArrays) -> float:
     """Return the stored widening; 1 for evidence from before there was any."""
-    if "widening" not in stored.kept:
+    if "widening" not in stored.stored_arrays:
         return 1.0
     return max(float(stored.array("widening", "f", (), finite=True)), 1.0)
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.weighted_conformal import ToldPages
+    from prooflight.detectors.weighted_conformal import LabelledPages
 
 FALSELY: Final = 0.001
 """Maximum share of runs with exchangeable pages that are ever called otherwise."""
@@ -57,7 +57,7 @@ OF_SCORE: Final = 0.5
 
 def groups_of(model: DetectorModel) -> tuple[str, ...]:
     """Return the names of the summaries: ``SCORE``, and first words of the statistics that every page has."""
-    return (SCORE, *dict.fromkeys(model.statistics[index].word for index in of_every_page(model)))
+    return (SCORE, *dict.fromkeys(model.statistics[index].label for index in of_every_page(model)))
 
 
 def summaries(
@@ -69,7 +69,7 @@ def summaries(
     first word.
     """
     indices = of_every_page(model)
-    labels = [model.statistics[index].word for index in indices]
+    labels = [model.statistics[index].label for index in indices]
     number = {label: index for index, label in enumerate(dict.fromkeys(labels))}
     group = np.array([number[label] for label in labels])
     means = [deviations[:, indices[group == index]].mean(axis=1) for index in range(len(number))]
@@ -94,7 +94,7 @@ def shares(groups: int) -> NDArray[np.float64]:
 class ExchangeabilityTest:
     """Wealth of one run's gamblers, updated page by page."""
 
-    known: list[NDArray[np.float64]]
+    reference_pages: list[NDArray[np.float64]]
     """Summaries of pages among which the next are ranked; each group uses its own column."""
     room: int
     """Maximum number of these."""
@@ -116,14 +116,14 @@ class ExchangeabilityTest:
         return cls._before(pool, names)
 
     @classmethod
-    def of_labelled(cls, labelled: ToldPages, rng: np.random.Generator) -> ExchangeabilityTest:
+    def of_labelled(cls, labelled: LabelledPages, rng: np.random.Generator) -> ExchangeabilityTest:
         """Start the test of a run from labelled pages; rng: draws which of these are retained."""
         return cls._before([np.array([score]) for score in labelled.alike(rng)], (SCORE,))
 
     @classmethod
     def _before(cls, pool: list[NDArray[np.float64]], names: tuple[str, ...]) -> ExchangeabilityTest:
         return cls(
-            known=pool,
+            reference_pages=pool,
             room=len(pool) + REMEMBERED,
             names=names,
             log_wealth=np.zeros((len(names), STAKES.size)),
@@ -131,17 +131,17 @@ class ExchangeabilityTest:
 
     def add(self, summary: NDArray[np.float64], rng: np.random.Generator) -> None:
         """Add a page of the run, (groups,); rng: breaks ties, and draws the page that is forgotten."""
-        before = np.stack(self.known)
+        before = np.stack(self.reference_pages)
         above = (before > summary).sum(axis=0)
         alike = (before == summary).sum(axis=0) + 1
         p = (above + rng.random(summary.size) * alike) / (len(before) + 1)
         p = MISPRINTS + (1 - MISPRINTS) * p
         self.log_wealth += np.log(_bet(p))
-        self.known.append(summary)
-        if len(self.known) > self.room:
-            forgotten, last = int(rng.integers(len(self.known))), self.known.pop()
-            if forgotten < len(self.known):
-                self.known[forgotten] = last
+        self.reference_pages.append(summary)
+        if len(self.reference_pages) > self.room:
+            forgotten, last = int(rng.integers(len(self.reference_pages))), self.reference_pages.pop()
+            if forgotten < len(self.reference_pages):
+                self.reference_pages[forgotten] = last
         self.most = max(self.most, float(self.gained.max()))
 
     @property

@@ -77,7 +77,7 @@ def measured_inks(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
     A plane of which most is displaced further than registration follows is out of register by that
     displacement.
     """
-    fit, registration = analysis.fit, analysis.found
+    fit, registration = analysis.fit, analysis.registration
     far = analysis.sums.shifts[:, 1] > MOST_OF_PLANE
     register_mm = registration.planes_mm + np.where(far[:, None], analysis.sums.shifts[:, 2:], 0)
     return {
@@ -126,7 +126,7 @@ def regions_of(
 
 def floor_explanation(floor: FloorFinding, registration: Registration) -> dict[str, Any]:
     """Return kind, place and reason of a misprint whose light differs by more than the floor."""
-    shift_mm = registration.placement.shift_mm if registration.found else (0.0, 0.0)
+    shift_mm = registration.placement.shift_mm if registration.located else (0.0, 0.0)
     x, y, width, height = floor.box
     box_mm = max(x - shift_mm[0], 0.0), max(y - shift_mm[1], 0.0), width, height
     region = Region.rounded(box_mm, score=floor.area_mm2, kind="spots-voids")
@@ -179,7 +179,7 @@ def reason_for(
             return f"streak at x = {region.x_mm + region.width_mm / 2:.0f} mm{_in(ink, distinct)}"
         case "banding":
             return f"bands across the page{_in(ink, distinct)}"
-        case "unknown" if not registration.found:
+        case "unknown" if not registration.located:
             return f"where the page lies cannot be told: {registration.reason or 'its tiles lie in different places'}"
     what = {
         "spots-voids": "spot" if _darker(statistic) else "void",

@@ -31,10 +31,10 @@ from prooflight.detectors.matched_filter.screen import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
 from prooflight.files.schema import (
+    ArraySpec,
     Block,
     Chance,
     Count,
-    Kept,
     Misfit,
     Name,
     NotNegative,
@@ -315,7 +315,7 @@ class DetectorModel:
 
         statistics: all of the model's, or those of its screen alone.
         """
-        deviations = self.deviations(self.laid_out(statistics)[None], page_features[None])
+        deviations = self.deviations(self.vector_of(statistics)[None], page_features[None])
         if self.screen is not None and len(statistics) < len(self.statistics):
             evidence, deviations = self.screen.evidence(deviations)[0], deviations[:, self.screen.statistic]
             families, family = self.screen.families, self.screen.family
@@ -329,7 +329,7 @@ class DetectorModel:
             result.append((families[index], statistics[best]))
         return result
 
-    def laid_out(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
+    def vector_of(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
         """Return values (n,) of all the model's statistics, with NaN for those that were not computed.
 
         statistics: all of them, or those of its screen alone. ValueError: they are others.
@@ -457,23 +457,23 @@ def _wrong_tail(tail: NDArray[np.floating]) -> str:
 
 
 TABLE: Final = {
-    "family": Kept(dtype="int32", shape=("statistics",), low=0),
-    "centre": Kept(dtype="float64", shape=(2, PAGE_FEATURES), rule=_wrong_centre),
-    "baseline": Kept(dtype="float64", shape=(1 + PAGE_FEATURES, "statistics")),
-    "sd": Kept(dtype="float64", shape=("statistics",), above=0),
-    "shift": Kept(dtype="float64", shape=("statistics",)),
-    "scale": Kept(dtype="float64", shape=("statistics",), above=0),
-    "quantiles": Kept(dtype="float64", shape=("families", "quantiles"), rule=rising),
-    "tail": Kept(dtype="float64", shape=("families", 3), rule=_wrong_tail),
+    "family": ArraySpec(dtype="int32", shape=("statistics",), low=0),
+    "centre": ArraySpec(dtype="float64", shape=(2, PAGE_FEATURES), rule=_wrong_centre),
+    "baseline": ArraySpec(dtype="float64", shape=(1 + PAGE_FEATURES, "statistics")),
+    "sd": ArraySpec(dtype="float64", shape=("statistics",), above=0),
+    "shift": ArraySpec(dtype="float64", shape=("statistics",)),
+    "scale": ArraySpec(dtype="float64", shape=("statistics",), above=0),
+    "quantiles": ArraySpec(dtype="float64", shape=("families", "quantiles"), rule=rising),
+    "tail": ArraySpec(dtype="float64", shape=("families", 3), rule=_wrong_tail),
     **{
-        f"scatter.{name}": Kept(dtype="float64", shape=(*shape, 3), low=0)
+        f"scatter.{name}": ArraySpec(dtype="float64", shape=(*shape, 3), low=0)
         for name, shape in SCATTER_SHAPES.items()
     },
-    "scatter.light": Kept(dtype="float64", shape=(len(SIZES),), above=0),
+    "scatter.light": ArraySpec(dtype="float64", shape=(len(SIZES),), above=0),
 }
 FIRST_TABLE: Final = {
-    "first.statistic": Kept(dtype="int32", shape=("first statistics",), low=0),
-    "first.family": Kept(dtype="int32", shape=("first statistics",), low=0),
-    "first.quantiles": Kept(dtype="float64", shape=("first families", "quantiles"), rule=rising),
-    "first.tail": Kept(dtype="float64", shape=("first families", 3), rule=_wrong_tail),
+    "first.statistic": ArraySpec(dtype="int32", shape=("first statistics",), low=0),
+    "first.family": ArraySpec(dtype="int32", shape=("first statistics",), low=0),
+    "first.quantiles": ArraySpec(dtype="float64", shape=("first families", "quantiles"), rule=rising),
+    "first.tail": ArraySpec(dtype="float64", shape=("first families", 3), rule=_wrong_tail),
 }

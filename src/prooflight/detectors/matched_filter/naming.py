@@ -52,13 +52,13 @@ FAMILIES: Final = {
 """Descriptions of the first words of statistics."""
 
 
-def family_in_words(word: str) -> str | None:
+def family_text(label: str) -> str | None:
     """Return a description of the statistics with this first word; None: there is none.
 
-    >>> family_in_words("streak")
+    >>> family_text("streak")
     'lines along the travel'
     """
-    return FAMILIES.get(word)
+    return FAMILIES.get(label)
 
 
 def kind_of(statistic: Statistic) -> str:
@@ -99,7 +99,7 @@ def supported(kind: str, registration: Registration) -> str:
 
     It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
     """
-    return UNKNOWN if kind == WRONG_PAGE_KIND and not registration.found else kind
+    return UNKNOWN if kind == WRONG_PAGE_KIND and not registration.located else kind
 
 
 def _of_box(box: Statistic) -> str:

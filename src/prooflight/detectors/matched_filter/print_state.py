@@ -35,17 +35,17 @@ def fitted_amounts(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> di
     for sensor, white in zip(sensors, fit.white, strict=True):
         values[f"light-{sensor.name}"] = float(white)
     values |= {f"lamp-{k}": float(one) for k, one in enumerate(fit.lamp, start=1)}
-    shares = known_shares(fit)
+    shares = determined_shares(fit)
     for ink, name in enumerate(INK_NAMES):
         if shares[ink] >= LEAST_SHARE:
             values[f"gain-{name}"] = float(fit.gain[ink, 0] / shares[ink])
-        if analysis.found.plane_parts[:, ink].min() > 0:
+        if analysis.registration.plane_parts[:, ink].min() > 0:
             for axis, letter in enumerate("xy"):
-                values[f"register-{name}-{letter}"] = float(analysis.found.planes_mm[ink, axis])
+                values[f"register-{name}-{letter}"] = float(analysis.registration.planes_mm[ink, axis])
     return values
 
 
-def known_shares(fit: Fit) -> NDArray[np.float64]:
+def determined_shares(fit: Fit) -> NDArray[np.float64]:
     """Return the share of each ink's amount (4,) that the page determines: 1 - posterior over prior variance.
 
     ``Fit.pulls`` is the amount over its standard deviation on good prints, which is the root of that share.

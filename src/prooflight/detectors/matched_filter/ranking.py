@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.files.schema import Kept, Misfit, check_arrays
+from prooflight.files.schema import ArraySpec, Misfit, check_arrays
 from prooflight.kernels.statistics.forest import shares_of
 
 if TYPE_CHECKING:
@@ -158,12 +158,12 @@ class Forest:
 
 
 FOREST: Final = {
-    "column": Kept(dtype="int32", shape=("nodes",), low=-1),
-    "cut": Kept(dtype="float32", shape=("nodes",)),
-    "left": Kept(dtype="int32", shape=("nodes",), low=-1),
-    "right": Kept(dtype="int32", shape=("nodes",), low=-1),
-    "share": Kept(dtype="float32", shape=("nodes",), low=0, high=1),
-    "root": Kept(dtype="int32", shape=("trees",), low=0),
+    "column": ArraySpec(dtype="int32", shape=("nodes",), low=-1),
+    "cut": ArraySpec(dtype="float32", shape=("nodes",)),
+    "left": ArraySpec(dtype="int32", shape=("nodes",), low=-1),
+    "right": ArraySpec(dtype="int32", shape=("nodes",), low=-1),
+    "share": ArraySpec(dtype="float32", shape=("nodes",), low=0, high=1),
+    "root": ArraySpec(dtype="int32", shape=("trees",), low=0),
 }
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest
-from prooflight.detectors.matched_filter.naming import family_in_words
+from prooflight.detectors.matched_filter.naming import family_text
 from prooflight.rng import stream
 
 if TYPE_CHECKING:
@@ -57,4 +57,4 @@ class PressRunTest:
     @property
     def strangest(self) -> str:
         """See ``RunTest``."""
-        return family_in_words(self.test.strangest) or "their scores"
+        return family_text(self.test.strangest) or "their scores"

@@ -260,7 +260,7 @@ def sums_of(
         geometry=design.geometry,
         page_width_mm=design.page.width_mm,
         prior=design.prior,
-        looked_at=modes,
+        analysed_modes=modes,
         threads=threads,
     )
 

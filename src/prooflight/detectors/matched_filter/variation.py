@@ -86,8 +86,8 @@ def page_variation(prepared: PreparedPage, analysis: ScanAnalysis) -> NDArray[np
 
 def _of_place(analysis: ScanAnalysis) -> dict[str, tuple[float, float]]:
     """Return the amounts of placement and register."""
-    registered, place = analysis.found, analysis.found.placement
-    if not registered.found:
+    registered, place = analysis.registration, analysis.registration.placement
+    if not registered.located:
         return {}
     result = {
         "page.shift_mm": (EVEN * _square(place.shift_mm), 1.0),
@@ -114,7 +114,10 @@ def _of_fit(prepared: PreparedPage, analysis: ScanAnalysis) -> dict[str, tuple[f
     """Return the amounts of inks, lamp and light as a whole."""
     fit, prior = analysis.fit, analysis.fit.prior
     layout = FitLayout(sensors=fit.white.size, colours=fit.shape.shape[1])
-    share, amounts = layout.parts(fit.told), layout.parts(fit.pulls * np.sqrt(fit.told))
+    share, amounts = (
+        layout.parts(fit.determined_share),
+        layout.parts(fit.pulls * np.sqrt(fit.determined_share)),
+    )
 
     def square(
         of: FitParts, shares: FitParts, name: str, sd: float, *, at: int | slice | None = None

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Station
+    from prooflight.detectors.base import PressContext
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.detector import MatchedFilterPage
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
@@ -364,7 +364,7 @@ class VisibleMarks:
     @classmethod
     def of(cls, prepared: MatchedFilterPage) -> Self:
         """Compute the limits of a page that is prepared for its scans."""
-        design, model, station = prepared.known, prepared.model, prepared.detector.station
+        design, model, press_context = prepared.prepared_page, prepared.model, prepared.detector.press_context
         sensors, geometry = design.binned_sensors, design.binned_geometry
         inside = pixel_map(design.page, geometry, IN_PLACE).inside
         if design.zones is not None:
@@ -378,12 +378,12 @@ class VisibleMarks:
             residual_variance=model.residual_variance,
             unresolved=design.unresolved,
             hidden=design.hidden,
-            threads=station.threads or 1,
+            threads=press_context.threads or 1,
         )
         limiting_t = limits(
             model, prepared.detector.calibrated.threshold, design.page_features, expected.windows
         )
-        spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, station.floor_share)
+        spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, press_context.floor_share)
         return cls(
             spot_mm=spot,
             hair_mm=hair,
@@ -439,18 +439,18 @@ def _spot_and_hair(
     return spot, hair
 
 
-def on_tint(detector: CalibratedDetector, station: Station, black: float) -> tuple[float, float]:
+def on_tint(detector: CalibratedDetector, press_context: PressContext, black: float) -> tuple[float, float]:
     """Return the smallest spot and the narrowest hair that alarm on an A4 page of one tint. [mm]
 
     They are computed from the press's tables alone, for a page with the mean features of the training pages.
     black: its ink [-].
     """
-    bins = bins_of(station.geometry)
-    geometry = binned_geometry(station.geometry, bins)
-    pitch_mm = station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm
-    sensors = tuple(binned_sensor(one, bins, pitch_mm) for one in station.sensors)
+    bins = bins_of(press_context.geometry)
+    geometry = binned_geometry(press_context.geometry, bins)
+    pitch_mm = press_context.geometry.pixel_pitch_mm, press_context.geometry.line_pitch_mm
+    sensors = tuple(binned_sensor(one, bins, pitch_mm) for one in press_context.sensors)
     pixel_mm, model = geometry.pixel_pitch_mm, detector.model
-    extent = round(min(SAMPLE_MM, station.geometry.field_mm) / pixel_mm)
+    extent = round(min(SAMPLE_MM, press_context.geometry.field_mm) / pixel_mm)
     cmyk = np.zeros((extent, extent, 4), np.uint8)
     cmyk[..., INK_LETTERS.index("K")] = round(255 * black)
     page = Page(cmyk=cmyk, dpi=MM_PER_INCH / pixel_mm, name="tint", number=1)
@@ -465,13 +465,13 @@ def on_tint(detector: CalibratedDetector, station: Station, black: float) -> tup
     channels = len(sensors) + (len(sensors) > 1)
     windows = np.full((CLASSES, SIZES), channels * A4_MM2 / (pixel_mm * geometry.line_pitch_mm))
     limiting_t = limits(model, detector.threshold, model.centre[0], windows)
-    spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, station.floor_share)
+    spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, press_context.floor_share)
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(len(spot))
     line, pixel = np.abs(y_mm - page.height_mm / 2).argmin(), np.abs(x_mm - page.width_mm / 2).argmin()
     return float(spot[line, pixel]), float(hair[line, pixel])
 
 
-def floor_in_words(floor_share: float) -> str:
+def floor_text(floor_share: float) -> str:
     """Return a description of what is always a misprint; empty: there is no floor."""
     if not floor_share:
         return ""

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter, Sums
     from prooflight.detectors.verdict import Decision
@@ -198,13 +198,13 @@ class ZonedJudge:
         )
 
     @classmethod
-    def from_stored(cls, stored: KeptArrays) -> tuple[Self, NDArray[np.float32]] | None:
+    def from_stored(cls, stored: StoredArrays) -> tuple[Self, NDArray[np.float32]] | None:
         """Return the stored rule and the careful area's statistics; None: the page has no zones."""
-        if "zones_page" not in stored.kept:
+        if "zones_page" not in stored.stored_arrays:
             return None
         share = float(stored.array("zones_share", "f", (), finite=True))
         page = stored.array("zones_page", "f", (None,), finite=True)
-        if "careful" not in stored.kept:
+        if "careful" not in stored.stored_arrays:
             nothing = np.zeros(0)
             judge = cls(page_good=page, careful_good=nothing, baseline=np.zeros((2, 0)), share=share)
             return judge, nothing.astype(np.float32)

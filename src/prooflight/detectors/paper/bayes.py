@@ -16,14 +16,14 @@ from scipy import special
 
 from prooflight.detectors.paper.evidence import only
 from prooflight.detectors.verdict import Decision
-from prooflight.files.schema import Block, Chance, Kept, Misfit, Name, check_arrays, checked, rising
+from prooflight.files.schema import ArraySpec, Block, Chance, Misfit, Name, check_arrays, checked, rising
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.paper.evidence import Evidence
 
 Binning = Literal["quantile", "equal-width"]
@@ -164,17 +164,17 @@ class BayesDetector:
     name: str = "bayes"
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """See ``EvidenceDetector``."""
         return "none: a page alarms where stopping costs less than letting pass"
 
-    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+    def stored_arrays(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
         """See ``EvidenceDetector``."""
         return {"block_z": evidence.block_z}
 
-    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+    def evidence_of(self, stored: StoredArrays, *, sensors: int) -> Evidence:
         """See ``EvidenceDetector``."""
-        return only(block_z=kept.array("block_z", "f", (sensors, None, None), finite=True))
+        return only(block_z=stored.array("block_z", "f", (sensors, None, None), finite=True))
 
     def decide(self, evidence: Evidence) -> Decision:
         """Decide on one page; score and threshold are log odds, which do not saturate as probabilities do."""
@@ -254,12 +254,12 @@ def _no_distribution(logarithms: NDArray[np.floating]) -> str:
 
 
 TABLE: Final = {
-    "edges": Kept(dtype="float64", shape=("statistics", "edges"), rule=rising),
-    "log_likelihood": Kept(
+    "edges": ArraySpec(dtype="float64", shape=("statistics", "edges"), rule=rising),
+    "log_likelihood": ArraySpec(
         dtype="float64", shape=("types", "statistics", "bins"), high=0, rule=_no_distribution
     ),
-    "log_type_share": Kept(dtype="float64", shape=("misprints",), high=0, rule=_no_distribution),
-    "unit": Kept(dtype="float64", shape=("sensors",), above=0),
+    "log_type_share": ArraySpec(dtype="float64", shape=("misprints",), high=0, rule=_no_distribution),
+    "unit": ArraySpec(dtype="float64", shape=("sensors",), above=0),
 }
 
 

@@ -15,7 +15,7 @@ from prooflight.detectors.verdict import Decision
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.paper.evidence import Evidence
 
 MOST_COUNT: Final = 2**40
@@ -52,21 +52,21 @@ class ChiSquare:
     name: str = "chi-square"
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """See ``EvidenceDetector``."""
         odds = f"{self.good_pages_per_false_alarm:,.0f}"
         return f"at most one good page in {odds} alarms, if it differs by sensor noise alone"
 
-    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+    def stored_arrays(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
         """See ``EvidenceDetector``."""
         counts = evidence.tile_histogram
         return {"tile_histogram": counts.astype(np.min_scalar_type(int(counts.max(initial=0))))}
 
-    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+    def evidence_of(self, stored: StoredArrays, *, sensors: int) -> Evidence:
         """See ``EvidenceDetector``."""
-        counts = kept.array("tile_histogram", "ui", (sensors, None, None, interval_shares().size))
+        counts = stored.array("tile_histogram", "ui", (sensors, None, None, interval_shares().size))
         if int(counts.min()) < 0 or float(counts.max()) >= MOST_COUNT or not counts.any(axis=3).all():
-            raise kept.refusal("'tile_histogram' holds what are no counts of pixels")
+            raise stored.refusal("'tile_histogram' holds what are no counts of pixels")
         return only(tile_histogram=counts.astype(np.int64))
 
     def decide(self, evidence: Evidence) -> Decision:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import INKS
-from prooflight.detectors.base import BLOCK_PIXELS, Inspection, PlannedPage, StationDetector
+from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PlannedPage
 from prooflight.detectors.paper.chi_square import tile_statistics
 from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
 from prooflight.detectors.paper.finding import SoughtPage, find
@@ -23,7 +23,7 @@ from prooflight.prediction.predict import cut
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays, Station
+    from prooflight.detectors.base import PressContext, StoredArrays
     from prooflight.detectors.paper.evidence import Evidence, EvidenceDetector
     from prooflight.detectors.paper.finding import PlacedPage
     from prooflight.detectors.verdict import Decision
@@ -37,7 +37,7 @@ PIXELS_A_BLOCK: Final = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PaperDetector(StationDetector):
+class PaperDetector(ContextDetector):
     """Detector that tests the error's histograms or block means by one of the paper's tests."""
 
     test: EvidenceDetector
@@ -48,18 +48,18 @@ class PaperDetector(StationDetector):
         return self.test.name
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """See ``Detector``."""
-        return self.test.promise
+        return self.test.guarantee
 
     def prepare(self, planned: PlannedPage) -> PaperPage:
         """See ``Detector``."""
         return PaperPage(detector=self, sought=SoughtPage.of(planned))
 
-    def decided_again(self, kept: KeptArrays) -> Decision:
+    def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
         with np.errstate(all="ignore"):  # the caller checks results that are not finite
-            return self.test.decide(self.test.evidence_of(kept, sensors=len(self.station.sensors)))
+            return self.test.decide(self.test.evidence_of(stored, sensors=len(self.press_context.sensors)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,25 +69,25 @@ class PaperPage:
     detector: PaperDetector
     sought: SoughtPage
 
-    def under(self, station: Station) -> PaperPage:
+    def under(self, press_context: PressContext) -> PaperPage:
         """See ``PreparedPage``; cheap, because landmarks stay."""
-        return PaperPage(detector=self.detector.at(station), sought=self.sought.relit(station))
+        return PaperPage(detector=self.detector.at(press_context), sought=self.sought.relit(press_context))
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``; seed: of the randomised integral transform."""
-        page, station, test = self.sought.page, self.detector.station, self.detector.test
-        placed = find(self.sought, scan.dn, station)
+        page, press_context, test = self.sought.page, self.detector.press_context, self.detector.test
+        placed = find(self.sought, scan.dn, press_context)
         seen, measured = cut(placed.prediction, placed.area), scan.dn[:, *placed.area]
-        evidence = _gathered(measured, seen, station, seed=seed + page.number)
+        evidence = _gathered(measured, seen, press_context, seed=seed + page.number)
         decision, wrong = test.decide(evidence), placed.wrong_page
         decision = replace(decision, misprint=decision.misprint or wrong)
         result = Findings(regions=(), kind=None)
         if decision.misprint:
-            result = findings(_grid(page, station.geometry, evidence, placed))
+            result = findings(_grid(page, press_context.geometry, evidence, placed))
         verdict = Verdict.from_decision(
             page.name,
             decision,
-            costs=station.costs,
+            costs=press_context.costs,
             always_stop=wrong,
             kind=WRONG_PAGE_KIND if wrong else result.kind,
             regions=result.regions,
@@ -104,26 +104,31 @@ class PaperPage:
             measured_dn=measured,
             block_z=evidence.block_z,
             expect=lambda: seen,
-            kept={"wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND), **test.kept(evidence)},
-            state=partial(print_state, measured, seen.expected_dn, placed.area[1], station),
+            stored_arrays={
+                "wrong_page": np.array(verdict.kind == WRONG_PAGE_KIND),
+                **test.stored_arrays(evidence),
+            },
+            state=partial(print_state, measured, seen.expected_dn, placed.area[1], press_context),
         )
 
 
-def page_evidence(page: Page, scan_dn: NDArray[np.uint16], station: Station) -> Evidence:
+def page_evidence(page: Page, scan_dn: NDArray[np.uint16], press_context: PressContext) -> Evidence:
     """Return the evidence of the paper's detectors from one scan (sensors, lines, pixels) of a page."""
-    placed = find(SoughtPage.of(PlannedPage(page, station)), scan_dn, station)
+    placed = find(SoughtPage.of(PlannedPage(page, press_context)), scan_dn, press_context)
     seen, measured = cut(placed.prediction, placed.area), scan_dn[:, *placed.area]
-    return _gathered(measured, seen, station, seed=page.number)
+    return _gathered(measured, seen, press_context, seed=page.number)
 
 
-def _gathered(measured: NDArray[np.uint16], seen: Prediction, station: Station, *, seed: int) -> Evidence:
+def _gathered(
+    measured: NDArray[np.uint16], seen: Prediction, press_context: PressContext, *, seed: int
+) -> Evidence:
     return gather(
         measured,
         seen.expected_dn,
         seen.variance_dn2,
-        top_codes_dn=[sensor.top_code_dn for sensor in station.sensors],
+        top_codes_dn=[sensor.top_code_dn for sensor in press_context.sensors],
         seed=seed,
-        threads=station.threads,
+        threads=press_context.threads,
     )
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import KeptArrays
+    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.verdict import Decision
 
 INTERVALS = 16
@@ -289,7 +289,7 @@ class EvidenceDetector(Protocol):
         ...
 
     @property
-    def promise(self) -> str:
+    def guarantee(self) -> str:
         """False-alarm rate that is guaranteed, in words."""
         ...
 
@@ -297,11 +297,11 @@ class EvidenceDetector(Protocol):
         """Decide on one page by its evidence, which is not changed."""
         ...
 
-    def kept(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
+    def stored_arrays(self, evidence: Evidence) -> dict[str, NDArray[Any]]:
         """Return the arrays of the evidence that it uses."""
         ...
 
-    def evidence_of(self, kept: KeptArrays, *, sensors: int) -> Evidence:
+    def evidence_of(self, stored: StoredArrays, *, sensors: int) -> Evidence:
         """Restore the evidence that it uses; RequestError: the arrays are not of a page."""
         ...
 

@@ -16,7 +16,7 @@ from prooflight.scans.placement import IN_PLACE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, PlannedPage, Station
+    from prooflight.detectors.base import Area, PlannedPage, PressContext
     from prooflight.pages.raster import Page
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
@@ -67,40 +67,40 @@ class SoughtPage:
     def of(cls, planned: PlannedPage) -> SoughtPage:
         """Compute everything that needs no scan."""
         page, nominal = planned.page, planned.expected
-        sensors, geometry = planned.station.sensors, planned.station.geometry
+        sensors, geometry = planned.press_context.sensors, planned.press_context.geometry
         landmarks = prepare(page, nominal, sensors=sensors, geometry=geometry)
         area = geometry.on_page(page.width_mm, page.height_mm)
         return cls(page=page, nominal=nominal, lit=landmarks.sensors, area=area, landmarks=landmarks)
 
-    def relit(self, station: Station) -> SoughtPage:
+    def relit(self, press_context: PressContext) -> SoughtPage:
         """Return the page under another light of the press; its landmarks stay."""
-        return replace(self, landmarks=replace(self.landmarks, sensors=station.sensors))
+        return replace(self, landmarks=replace(self.landmarks, sensors=press_context.sensors))
 
-    def in_place(self, station: Station) -> Prediction:
+    def in_place(self, press_context: PressContext) -> Prediction:
         """Return the prediction of the page in its nominal place, under the current light.
 
         It is computed on demand, because hardly any print is in its nominal place to a fiftieth of a pixel.
         """
-        if station.sensors is self.lit:
+        if press_context.sensors is self.lit:
             return self.nominal
-        return relit(self.nominal, self.lit, station.sensors) or station.predict(self.page)
+        return relit(self.nominal, self.lit, press_context.sensors) or press_context.predict(self.page)
 
 
-def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> PlacedPage:
+def find(sought: SoughtPage, scan: NDArray[np.uint16], press_context: PressContext) -> PlacedPage:
     """Find a page in ``scan`` (sensors, lines, pixels) [DN] and predict it at its placement.
 
     scan: as returned by ``inspection.inspector.judged_lines``.
     """
     page = sought.page
-    where = register(sought.landmarks, scan, threads=station.threads or os.cpu_count() or 1)
-    placement = where.placement if where.found and _moved(where, page, station) else IN_PLACE
+    where = register(sought.landmarks, scan, threads=press_context.threads or os.cpu_count() or 1)
+    placement = where.placement if where.located and _moved(where, page, press_context) else IN_PLACE
     moved = placement is not IN_PLACE
-    prediction = station.predict(page, placement) if moved else sought.in_place(station)
+    prediction = press_context.predict(page, placement) if moved else sought.in_place(press_context)
     another = shows_another(where)
     return PlacedPage(
         placement=placement,
         prediction=prediction,
-        area=inside(page, station.geometry, placement, lines=scan.shape[1]) if moved else sought.area,
+        area=inside(page, press_context.geometry, placement, lines=scan.shape[1]) if moved else sought.area,
         wrong_page=another,
         reason=place_reason(where) if another else "",
         unplaced=unplaced_reason(where) if where.unplaced else "",
@@ -108,13 +108,13 @@ def find(sought: SoughtPage, scan: NDArray[np.uint16], station: Station) -> Plac
     )
 
 
-def _moved(where: Registration, page: Page, station: Station) -> bool:
+def _moved(where: Registration, page: Page, press_context: PressContext) -> bool:
     """Return whether the page is displaced by more than the estimate's own uncertainty."""
     reach_mm = np.array([page.height_mm, page.width_mm]) / 2
     turn_mm = np.deg2rad(abs(where.placement.skew_deg)) * reach_mm
     turn_sd_mm = np.deg2rad(where.skew_sd_deg) * reach_mm
     shift_mm, sd_mm = np.abs(where.placement.shift_mm), np.array(where.shift_sd_mm)
-    pitch_mm = np.array([station.geometry.pixel_pitch_mm, station.geometry.line_pitch_mm])
+    pitch_mm = np.array([press_context.geometry.pixel_pitch_mm, press_context.geometry.line_pitch_mm])
     shifted = (shift_mm > MOVED_SIGMAS * sd_mm) & (shift_mm > MOVED_PIXELS * pitch_mm)
     turned = (turn_mm > MOVED_SIGMAS * turn_sd_mm) & (turn_mm > MOVED_PIXELS * pitch_mm)
     return bool(shifted.any() or turned.any())

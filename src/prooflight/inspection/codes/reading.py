@@ -68,7 +68,7 @@ def with_codes(
         for name, array in _evidence(count, codes[at], cuts[at]).items()
     }
     verdict = _verdict(done.verdict, read, [read[at] for at in failed])
-    return replace(done, verdict=verdict, kept={**done.kept, **evidence})
+    return replace(done, verdict=verdict, stored_arrays={**done.stored_arrays, **evidence})
 
 
 def read_codes(

@@ -23,7 +23,7 @@ def code_zones(job: Job, number: int, press: Press) -> list[ZoneEntry]:
     own = job.page(number)
     page = press.geometry.lay(own)
     entries = []
-    for code in page_codes(PlannedPage(page, press.station()), press.sensors, press.geometry):
+    for code in page_codes(PlannedPage(page, press.press_context()), press.sensors, press.geometry):
         x, y, width, height = code.box_mm
         if page is not own:  # back from a page that was turned as ``pages.raster.turned`` does
             x, y, width, height = y, own.height_mm - x - width, height, width

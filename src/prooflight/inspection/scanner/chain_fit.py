@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Station
+    from prooflight.detectors.base import PressContext
     from prooflight.pages.raster import Page
 
 NEAR_PIXELS: Final = 7
@@ -73,18 +73,18 @@ class SheetEdges:
 
 
 def sheet_edges(
-    page: Page, station: Station, light: NDArray[np.float32], seen: NDArray[np.bool_]
+    page: Page, press_context: PressContext, light: NDArray[np.float32], seen: NDArray[np.bool_]
 ) -> SheetEdges | None:
     """Return the samples of one sheet; None: it has too little print, or does not show the page.
 
     light : (channels, lines, pixels) of the scan, at the press's pixels, near its page [paper]
     seen : (lines, pixels) where the scan shows the page, and no zone is ignored
     """
-    grown = grown_light(page, station)
+    grown = grown_light(page, press_context)
     usual = to_numbers(grown[1])
     numbers = to_numbers(light)
     where = place_of(usual, np.where(seen, numbers, usual))
-    if not where.found or where.bent:
+    if not where.located or where.bent:
         return None
     moved = np.stack([[np.nan_to_num(where.moved(one), nan=1.0) for one in step] for step in grown])
     near = cv2.dilate(

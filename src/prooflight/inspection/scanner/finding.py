@@ -22,7 +22,7 @@ from prooflight.inspection.scanner.placing import (
     agreement_of,
     channels_of,
     drawn_scan,
-    likeliest,
+    most_likely,
     placed,
     seen_coarsely,
 )
@@ -42,7 +42,7 @@ NEAR_PAGES: Final = 16
 """Distance in the job within which a scan is compared with pages before and after the one whose turn it is."""
 ALIKE: Final = 0.1
 """Difference of likeness within which pages are told apart by their drawn scan, pixel by pixel."""
-PAGES_KEPT: Final = 2 * NEAR_PAGES + 1
+PAGES_CACHED: Final = 2 * NEAR_PAGES + 1
 """Number of pages that are kept ready, some 60 MB each of A4 at 150 dpi."""
 
 
@@ -80,7 +80,7 @@ class ExpectedPages:
     def __call__(self, number: int) -> ExpectedPage:
         """Return page ``number``, from 1; JobError: it cannot be drawn or does not fit the press."""
         page = self.press.geometry.lay(opened(self.job).page(number))
-        return ExpectedPage.of(page, self.press.station().predict(page), self.press, self.feeder)
+        return ExpectedPage.of(page, self.press.press_context().predict(page), self.press, self.feeder)
 
 
 def placed_scans(
@@ -99,22 +99,22 @@ def placed_scans(
     if len(scans) > count:
         source = scans[0].path if len({scan.path for scan in scans}) == 1 else scans[0].path.parent
         raise ScanError(source, f"holds {len(scans)} scans", remedy=f"the job has {count} pages")
-    kept, sensors = lru_cache(maxsize=PAGES_KEPT)(pages), len(pages.press.sensors)
+    kept, sensors = lru_cache(maxsize=PAGES_CACHED)(pages), len(pages.press.sensors)
     likeness = np.zeros((len(scans), count))
-    found: list[PlacedScan] = []
+    results: list[PlacedScan] = []
     for turn, scan in enumerate(scans):
         progress(f"looking for the page that {scan.name} shows")
         try:
             picture = channels_of(scan.read(settings), sensors)
         except ScanError as error:  # it costs the page that is left for it, and no other
-            found.append(PlacedScan.of(scan, NOWHERE, f"{error.what}; {error.remedy}", sensors=sensors))
+            results.append(PlacedScan.of(scan, NOWHERE, f"{error.what}; {error.remedy}", sensors=sensors))
             continue
         near = range(max(1, turn + 1 - NEAR_PAGES), min(count, turn + 1 + NEAR_PAGES) + 1)
-        starts = {number: likeliest(seen_coarsely(picture, kept(number)), kept(number)) for number in near}
+        starts = {number: most_likely(seen_coarsely(picture, kept(number)), kept(number)) for number in near}
         best = max(starts, key=lambda number: starts[number].likeness)
         greatest = starts[best].likeness
         where, trouble = placed(picture, kept(best), starts[best], pages.press)
-        found.append(PlacedScan.of(scan, where, trouble, sensors=sensors))
+        results.append(PlacedScan.of(scan, where, trouble, sensors=sensors))
         for number, start in starts.items():
             likeness[turn, number - 1] = start.likeness
         close = [number for number in near if starts[number].likeness >= greatest - ALIKE]
@@ -124,7 +124,7 @@ def placed_scans(
                 likeness[turn, number - 1] = greatest + ALIKE * agreement_of(drawn, kept(number))
     rows, columns = linear_sum_assignment(-likeness)
     by_page = {
-        int(column) + 1: _doubted(found[row], float(likeness[row, column]))
+        int(column) + 1: _doubted(results[row], float(likeness[row, column]))
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
     }
     return [(number, by_page.get(number)) for number in range(1, count + 1)]

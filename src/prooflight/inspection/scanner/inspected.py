@@ -78,7 +78,7 @@ def scan_on_page(
     return lines, drawn.seen
 
 
-def laid_finely(
+def finely_placed(
     scan: PlacedScan, planned: PlannedPage, press: Press, settings: ScannerSettings
 ) -> PlacedScan:
     """Return a scan placed anew by all edges of its page, as a golden scan is; as it was if that does not find it.
@@ -89,7 +89,7 @@ def laid_finely(
     usual = to_numbers(np.clip(bare_light(planned.expected, press.sensors), 0, 1))
     judged = seen & ~ignored_on(planned, press, len(seen))
     where = place_of(usual, np.where(judged, to_numbers(light_of(lines, press.sensors)), usual))
-    if not where.found or where.bent:
+    if not where.located or where.bent:
         return scan
     slopes, tile = where.slopes, where.tile_pixels
     middle = [
@@ -128,15 +128,15 @@ def drawn_detector(
     chain is refused when it is prepared.
     """
     edges: dict[str, SheetEdges] = {}
-    raster_mm, station, placed = 0.0, press.station(), list(pairs)
+    raster_mm, press_context, placed = 0.0, press.press_context(), list(pairs)
     for at, (number, scan) in enumerate(pairs):
         if not isinstance(scan, PlacedScan) or scan.nowhere:
             continue
         progress(f"measuring how the scanner shows print, by {scan.scan.name}")
         page = press.geometry.lay(opened(job).page(number))
-        planned = PlannedPage(page, station, None if zones is None else zones.page(page))
+        planned = PlannedPage(page, press_context, None if zones is None else zones.page(page))
         try:
-            fine = laid_finely(scan, planned, press, settings)
+            fine = finely_placed(scan, planned, press, settings)
             placed[at] = number, fine
             if len(edges) >= MOST_SHEETS:
                 continue
@@ -144,10 +144,10 @@ def drawn_detector(
         except ScanError:  # its own inspection says so
             continue
         judged = seen & ~ignored_on(planned, press, len(seen))
-        of_sheet = sheet_edges(page, station, light_of(lines, press.sensors), judged)
+        of_sheet = sheet_edges(page, press_context, light_of(lines, press.sensors), judged)
         if of_sheet is not None:
             edges[page.name], raster_mm = of_sheet, page.pixel_mm
-    return DrawnDetector(station=station, chains=chains_of(edges, raster_mm)), placed
+    return DrawnDetector(press_context=press_context, chains=chains_of(edges, raster_mm)), placed
 
 
 def _refuse_unplaced(scan: PlacedScan, *, roughly: bool) -> None:

@@ -173,14 +173,14 @@ def seen_coarsely(picture: ScannedPicture, expected: ExpectedPage) -> NDArray[np
     )
 
 
-def likeliest(coarse: NDArray[np.float32], expected: ExpectedPage) -> Whereabouts:
+def most_likely(coarse: NDArray[np.float32], expected: ExpectedPage) -> Whereabouts:
     """Return the place of the best match of edges, upright or upside down, in a coarse picture of a scan."""
-    found = []
+    candidates = []
     for turned in (False, True):
         seen = np.ascontiguousarray(coarse[::-1, ::-1]) if turned else coarse
         height, pose = peaks(expected.landmarks.coarse, seen, reach_mm=REACH_MM, turn=0.0, most=1)[0]
-        found.append(Whereabouts(likeness=height, turned=turned, matrix=_matrix(pose)))
-    return max(found, key=lambda one: one.likeness)
+        candidates.append(Whereabouts(likeness=height, turned=turned, matrix=_matrix(pose)))
+    return max(candidates, key=lambda one: one.likeness)
 
 
 def placed(
@@ -195,13 +195,13 @@ def placed(
     drawn = drawn_scan(picture, expected.page, where, press)
     agreement, reason = agreement_of(drawn, expected), ""
     for _ in range(FITS):
-        found = register(expected.landmarks, _roughly(drawn, press))
-        reason = found.reason
-        if not found.tiles_used:
+        registration = register(expected.landmarks, _roughly(drawn, press))
+        reason = registration.reason
+        if not registration.tiles_used:
             break
-        x_mm, y_mm = found.placement.shift_mm
-        across, along = (percent / 100 for percent in found.placement.stretch_percent)
-        turn = float(np.deg2rad(found.placement.skew_deg))
+        x_mm, y_mm = registration.placement.shift_mm
+        across, along = (percent / 100 for percent in registration.placement.stretch_percent)
+        turn = float(np.deg2rad(registration.placement.skew_deg))
         further = _matrix(Pose(x_mm=x_mm, y_mm=y_mm, turn=turn, across=across, along=along))
         moved = replace(where, matrix=where.matrix @ further)
         again = drawn_scan(picture, expected.page, moved, press)

@@ -104,25 +104,25 @@ def fitted_tone(
         return FittedTone(white=1.0, clipped=False)
     tinted = flat & (expected < PAPER) & (clipped == 0)
     classes = np.minimum((expected[tinted] * TINTS).astype(np.intp), TINTS)
-    due, found, weight = [], [], []
+    due, observed, weight = [], [], []
     for one in np.unique(classes):
         inside = classes == one
         if inside.sum() >= LEAST_PIXELS:
             due.append(float(np.median(expected[tinted][inside])))
-            found.append(float(np.median(light[tinted][inside])) / white)
+            observed.append(float(np.median(light[tinted][inside])) / white)
             weight.append(1 / TINT_SD)
     if len(due) < LEAST_TINTS:
         if by_type:
             gamma = _gamma_of_print(light / white, expected, seen)
             return FittedTone(white=white, clipped=mostly, gamma=gamma)
-        dark = min(zip(due, found, strict=True), default=(1.0, 1.0))
+        dark = min(zip(due, observed, strict=True), default=(1.0, 1.0))
         if dark[0] > SOLID:
             return FittedTone(white=white, clipped=mostly)
         black = (dark[1] - dark[0]) / (1 - dark[0])
         return FittedTone(
             white=white, clipped=mostly, black=float(np.clip(black, -MOST_BLACK, MOST_BLACK)), tints=1
         )
-    at, level, sure = (np.array(values) for values in (due, found, weight))
+    at, level, sure = (np.array(values) for values in (due, observed, weight))
 
     def off(amounts: NDArray[np.float64]) -> NDArray[np.float64]:
         black, log_gamma = amounts
@@ -147,11 +147,11 @@ def _gamma_of_print(
     near = seen & (cv2.erode(expected, square) < PRINTED)
     if near.sum() < LEAST_PIXELS:
         return 1.0
-    found = np.clip(light[near].astype(np.float64), 0, 1)
+    observed = np.clip(light[near].astype(np.float64), 0, 1)
     due = float(np.minimum(expected[near], 1).mean())
 
     def off(log_gamma: float) -> float:
-        return float((found ** np.exp(-log_gamma)).mean()) - due
+        return float((observed ** np.exp(-log_gamma)).mean()) - due
 
     ends = off(-MOST_LOG_GAMMA), off(MOST_LOG_GAMMA)
     if ends[0] * ends[1] >= 0:  # what no tone explains is left to the detector
@@ -172,10 +172,10 @@ def toned_lines(
     tones = []
     for index, (sensor, due) in enumerate(zip(sensors, expected_light(expected, sensors), strict=True)):
         tone = fitted_tone(drawn.light[index], drawn.clipped[index], due, drawn.seen, by_type=by_type)
-        found = tone.light(drawn.light[index])
-        found += drawn.clipped[index] * np.maximum(due - found, 0)
-        found = np.where(drawn.seen, found, due)
-        dn = sensor.column_offset_dn + sensor.column_gain * np.float32(sensor.white_dn) * found
+        observed = tone.light(drawn.light[index])
+        observed += drawn.clipped[index] * np.maximum(due - observed, 0)
+        observed = np.where(drawn.seen, observed, due)
+        dn = sensor.column_offset_dn + sensor.column_gain * np.float32(sensor.white_dn) * observed
         lines[index] = np.clip(np.rint(dn), 0, sensor.top_code_dn)
         tones.append(tone)
     return lines, tuple(tones)

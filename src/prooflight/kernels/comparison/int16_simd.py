@@ -16,8 +16,8 @@ from numba.extending import intrinsic
 _WORD, _LONG = ir.IntType(16), ir.IntType(32)
 
 
-def _high(_: Any, builder: ir.IRBuilder, __: Any, words: Any) -> Any:
-    product = builder.mul(builder.sext(words[0], _LONG), builder.sext(words[1], _LONG))
+def _high(_: Any, builder: ir.IRBuilder, __: Any, operands: Any) -> Any:
+    product = builder.mul(builder.sext(operands[0], _LONG), builder.sext(operands[1], _LONG))
     return builder.trunc(builder.ashr(product, ir.Constant(_LONG, 16)), _WORD)
 
 
@@ -30,34 +30,34 @@ def high(context, a, b):  # type: ignore[no-untyped-def]
 @intrinsic
 def add(context, a, b):  # type: ignore[no-untyped-def]
     """Return a + b of signed words, modulo 2^16."""
-    return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.add(*words)
+    return types.int16(types.int16, types.int16), lambda _, builder, __, operands: builder.add(*operands)
 
 
 @intrinsic
 def sub(context, a, b):  # type: ignore[no-untyped-def]
     """Return a - b of signed words, modulo 2^16."""
-    return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.sub(*words)
+    return types.int16(types.int16, types.int16), lambda _, builder, __, operands: builder.sub(*operands)
 
 
 @intrinsic
 def left(context, a, bits):  # type: ignore[no-untyped-def]
     """Return a 2^bits of a signed word, modulo 2^16; bits from 0 to 15."""
-    return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.shl(*words)
+    return types.int16(types.int16, types.int16), lambda _, builder, __, operands: builder.shl(*operands)
 
 
 @intrinsic
 def right(context, a, bits):  # type: ignore[no-untyped-def]
     """Return a / 2^bits of a signed word, rounded down; bits from 0 to 15."""
-    return types.int16(types.int16, types.int16), lambda _, builder, __, words: builder.ashr(*words)
+    return types.int16(types.int16, types.int16), lambda _, builder, __, operands: builder.ashr(*operands)
 
 
 @intrinsic
 def left_unsigned(context, a, bits):  # type: ignore[no-untyped-def]
     """Return a 2^bits of an unsigned word, modulo 2^16; bits from 0 to 15."""
-    return types.uint16(types.uint16, types.uint16), lambda _, builder, __, words: builder.shl(*words)
+    return types.uint16(types.uint16, types.uint16), lambda _, builder, __, operands: builder.shl(*operands)
 
 
 @intrinsic
 def right_unsigned(context, a, bits):  # type: ignore[no-untyped-def]
     """Return a / 2^bits of an unsigned word, rounded down; bits from 0 to 15."""
-    return types.uint16(types.uint16, types.uint16), lambda _, builder, __, words: builder.lshr(*words)
+    return types.uint16(types.uint16, types.uint16), lambda _, builder, __, operands: builder.lshr(*operands)

@@ -39,13 +39,13 @@ def composed(packed, row, column, planes):  # type: ignore[no-untyped-def]
 
 
 @inner
-def light_of(word, codes, b0, b1, b2, b3, unit, level):  # type: ignore[no-untyped-def]
+def light_of(packed_inks, codes, b0, b1, b2, b3, unit, level):  # type: ignore[no-untyped-def]
     """Return the light of a recipe from the sixteen corners of its cell, exact in whole numbers up to the root.
 
     codes (65536, 4) int64: ``QuantisedTable.codes``, four corners a word.
     """
-    c, m = i32(word & u32(255)), i32((word >> u32(8)) & u32(255))
-    y, k = i32((word >> u32(16)) & u32(255)), i32(word >> u32(24))
+    c, m = i32(packed_inks & u32(255)), i32((packed_inks >> u32(8)) & u32(255))
+    y, k = i32((packed_inks >> u32(16)) & u32(255)), i32(packed_inks >> u32(24))
     r0, r1, r2, r3 = i32(8 - b0), i32(8 - b1), i32(8 - b2), i32(8 - b3)
     cell = i32(i32(i32(i32(i32(i32(k >> r3) << b2) | i32(y >> r2)) << b1) | i32(m >> r1)) << b0) | i32(
         c >> r0
@@ -69,7 +69,7 @@ def light_of(word, codes, b0, b1, b2, b3, unit, level):  # type: ignore[no-untyp
 
 
 @body
-def look_up(r, x, packed, planes, codes, b0, b1, b2, b3, unit, level, light):  # type: ignore[no-untyped-def]
+def lookup(r, x, packed, planes, codes, b0, b1, b2, b3, unit, level, light):  # type: ignore[no-untyped-def]
     """Look a raster pixel up: light (rows, columns) above the backing's."""
     light[r, x] = light_of(composed(packed, r, x, planes), codes, b0, b1, b2, b3, unit, level)
 

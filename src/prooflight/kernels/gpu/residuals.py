@@ -245,7 +245,7 @@ def flat_square(y, x, left, variance, light, modes, texture_at, inside, most, ou
 
 
 @body
-def weighed(  # type: ignore[no-untyped-def]
+def weighted(  # type: ignore[no-untyped-def]
     line, x, light, variance, modes, texture_at, inside, noise, sensor, edge, contrast, share, dark, white,
     weight, of_edges,
 ):  # fmt: skip
@@ -330,7 +330,7 @@ def taken_moves(line, x, left, weight, light, moves):  # type: ignore[no-untyped
 
 
 @body
-def foretold_anew(line, x, left, weight, before, after):  # type: ignore[no-untyped-def]
+def predicted_again(line, x, left, weight, before, after):  # type: ignore[no-untyped-def]
     """Change a residual from the expectation ``before`` to ``after``, in place."""
     if weight[line, x] > ZERO:
         left[line, x] -= after[line, x] - before[line, x]

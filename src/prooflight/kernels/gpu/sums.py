@@ -35,9 +35,9 @@ def gain_parts(part, x, left, weight, light, each, out):  # type: ignore[no-unty
 
 
 @body
-def column_gains(sensor, x, parts, known, out):  # type: ignore[no-untyped-def]
+def column_gains(sensor, x, parts, prior_power, out):  # type: ignore[no-untyped-def]
     """Compute a column's gain from its parts (sensors, 2, parts, pixels): out (sensors, pixels)."""
-    push, power = ZERO, known
+    push, power = ZERO, prior_power
     for part in range(parts.shape[2]):
         push += parts[sensor, 0, part, x]
         power += parts[sensor, 1, part, x]

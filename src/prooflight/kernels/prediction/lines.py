@@ -16,7 +16,7 @@ from prooflight.kernels.prediction.filtering import (
     filter_along,
     filter_row,
 )
-from prooflight.kernels.prediction.look_up import AT_ONCE, look_up_light
+from prooflight.kernels.prediction.lookup import AT_ONCE, lookup_light
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,28 +54,28 @@ def same_row(one, other):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def look_up_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
-    """Run ``look_up_light`` on a row dealt by ``deal_row``; pixels off the page stay 0."""
+def lookup_dealt(dealt, columns, place, table, backing, split):  # type: ignore[no-untyped-def]
+    """Run ``lookup_light`` on a row dealt by ``deal_row``; pixels off the page stay 0."""
     stride = dealt.shape[0]
     for phase in range(stride):
         count = dealt_count(columns, stride, phase)
         if count:
             end = place + (count + AT_ONCE - 1) // AT_ONCE * AT_ONCE
-            look_up_light(dealt[phase, place:end], table, backing, split[phase, place:end])
+            lookup_light(dealt[phase, place:end], table, backing, split[phase, place:end])
             split[phase, place + count : end] = 0
 
 
 @inner_kernel()
-def look_up_packed(packed, quantised, backing, few, light):  # type: ignore[no-untyped-def]
-    """Run ``look_up_light`` on a packed row (columns,) of any length; few (2, 8): working space; light (columns,)."""
+def lookup_packed(packed, quantised, backing, few, light):  # type: ignore[no-untyped-def]
+    """Run ``lookup_light`` on a packed row (columns,) of any length; few (2, 8): working space; light (columns,)."""
     whole = packed.size // AT_ONCE * AT_ONCE
     if whole:
-        look_up_light(packed[:whole], quantised, backing, light[:whole])
+        lookup_light(packed[:whole], quantised, backing, light[:whole])
     if whole < packed.size:
         last, seen = few[0], few[1].view(np.float32)
         for i in range(packed.size - whole):
             last[i] = packed[whole + i]
-        look_up_light(last, quantised, backing, seen)
+        lookup_light(last, quantised, backing, seen)
         for i in range(packed.size - whole):
             light[whole + i] = seen[i]
 
@@ -145,10 +145,10 @@ def filter_lines(  # type: ignore[no-untyped-def]
                 if alike:
                     copy_row(ring[n, (next_row - 1) % taps], ring[n, slot])
                 elif even:
-                    look_up_dealt(dealt, columns, begin, tables[n], backings[n], split)
+                    lookup_dealt(dealt, columns, begin, tables[n], backings[n], split)
                     filter_across(split, pad, columns, x_first, x_weights, starts, ring[n, slot])
                 else:
-                    look_up_packed(row, tables[n], backings[n], few, source[wide : wide + columns])
+                    lookup_packed(row, tables[n], backings[n], few, source[wide : wide + columns])
                     filter_row(source, firsts, x_weights, weights_at, wide, ring[n, slot])
             last_row = next_row
             next_row += 1

@@ -13,8 +13,8 @@ from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.planes import compose_row
 from prooflight.kernels.prediction.aiming import begin_row, place_row, weights_at_phases, whole_eights
 from prooflight.kernels.prediction.filtering import filter_row
-from prooflight.kernels.prediction.lines import look_up_packed, same_row
-from prooflight.kernels.prediction.look_up import AT_ONCE
+from prooflight.kernels.prediction.lines import lookup_packed, same_row
+from prooflight.kernels.prediction.lookup import AT_ONCE
 from prooflight.kernels.prediction.summing import EIGHT, transpose_eight
 
 
@@ -103,7 +103,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     here = composed[row % 2]
                     compose_row(packed, row, planes, here)
                 if row - 1 != last_row or not same_row(here, before):
-                    look_up_packed(here, quantised, backing, few, source[taps : taps + columns])
+                    lookup_packed(here, quantised, backing, few, source[taps : taps + columns])
                 before = here
                 last_row = row
                 filter_row(source, x_begins, across_table, x_weight_starts, taps, block[k, :pixels])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.prediction.look_up import look_up_light
+from prooflight.kernels.prediction.lookup import lookup_light
 
 EVEN_EDGE = 0.01
 """Squared difference above which edges have equal weight: a tenth of white from pixel to pixel."""
@@ -35,7 +35,7 @@ def tile_signals(packed, rows, columns, quantised, backing, signals):  # type: i
                 signal[:] = backing
                 continue
             seen[left:right] = packed[row, columns[tile] + left : columns[tile] + right]
-            look_up_light(seen, quantised, np.float32(0), signal)
+            lookup_light(seen, quantised, np.float32(0), signal)
             signal[:left] = backing
             signal[right:] = backing
 
@@ -111,12 +111,17 @@ def read_grid(packed, row, column, stride_x, stride_y, logs, roots, grid):  # ty
                 grid[4, line, i] = -1
                 beyond = True
                 continue
-            word = source[x]
-            if word != before or not is_cached:
-                inks = (word & 255, (word >> 8) & 255, (word >> 16) & 255, word >> 24)
+            packed_inks = source[x]
+            if packed_inks != before or not is_cached:
+                inks = (
+                    packed_inks & 255,
+                    (packed_inks >> 8) & 255,
+                    (packed_inks >> 16) & 255,
+                    packed_inks >> 24,
+                )
                 a, b, c, d = logs[0, inks[0]], logs[1, inks[1]], logs[2, inks[2]], logs[3, inks[3]]
                 root = roots[0, inks[0]] * roots[1, inks[1]] * roots[2, inks[2]] * roots[3, inks[3]]
-                before, is_cached = word, True
+                before, is_cached = packed_inks, True
             grid[0, line, i], grid[1, line, i], grid[2, line, i], grid[3, line, i] = a, b, c, d
             grid[4, line, i] = root
     return beyond

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.prediction.look_up import look_up_light
+from prooflight.kernels.prediction.lookup import lookup_light
 from prooflight.kernels.prediction.summing import FEW
 from prooflight.kernels.registration.measuring import NO_ESTIMATE, render_tile, weighted_sums
 
@@ -171,7 +171,7 @@ def fringe_sums(  # type: ignore[no-untyped-def]
             left, x = within(origins[n, 0] - (moves[n, 0] + shifts[k, 0]), columns, wide, width)
             top, y = within(origins[n, 1] - (moves[n, 1] + shifts[k, 1]), rows, rows, height)
             displace_planes(packed[n], margin + top, margin + left, right[k], down[k], seen)
-            look_up_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
+            lookup_light(seen.reshape(-1), quantised, zero, window.reshape(-1))
             render_tile(window, x, y, taps, workspace, image)
             if first and k == 0:
                 inverse_variance(flat, noise, weights)
@@ -248,8 +248,8 @@ def shared_cost(left, own_sd, common_sd, most, costs):  # type: ignore[no-untype
     return total, move_x, move_y
 
 
-@kernel("left (K, N, 6), own_sd, common_sd, most, found (K, 3), costs (K, N)", error_model="numpy")
-def shared_costs(left, own_sd, common_sd, most, found, costs):  # type: ignore[no-untyped-def]
-    """Run ``shared_cost`` on each of k sets of displacements: found (k, 3), costs (k, patches) are written."""
+@kernel("left (K, N, 6), own_sd, common_sd, most, estimates (K, 3), costs (K, N)", error_model="numpy")
+def shared_costs(left, own_sd, common_sd, most, estimates, costs):  # type: ignore[no-untyped-def]
+    """Run ``shared_cost`` on each of k sets of displacements: estimates (k, 3), costs (k, patches) are written."""
     for k in range(left.shape[0]):
-        found[k] = shared_cost(left[k], own_sd, common_sd, most, costs[k])
+        estimates[k] = shared_cost(left[k], own_sd, common_sd, most, costs[k])

@@ -53,14 +53,14 @@ def without_levels(s):  # type: ignore[no-untyped-def]
 
 @kernel(
     "gathered (_, N, 16), beyond (N, 2), step_sd, moves (N, 2), precision (N, 2, 2), "
-    "flags (N, 3), told (N, 3)",
+    "flags (N, 3), measures (N, 3)",
     error_model="numpy",
 )
-def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # type: ignore[no-untyped-def]
+def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, measures):  # type: ignore[no-untyped-def]
     """Solve sums of ``weighted_sums`` (sensors, n, 16) for moves (n, 2), precision (n, 2, 2), as in ``TileMoves``.
 
     Level and gain are each sensor's own and are eliminated. beyond (n, 2): ``Landmarks.beyond``; step_sd:
-    standard deviation of the error of a linear step [pixels]. flags (n, 3): seen, good, foreign. told (n, 3):
+    standard deviation of the error of a linear step [pixels]. flags (n, 3): seen, good, foreign. measures (n, 3):
     gain, its standard deviation, noise.
     """
     unknown = 1 / UNKNOWN_PIXELS**2
@@ -104,4 +104,4 @@ def solve_tiles(gathered, beyond, step_sd, moves, precision, flags, told):  # ty
             precision[n, 0, 1] = precision[n, 1, 0] = c01
         flags[n, 0], flags[n, 1] = seen, good
         flags[n, 2] = seen and not good and variance > FOREIGN * contrast and gain_sd < MOST_GAIN_SD
-        told[n, 0], told[n, 1], told[n, 2] = gain, gain_sd, noise
+        measures[n, 0], measures[n, 1], measures[n, 2] = gain, gain_sd, noise

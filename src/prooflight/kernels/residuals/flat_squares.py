@@ -24,13 +24,13 @@ def all_inside(inside, line, out):  # type: ignore[no-untyped-def]
 
 @kernel(
     "left (L, P), variance (L, P), light (L, P), texture (L, P), inside (L, P), steepest, "
-    "found (2, (L // 2) * (P // 2))",
+    "squares (2, (L // 2) * (P // 2))",
     error_model="numpy",
 )
-def flat_squares(left, variance, light, texture, inside, steepest, found):  # type: ignore[no-untyped-def]
+def flat_squares(left, variance, light, texture, inside, steepest, squares):  # type: ignore[no-untyped-def]
     """Compute second differences of residuals in flat squares of 2 x 2 pixels; return the number of squares.
 
-    Written to found (2, squares): squared second difference over four times the stated variance, and texture
+    Written to squares (2, squares): squared second difference over four times the stated variance, and texture
     over that variance. r[i, j] - r[i + 1, j] - r[i, j + 1] + r[i + 1, j + 1] is free of columns' gains and
     lines' flicker. A square is flat if its first pixel and all neighbours of that are inside, and light
     changes over the diagonal by less than ``steepest`` standard deviations.
@@ -44,7 +44,7 @@ def flat_squares(left, variance, light, texture, inside, steepest, found):  # ty
             stated, step = variance[line, x], light[line + 1, x + 1] - light[line, x]
             if there[x] and step * step < most * stated:
                 crossed = left[line, x] - left[line, x + 1] - left[line + 1, x] + left[line + 1, x + 1]
-                found[0, count] = crossed * crossed / (np.float32(4) * stated)
-                found[1, count] = texture[line, x] / stated
+                squares[0, count] = crossed * crossed / (np.float32(4) * stated)
+                squares[1, count] = texture[line, x] / stated
                 count += 1
     return count

@@ -341,7 +341,7 @@ def take_slopes(residual, weight, light, across_by, along_by, first, last):  # t
     where="0 <= first, last <= L",
     error_model="numpy",
 )
-def foretell_anew(residual, weight, before, after, first, last):  # type: ignore[no-untyped-def]
+def predict_again(residual, weight, before, after, first, last):  # type: ignore[no-untyped-def]
     """Change residuals of one sensor from the expectation ``before`` to ``after``, in place, on some lines.
 
     Lines first .. last - 1 are written.
@@ -353,18 +353,18 @@ def foretell_anew(residual, weight, before, after, first, last):  # type: ignore
 
 
 @kernel(
-    "residual (L, P), weight (L, P), light (L, P), known, first, last, out (P)",
+    "residual (L, P), weight (L, P), light (L, P), prior_power, first, last, out (P)",
     where="0 <= first, last <= P",
     fastmath=True,
     error_model="numpy",
 )
-def column_gains(residual, weight, light, known, first, last, out):  # type: ignore[no-untyped-def]
+def column_gains(residual, weight, light, prior_power, first, last, out):  # type: ignore[no-untyped-def]
     """Estimate the relative gain of each column of one sensor from its residuals, (pixels,) [-].
 
-    known: 1 / prior variance. Pixels first .. last - 1 are written.
+    prior_power: 1 / prior variance. Pixels first .. last - 1 are written.
     """
     lines, pixels = residual.shape
-    power = np.full(pixels, known)
+    power = np.full(pixels, prior_power)
     out[first:last] = 0
     for line in range(2, lines - 2):
         for x in range(first, last):

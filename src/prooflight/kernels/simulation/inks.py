@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel
 from prooflight.kernels.planes import compose_row
-from prooflight.kernels.prediction.look_up import NODE_STEP, NODES
+from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class PrintedInks(NamedTuple):
     """Dot gain of each ink, (4,)."""
     speck_places: NDArray[np.int64]
     """Places of specks as from ``speck_pixels``, (n, 2)."""
-    speck_words: NDArray[np.uint32]
+    packed_specks: NDArray[np.uint32]
     """Recipes of the specks, (n,)."""
     gain_field: NDArray[np.float32]
     """Gain of each ink from place to place, besides, (4, nodes down, nodes across)."""
@@ -88,7 +88,7 @@ def fields_of_row(inks, row, of_row):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def place_inks(word, column, u, v, inks, of_row, places):  # type: ignore[no-untyped-def]
+def place_inks(packed_inks, column, u, v, inks, of_row, places):  # type: ignore[no-untyped-def]
     """Compute the positions in the true tables of the four inks of a pixel, from its four bytes (float32, (4,)).
 
     u, v: position on the page, -1 to 1; of_row: of ``fields_of_row``.
@@ -100,11 +100,11 @@ def place_inks(word, column, u, v, inks, of_row, places):  # type: ignore[no-unt
         gain = inks.gains[ink, 0] + inks.gains[ink, 1] * u + inks.gains[ink, 2] * v
         gain += of_row[0, ink, cell] + share * (of_row[0, ink, cell + 1] - of_row[0, ink, cell])
         dots = of_row[1, ink, cell] + share * (of_row[1, ink, cell + 1] - of_row[1, ink, cell])
-        places[ink] = node_place(word[ink], gain, inks.dot_gains[ink] + dots)
+        places[ink] = node_place(packed_inks[ink], gain, inks.dot_gains[ink] + dots)
 
 
 @inner_kernel()
-def look_up(nodes, bends, places):  # type: ignore[no-untyped-def]
+def lookup(nodes, bends, places):  # type: ignore[no-untyped-def]
     """Return light and texture, a halftone's variance at unit contrast, at four positions [nodes]; nodes (37^4, 2).
 
     Light between nodes is curved as along each ink alone (bends (4, 36), see ``TrueSensor``); relative
@@ -156,7 +156,7 @@ def alike(one, two, three, four):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def look_up_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: ignore[no-untyped-def]
+def lookup_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: ignore[no-untyped-def]
     """Look up two printed raster rows in squares of 2 x 2: upper, lower (columns,) -> light, texture (2, columns).
 
     v: position of the rows on the page, -1 top .. 1 bottom; of_row: of ``fields_of_row``.
@@ -185,7 +185,7 @@ def look_up_rows(upper, lower, v, inks, of_row, table, light, texture):  # type:
                 total += ((three >> s) & np.uint32(255)) + ((four >> s) & np.uint32(255))
                 printed[ink] = np.float32(total) * np.float32(0.25)
             place_inks(printed, left, u, v, inks, of_row, places)
-            square_light, square_texture = look_up(nodes, bends, places)
+            square_light, square_texture = lookup(nodes, bends, places)
             square_light *= paper
             square_texture *= paper * paper
             last = one
@@ -194,13 +194,15 @@ def look_up_rows(upper, lower, v, inks, of_row, table, light, texture):  # type:
             run = longest
             u = np.float32((2 * left + 2) / columns - 1)
             for corner in range(4):
-                word = (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
+                packed_inks = (
+                    (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
+                )
                 at = right if corner & 1 else left
                 # A square at a letter's edge has two colours, and often the last but one is repeated.
                 for ink in range(4):
-                    printed[ink] = np.float32((word >> np.uint32(8 * ink)) & np.uint32(255))
+                    printed[ink] = np.float32((packed_inks >> np.uint32(8 * ink)) & np.uint32(255))
                 place_inks(printed, left, u, v, inks, of_row, places)
-                corner_light, corner_texture = look_up(nodes, bends, places)
+                corner_light, corner_texture = lookup(nodes, bends, places)
                 light[corner >> 1, at] = corner_light * paper
                 texture[corner >> 1, at] = corner_texture * paper * paper
             continue
@@ -213,11 +215,11 @@ def look_up_rows(upper, lower, v, inks, of_row, table, light, texture):  # type:
 
 @inner_kernel()
 def add_specks(inks, top, v, of_row, table, lights, textures):  # type: ignore[no-untyped-def]
-    """Set light and texture (2, columns) of the rows from ``top`` on at specks, each pixel as in ``look_up_rows``.
+    """Set light and texture (2, columns) of the rows from ``top`` on at specks, each pixel as in ``lookup_rows``.
 
     v: position of these rows on the page, -1 top to 1 bottom.
     """
-    places, packed = inks.speck_places, inks.speck_words
+    places, packed = inks.speck_places, inks.packed_specks
     nodes, bends, paper = table.nodes, table.bends, table.white
     place = np.empty(4, np.float32)
     printed = np.empty(4, np.float32)
@@ -229,13 +231,13 @@ def add_specks(inks, top, v, of_row, table, lights, textures):  # type: ignore[n
             for ink in range(4):
                 printed[ink] = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
             place_inks(printed, places[n, 1], u, v, inks, of_row, place)
-            light, texture = look_up(nodes, bends, place)
+            light, texture = lookup(nodes, bends, place)
             lights[row, places[n, 1]] = light * paper
             textures[row, places[n, 1]] = texture * paper * paper
 
 
 @inner_kernel()
-def look_up_pair(packed, top, inks, table, printed, of_row, lights, textures):  # type: ignore[no-untyped-def]
+def lookup_pair(packed, top, inks, table, printed, of_row, lights, textures):  # type: ignore[no-untyped-def]
     """Compute light above the backing's and texture (2, columns) of rows ``top`` and the next as printed.
 
     Arguments as in ``scan_lines``. A last row without a next one is repeated. printed (2, columns) and
@@ -250,6 +252,6 @@ def look_up_pair(packed, top, inks, table, printed, of_row, lights, textures):  
     else:
         lower[:] = upper
     fields_of_row(inks, top, of_row)
-    look_up_rows(upper, lower, v, inks, of_row, table, lights, textures)
+    lookup_rows(upper, lower, v, inks, of_row, table, lights, textures)
     add_specks(inks, top, v, of_row, table, lights, textures)
     lights -= table.backing

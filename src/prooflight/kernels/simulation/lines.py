@@ -8,7 +8,7 @@ import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
 from prooflight.kernels.prediction.aiming import place_row, weights_at_phases
-from prooflight.kernels.simulation.inks import NOISE_STEPS, look_up_pair
+from prooflight.kernels.simulation.inks import NOISE_STEPS, lookup_pair
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -120,7 +120,7 @@ def sample_along(  # type: ignore[no-untyped-def]
 
 @kernel(
     "packed (H, _), inks.planes (4, 2), inks.gains (4, 3), inks.dot_gains (4), inks.speck_places (N, 2), "
-    "inks.speck_words (N), inks.gain_field (4, F, G), inks.dot_field (4, F, G), inks.field_pitch, "
+    "inks.packed_specks (N), inks.gain_field (4, F, G), inks.dot_field (4, F, G), inks.field_pitch, "
     "table.nodes (_, 2), table.bends (4, _), across.places (I, J), across.pitch, "
     "across.segment, across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), depth, above_backing (L, P), texture_variance (L, P)",
@@ -168,7 +168,7 @@ def scan_lines(  # type: ignore[no-untyped-def]
         while next_row < min(y_first.max() + taps, rows):
             if pair != next_row // 2:
                 pair = next_row // 2
-                look_up_pair(packed, 2 * pair, inks, table, printed, of_row, lights, textures)
+                lookup_pair(packed, 2 * pair, inks, table, printed, of_row, lights, textures)
             place_row(across.places, across.pitch, next_row, x_places)
             begin_at(x_places, across.segment, reach, x_first, x_phase)
             slot = next_row % depth

@@ -62,12 +62,12 @@ def merged(cells, gains, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "cells (4, N, H, W), gains (H), level (H, W), known, mode, out (3, H, W)",
+    "cells (4, N, H, W), gains (H), level (H, W), prior_power, mode, out (3, H, W)",
     where="0 < mode, mode < N",
     fastmath=True,
     error_model="numpy",
 )
-def own_of_cells(cells, gains, level, known, mode, out):  # type: ignore[no-untyped-def]
+def own_of_cells(cells, gains, level, prior_power, mode, out):  # type: ignore[no-untyped-def]
     """Compute N', D' and the edges' part of D' of one mode's cells, each by itself, into out (3, h, w).
 
     cells (4, modes, h, w): N, D, C, edges, of modes of which the first is common to all; gains (h,), level
@@ -85,10 +85,10 @@ def own_of_cells(cells, gains, level, known, mode, out):  # type: ignore[no-unty
         own, rest, of_edges = out[0, y], out[1, y], out[2, y]
         for x in range(own.size):
             smooth = taken + share[x]
-            common = (push0[x] - shared0[x] * smooth) / (power0[x] + known)
+            common = (push0[x] - shared0[x] * smooth) / (power0[x] + prior_power)
             own[x] = push[x] - shared[x] * smooth - shared[x] * common
         for x in range(rest.size):
-            rest[x] = max(power[x] - shared[x] * shared[x] / (power0[x] + known), np.float32(0))
+            rest[x] = max(power[x] - shared[x] * shared[x] / (power0[x] + prior_power), np.float32(0))
         for x in range(of_edges.size):
             of_edges[x] = edges[x] * min(rest[x] / max(power[x], np.float32(1e-9)), np.float32(1))
 

@@ -85,13 +85,13 @@ def explained(whole, right):  # type: ignore[no-untyped-def]
 
 @kernel(
     "left (S, L, P), weight (S, L, P), across (R, C), along (R, C), patches.own (_), patches.size (U, 2), "
-    "patches.first (U), placed.letter (N), placed.at (N, 2), placed.contrast (N, S), known (NUISANCES), start, "
+    "patches.first (U), placed.letter (N), placed.at (N, 2), placed.contrast (N, S), prior_power (NUISANCES), start, "
     "stop, out (N, 4)",
     where="R >= 2, C >= 2, 0 <= start, start <= stop, stop <= N",
     error_model="numpy",
 )
 def glyph_energies(  # type: ignore[no-untyped-def]
-    left, weight, across, along, patches, placed, known, start, stop, out
+    left, weight, across, along, patches, placed, prior_power, start, stop, out
 ):
     """Compute the residual energy of glyphs start .. stop after a fit of their nuisances, into out (n, 4).
 
@@ -119,7 +119,7 @@ def glyph_energies(  # type: ignore[no-untyped-def]
         whole[:] = 0.0
         right[:] = 0.0
         for i in range(NUISANCES):
-            whole[i, i] = known[i]
+            whole[i, i] = prior_power[i]
         energy, count = 0.0, 0
         # A margin of two cells, so that slopes are known everywhere.
         first_line, first_pixel = max(int(np.ceil(y + 1)), 0), max(int(np.ceil(x + 1)), 0)

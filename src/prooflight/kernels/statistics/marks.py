@@ -121,8 +121,10 @@ def excess(push, power, tolerance, first, last):  # type: ignore[no-untyped-def]
     """Return the greatest of N^2 - ``LEAST_T``^2 (D + tolerance D^2) of part of a row: positive if some T is beyond."""
     most = np.float32(-1e30)
     for x in range(first, last):
-        known = power[x]
-        most = max(most, push[x] * push[x] - LEAST_T * LEAST_T * (known + tolerance * known * known))
+        own_power = power[x]
+        most = max(
+            most, push[x] * push[x] - LEAST_T * LEAST_T * (own_power + tolerance * own_power * own_power)
+        )
     return most
 
 
@@ -202,11 +204,11 @@ def window_extremes(  # type: ignore[no-untyped-def]
                         count -= step
                         for part in range(2):
                             pair_up(rows[size - 1, part, slot], step, count, rows[size, part, slot])
-                    gone = (line - tall) % (TALLEST + 1)
+                    oldest = (line - tall) % (TALLEST + 1)
                     for part in range(2):
                         column_sums = sums[channel, size, part]
                         if line - tall >= above:
-                            slide(column_sums, rows[size, part, slot], rows[size, part, gone])
+                            slide(column_sums, rows[size, part, slot], rows[size, part, oldest])
                         else:
                             pair_rows(rows[size, part, slot], column_sums)
                     top = line - tall + 1

@@ -62,16 +62,16 @@ def without_light(tiles, mode, y, prior, push, power):  # type: ignore[no-untype
 
 
 @kernel(
-    "tiles (4, M, H, W), cover (4, H, W), pairs (N, 2), known, side, out (2, N, H // side, W // side)",
+    "tiles (4, M, H, W), cover (4, H, W), pairs (N, 2), prior_power, side, out (2, N, H // side, W // side)",
     where="M > 2 * INKS",
     fastmath=True,
     error_model="numpy",
 )
-def swap_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped-def]
+def swap_sums(tiles, cover, pairs, prior_power, side, out):  # type: ignore[no-untyped-def]
     """Compute pushes and powers of exchanging pairs (n, 2) of inks, by blocks of tiles: out (2, n, rows, columns).
 
     tiles (4, 9 modes or more, h, w): N, D, C of light, each ink added, each ink's gain; cover (4, h, w);
-    known: 1 / the prior variance of light.
+    prior_power: 1 / the prior variance of light.
     """
     width = out.shape[3] * side
     push, power = np.empty((2, INKS, tiles.shape[3]), np.float32)
@@ -80,8 +80,8 @@ def swap_sums(tiles, cover, pairs, known, side, out):  # type: ignore[no-untyped
         push[:] = 0
         power[:] = 0
         for ink in range(INKS):
-            without_light(tiles, 1 + ink, y, known, push[ink], power[ink])
-            without_light(tiles, 1 + INKS + ink, y, known, push[ink], power[ink])
+            without_light(tiles, 1 + ink, y, prior_power, push[ink], power[ink])
+            without_light(tiles, 1 + INKS + ink, y, prior_power, push[ink], power[ink])
         for n in range(pairs.shape[0]):
             a, b = pairs[n]
             pushes, powers = out[0, n, y // side], out[1, n, y // side]

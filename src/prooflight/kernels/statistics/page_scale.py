@@ -209,11 +209,11 @@ def has_information(power):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "cells (4, N, H, W), gains (H), level (H, W), known, scatter (M, 3), least, overlap, "
+    "cells (4, N, H, W), gains (H), level (H, W), prior_power, scatter (M, 3), least, overlap, "
     "values (M, 5), places (M, 4, 2)",
     where="M <= N",
 )
-def boxes_against_own(cells, gains, level, known, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
+def boxes_against_own(cells, gains, level, prior_power, scatter, least, overlap, values, places):  # type: ignore[no-untyped-def]
     """Run ``against_own`` on all boxes, of each mode: cells (4, modes or more, h, w), the first mode common to all.
 
     Other arguments as in ``box_map`` and ``each_against_own``.
@@ -227,6 +227,6 @@ def boxes_against_own(cells, gains, level, known, scatter, least, overlap, value
             places[mode] = 0
             continue
         one = maps if mode else of_all
-        prior, light = (known, of_all) if mode else (_NOTHING_COMMON, nothing)
+        prior, light = (prior_power, of_all) if mode else (_NOTHING_COMMON, nothing)
         box_map(cells, mode, gains, level, prior, light, one)
         against_own(one[0], one[1], one[2], scatter[mode], least, overlap, values[mode], places[mode])

@@ -121,11 +121,11 @@ def slanted(push, power, smallest, first, least, most_of_half, values, places): 
 
 
 @kernel(
-    "own (H, W), power (H, W), edges (H, W), scatter (3), least, t (H, W), known (H, W)",
+    "own (H, W), power (H, W), edges (H, W), scatter (3), least, t (H, W), information (H, W)",
     fastmath=True,
     error_model="numpy",
 )
-def tiles_known(own, power, edges, scatter, least, t, known):  # type: ignore[no-untyped-def]
+def tile_scores(own, power, edges, scatter, least, t, information):  # type: ignore[no-untyped-def]
     """Compute T of tiles, and their information on an amount N' / D', (h, w) each, from N', D' and edges.
 
     scatter (3,): coefficients of the scatter of N': noise, edges, tolerance; tiles of no more D' than
@@ -134,7 +134,7 @@ def tiles_known(own, power, edges, scatter, least, t, known):  # type: ignore[no
     noise, at_edges, tolerance = scatter[0], scatter[1], scatter[2]
     zero = np.float32(0)
     for y in range(own.shape[0]):
-        push, sure, steep, out, of = own[y], power[y], edges[y], t[y], known[y]
+        push, sure, steep, out, of = own[y], power[y], edges[y], t[y], information[y]
         for x in range(out.size):
             d, e = max(sure[x], zero), max(steep[x], zero)
             spread = noise * max(d - e, zero) + at_edges * e + tolerance * d * d + np.float32(1e-6)

@@ -27,10 +27,10 @@ def running(row, reach_before, reach_after, beyond, prefix, out):  # type: ignor
 
 
 @kernel(
-    "columns (4, M, S, W), length, step, known, wide, out (4, M, Q, W)",
+    "columns (4, M, S, W), length, step, prior_power, wide, out (4, M, Q, W)",
     where="0 < length, 0 < step, (Q - 1) * step + length <= S",
 )
-def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-untyped-def]
+def levelled_parts(columns, length, step, prior_power, wide, out):  # type: ignore[no-untyped-def]
     """Compute N', D', the edges' part of D' and the effect of uneven light on N', out (4, modes, parts, w).
 
     Each part is ``length`` segments of columns (4, modes, segments, w), one part every ``step`` of them. The
@@ -56,7 +56,7 @@ def levelled_parts(columns, length, step, known, wide, out):  # type: ignore[no-
                 common[0], common[1] = sums[0], sums[1]
             else:
                 for x in range(width):
-                    share[x] = sums[2, x] / (common[1, x] + known)
+                    share[x] = sums[2, x] / (common[1, x] + prior_power)
                     own[x] -= share[x] * common[0, x]
                     rest[x] = max(sums[1, x] - share[x] * sums[2, x], np.float32(0))
                 for k in range(begin, end):

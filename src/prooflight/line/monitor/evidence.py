@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
-from prooflight.inspection.promise import summary_of
+from prooflight.inspection.guarantee import summary_of
 from prooflight.line.monitor.run import PageEvidence
 
 if TYPE_CHECKING:

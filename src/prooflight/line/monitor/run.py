@@ -52,7 +52,7 @@ class PageEvidence:
     columns: NDArray[np.float32] | None = None
     """(columns,) light relative to the expected, less the median of nearby columns [-]; None: unknown."""
     summary: NDArray[np.float64] | None = None
-    """Summary for the test of the run, by ``inspection.promise.summary_of``."""
+    """Summary for the test of the run, by ``inspection.guarantee.summary_of``."""
 
     @property
     def unsound(self) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ class Following:
         """The page that should come next."""
         return self.readings.best.due
 
-    def known_near(self) -> list[Thumbnail]:
+    def thumbnails_near(self) -> list[Thumbnail]:
         """Return the thumbnails of pages near the one due, that one first, each once."""
         near = sorted(self._near(), key=lambda page: (page != self.due, abs(page - self.due)))
         thumbnails = (self.expected[page] for page in near)
@@ -98,7 +98,7 @@ class Following:
         """
         near = self._designs(self._near(), lambda page: self.readings.cost(page, skipped=skipped))
         by_cost = sorted(near, key=lambda entry: entry[2])
-        if self.due < len(self.expected) and not self._is_known(self.due):
+        if self.due < len(self.expected) and not self._has_thumbnail(self.due):
             # An unknown page cannot be distinguished from one that resembles it: only the sequence decides.
             best = self._liken(light, by_cost[:LIKENED], longer)
             return self._read(best, skipped) if best.likeness >= ALIKE else self._stray(best)
@@ -123,20 +123,22 @@ class Following:
         shown = match.job_page
         pages = {page for page in self._near() if self._same(page, match)} | ({shown} - {None})
         readings = self.readings.of_page(
-            {page for page in pages if page is not None}, skipped=skipped, known=self._is_known
+            {page for page in pages if page is not None}, skipped=skipped, has_thumbnail=self._has_thumbnail
         )
         return replace(match, job_page=readings[0].page, taken_for=readings[0].taken_for, readings=readings)
 
     def _stray(self, match: Match) -> Match:
         """Return the match of a sheet that shows no known page, with its hypotheses."""
-        known = (lambda _page: True) if match.blank else self._is_known
-        readings = self.readings.of_stray(BLANK if match.blank else UNKNOWN_SHEET, known=known)
+        has_thumbnail = (lambda _page: True) if match.blank else self._has_thumbnail
+        readings = self.readings.of_stray(
+            BLANK if match.blank else UNKNOWN_SHEET, has_thumbnail=has_thumbnail
+        )
         return replace(match, job_page=None, fit=None, taken_for=readings[0].taken_for, readings=readings)
 
     def _same(self, page: int, match: Match) -> bool:
         return match.fit is not None and self.expected[page] is match.fit.page
 
-    def _is_known(self, page: int) -> bool:
+    def _has_thumbnail(self, page: int) -> bool:
         return self.expected[page] is not None
 
     def _best_supported(
@@ -178,9 +180,9 @@ class Following:
 
     def _near(self) -> list[int]:
         """Return the pages that a sheet is compared with first."""
-        kept, last = self.readings.kept, self.readings.last
-        pages = set(range(self.due - AHEAD, self.due + AHEAD + 1)) | {one.due for one in kept}
-        pages |= {page for one in kept for page, _ in one.waiting}
+        hypotheses, last = self.readings.hypotheses, self.readings.last
+        pages = set(range(self.due - AHEAD, self.due + AHEAD + 1)) | {one.due for one in hypotheses}
+        pages |= {page for one in hypotheses for page, _ in one.waiting}
         if last is not None:
             pages |= {last, last + 1}
         return sorted(page for page in pages if 0 <= page < len(self.expected))

@@ -149,7 +149,7 @@ class Readings:
 
     pages: int
     """Number of pages of the job."""
-    kept: tuple[Reading, ...] = (Reading(),)
+    hypotheses: tuple[Reading, ...] = (Reading(),)
     last: int | None = None
     """The page that came last."""
     missing: set[int] = field(default_factory=set)
@@ -162,11 +162,11 @@ class Readings:
     @property
     def best(self) -> Reading:
         """The most likely hypothesis."""
-        return self.kept[0]
+        return self.hypotheses[0]
 
     def likely_due(self) -> tuple[int, ...]:
         """Return the pages due by hypotheses that one sheet may still confirm, the best one's first."""
-        return tuple(one.due for one in self.kept if one.cost <= WRONG and one.due < self.pages)
+        return tuple(one.due for one in self.hypotheses if one.cost <= WRONG and one.due < self.pages)
 
     def cost(self, page: int, *, skipped: int = 0) -> float:
         """Return the least cost of a page coming next, relative to the best hypothesis. [nat]
@@ -176,29 +176,35 @@ class Readings:
         return min(one.cost for one in self._of_page((page,), skipped)) - self.best.cost
 
     def of_page(
-        self, pages: Collection[int], *, skipped: int = 0, known: Callable[[int], bool] = lambda _page: True
+        self,
+        pages: Collection[int],
+        *,
+        skipped: int = 0,
+        has_thumbnail: Callable[[int], bool] = lambda _page: True,
     ) -> tuple[Reading, ...]:
         """Return the hypotheses about a sheet that shows the one design of these pages.
 
-        known: returns whether a page's thumbnail is known.
+        prepared_page: returns whether a page's thumbnail is known.
         """
         candidates = list(self._of_page(pages, skipped))
         candidates += [
-            one.taken(UNKNOWN_THUMBNAIL) for one in self.kept if one.due < self.pages and not known(one.due)
+            one.taken(UNKNOWN_THUMBNAIL)
+            for one in self.hypotheses
+            if one.due < self.pages and not has_thumbnail(one.due)
         ]
         return _best(one.one_more() if one.taken_for is None else one for one in candidates)
 
-    def of_stray(self, what: str, *, known: Callable[[int], bool]) -> tuple[Reading, ...]:
+    def of_stray(self, what: str, *, has_thumbnail: Callable[[int], bool]) -> tuple[Reading, ...]:
         """Return the hypotheses about a sheet that shows no known page.
 
         what: description of the sheet. known: returns whether a page's thumbnail is known; always true for a
         blank sheet.
         """
         candidates = list[Reading]()
-        for one in self.kept:
+        for one in self.hypotheses:
             if one.due >= self.pages or len(one.strays) >= STRAYS:
                 candidates.append(one.besides(WRONG))
-            elif not known(one.due):
+            elif not has_thumbnail(one.due):
                 candidates.append(one.taken(UNKNOWN_THUMBNAIL))
             else:
                 candidates += [one.instead(what, WRONG), one.besides(AGAIN)]
@@ -206,7 +212,7 @@ class Readings:
 
     def of_hidden(self) -> tuple[Reading, ...]:
         """Return the hypotheses about a sheet whose content cannot be seen: it is taken for the page due."""
-        return _best(one.taken() if one.due < self.pages else one.besides(0.0) for one in self.kept)
+        return _best(one.taken() if one.due < self.pages else one.besides(0.0) for one in self.hypotheses)
 
     def go_on(self, readings: tuple[Reading, ...]) -> list[tuple[int, str]]:
         """Replace the hypotheses; return the pages that the best one newly reports missing, and why."""
@@ -219,7 +225,7 @@ class Readings:
         missing = {page for page, _ in best.unreported}
         self.missing |= missing
         self.reported |= missing
-        self.kept = tuple(
+        self.hypotheses = tuple(
             replace(
                 one,
                 cost=one.cost - best.cost,
@@ -234,7 +240,7 @@ class Readings:
 
     def ended(self) -> list[tuple[int, str]]:
         """Choose the best hypothesis at the end of the sheets; return the pages that it reports missing."""
-        final = min(self.kept, key=lambda one: one.cost + ENDS_EARLY * (one.due < self.pages))
+        final = min(self.hypotheses, key=lambda one: one.cost + ENDS_EARLY * (one.due < self.pages))
         late = tuple((page, f"page {page + 1} has not come") for page, _ in final.waiting)
         advanced = final.passed(final.due, 0.0)
         return self.go_on((replace(advanced, waiting=(), unreported=advanced.unreported + late),))
@@ -242,7 +248,7 @@ class Readings:
     # --- continuations of hypotheses ---
 
     def _of_page(self, pages: Collection[int], skipped: int) -> Iterator[Reading]:
-        for one in self.kept:
+        for one in self.hypotheses:
             for read in self._continuations(one, pages):
                 yield replace(read, cost=read.cost + NO_ROOM) if skipped else read
             if skipped:
@@ -257,17 +263,17 @@ class Readings:
         if due in pages:
             yield one.in_place()
         ahead = min((page for page in pages if page > due), default=None)
-        behind = max((page for page in pages if page < due), default=None)
+        previous = max((page for page in pages if page < due), default=None)
         if ahead is not None:
             cost, why = _on_cost(ahead - due, blind=self.blind), UNSEEN if self.blind else None
             on = one.passed(ahead, cost, why=why).in_place()
             yield on if self.blind else replace(on, fault=self._fault(one, ahead))
-        if behind is not None:
-            back = one.back_to(behind, min(BACK_FROM + BACK_PAGE * (due - behind), BACK_MOST)).in_place()
-            yield replace(back, fault=self._fault(one, behind))
+        if previous is not None:
+            back = one.back_to(previous, min(BACK_FROM + BACK_PAGE * (due - previous), BACK_MOST)).in_place()
+            yield replace(back, fault=self._fault(one, previous))
         if due in pages:
             return
-        near = [page for page in (ahead, behind) if page is not None]
+        near = [page for page in (ahead, previous) if page is not None]
         for page in near:
             fault = self._fault(one, page)
             yield replace(one.besides(self._besides(one, page, pages), page), fault=fault)

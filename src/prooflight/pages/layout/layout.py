@@ -74,21 +74,21 @@ class Layout:
         """
         given: dict[str, object] = {}
         for part in text.split(","):
-            word, _, value = (one.strip() for one in part.partition("="))
-            if word not in _WORDS:
-                what = f"{shortly(part.strip())!r} is none of {', '.join(_WORDS)}"
+            key, _, value = (one.strip() for one in part.partition("="))
+            if key not in _KEYS:
+                what = f"{shortly(part.strip())!r} is none of {', '.join(_KEYS)}"
                 raise RequestError(WHERE, what, remedy=EXAMPLE)
-            fields, read, example = _WORDS[word]
+            fields, read, example = _KEYS[key]
             values = read(value)
             if values is None:
-                raise RequestError(WHERE, f"{word} is {shortly(value)!r}", remedy=f"write {word}={example}")
+                raise RequestError(WHERE, f"{key} is {shortly(value)!r}", remedy=f"write {key}={example}")
             if fields[0] in given:
-                raise RequestError(WHERE, f"{word} is said twice", remedy="say it once")
+                raise RequestError(WHERE, f"{key} is said twice", remedy="say it once")
             given.update(zip(fields, values, strict=True))
         return _checked(cls(**given))  # type: ignore[arg-type]
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Text of the layout for ``parse``, without values that are the default."""
         gutter, sheet = self.gutter_mm, self.sheet_mm
         texts = {
@@ -103,7 +103,7 @@ class Layout:
             "rotate": str(self.rotate) if self.rotate else "",
             "pages-a-set": "" if self.pages_a_set is None else str(self.pages_a_set),
         }
-        return ",".join(f"{word}={value}" for word, value in texts.items() if value) or "sides=1"
+        return ",".join(f"{key}={value}" for key, value in texts.items() if value) or "sides=1"
 
     @property
     def places_a_side(self) -> int:
@@ -304,7 +304,7 @@ def _numbers(text: str) -> tuple[tuple[int, ...]] | None:
     return (tuple(map(int, text.split("-"))),)
 
 
-_WORDS: Final[dict[str, tuple[tuple[str, ...], Callable[[str], tuple[object, ...] | None], str]]] = {
+_KEYS: Final[dict[str, tuple[tuple[str, ...], Callable[[str], tuple[object, ...] | None], str]]] = {
     "sides": (("sides",), _whole(1, 2), "1 or 2"),
     "order": (("order", "depth"), _order, "alternate, batch:50 or loop:4"),
     "backs": (

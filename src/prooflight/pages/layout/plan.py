@@ -49,7 +49,7 @@ class SheetPlan:
     def facts(self) -> dict[str, Any]:
         """Content of the plan that JSON can hold, for a run's settings and its gate's log."""
         return {
-            "words": self.layout.words,
+            "words": self.layout.text,
             "job_pages": self.layout.job_pages,
             "sides": self.sides,
             "sheets": self.sheets,

@@ -52,10 +52,10 @@ def printed_box(page: Any) -> tuple[Any, list[str]]:
     scale = 1.0 if mupdf.pdf_is_null(unit) else _number(unit, "UserUnit")
     if not 0 < scale <= EXTENT_MAX:
         raise BoxError(f"has a UserUnit of {scale:g}")
-    found = mupdf.pdf_bound_page(page, mupdf.FZ_TRIM_BOX)
-    if not (0 < found.x1 - found.x0 <= EXTENT_MAX and 0 < found.y1 - found.y0 <= EXTENT_MAX):
-        raise BoxError(f"is {found.x1 - found.x0:g} x {found.y1 - found.y0:g} points large")
-    return found, passed_over
+    trim = mupdf.pdf_bound_page(page, mupdf.FZ_TRIM_BOX)
+    if not (0 < trim.x1 - trim.x0 <= EXTENT_MAX and 0 < trim.y1 - trim.y0 <= EXTENT_MAX):
+        raise BoxError(f"is {trim.x1 - trim.x0:g} x {trim.y1 - trim.y0:g} points large")
+    return trim, passed_over
 
 
 def deciding_box(page: Any) -> str:
@@ -89,10 +89,10 @@ def _is_empty(box: Box) -> bool:
     return box[0] >= box[2] or box[1] >= box[3]
 
 
-def _number(thing: Any, name: str) -> float:
-    if not mupdf.pdf_is_number(thing):
+def _number(pdf_object: Any, name: str) -> float:
+    if not mupdf.pdf_is_number(pdf_object):
         raise BoxError(f"has a {name} that is not of numbers")
-    value = float(mupdf.pdf_to_real(thing))
+    value = float(mupdf.pdf_to_real(pdf_object))
     if not math.isfinite(value) or abs(value) > EXTENT_MAX:
         raise BoxError(f"has a {name} of {value:g}: at most {EXTENT_MAX:g}")
     return value

@@ -146,23 +146,25 @@ class Inks:
         self, space: Any, colours: Sequence[Sequence[float]] | NDArray[np.float64], parameters: Any
     ) -> NDArray[np.float64]:
         """Return ink amounts as ``convert``, computed by MuPDF where only MuPDF can."""
-        found = self.convert(space, colours, parameters)
-        if found is not None:
-            return found
+        converted = self.convert(space, colours, parameters)
+        if converted is not None:
+            return converted
         colour, out = mupdf.new_floats(space.n), mupdf.new_floats(4)
-        found = np.empty((len(colours), 4))
-        for row, amounts in zip(found, colours, strict=True):
+        converted = np.empty((len(colours), 4))
+        for row, amounts in zip(converted, colours, strict=True):
             for i, amount in enumerate(amounts):
                 mupdf.floats_setitem(colour, i, float(amount))
             _mupdf.ll_fz_convert_color(space, colour, self.space.m_internal, out, None, parameters)
             row[:] = [mupdf.floats_getitem(out, i) for i in range(4)]
         mupdf.delete_floats(colour)
         mupdf.delete_floats(out)
-        return found
+        return converted
 
     def _source(self, space: Any) -> bytes | None:
         key = address(space)
         if key not in self._profiles:
-            kept = mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space))  # so that the address stays its own
-            self._profiles[key] = kept, profile_of(kept)
+            retained = mupdf.FzColorspace(
+                mupdf.ll_fz_keep_colorspace(space)
+            )  # so that the address stays its own
+            self._profiles[key] = retained, profile_of(retained)
         return self._profiles[key][1]

@@ -65,25 +65,25 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
     for annotation in items(get(page, "Annots")):
         _let_links_print(annotation)
         layers.correct(get(annotation, "OC"))
-    found = PageContents()
+    contents = PageContents()
     for resource in page_resources(page):
-        thing = resource.thing
+        pdf_object = resource.pdf_object
         if resource.category == "ColorSpace":
-            tints.rename(thing, found.tinted)
+            tints.rename(pdf_object, contents.tinted)
         elif resource.category == "ExtGState":
-            _choose_blend_mode(thing)
-            knockout = get(thing, "TK")
+            _choose_blend_mode(pdf_object)
+            knockout = get(pdf_object, "TK")
             if knockout is not None and not mupdf.pdf_to_bool(knockout):
-                found.text_knockout = False
-            if _has_transfer(thing):
-                found.transfers.append(shown_name(resource.name))
+                contents.text_knockout = False
+            if _has_transfer(pdf_object):
+                contents.transfers.append(shown_name(resource.name))
         elif resource.category == "Properties":
-            layers.correct(thing)
+            layers.correct(pdf_object)
         elif resource.category == "Shading":
             _drop_background(resource)
         elif resource.category == "Font":
-            found.fonts.append(resource)
-        elif resource.category == "XObject" and name_of(get(thing, "Subtype")) == "Image":
+            contents.fonts.append(resource)
+        elif resource.category == "XObject" and name_of(get(pdf_object, "Subtype")) == "Image":
             _choose_alternate(resource)
             image = mupdf.pdf_dict_get(resource.holder, resource.key)
             filters = get(image, "Filter")
@@ -91,8 +91,8 @@ def correct_page(page: Any, tints: TintSpaces, layers: PrintedLayers) -> PageCon
                 _let_damage_show(image)
                 _drop_unasked_alpha(image)
             _state_lab_decode(image)
-            found.images.append(resource)
-    return found
+            contents.images.append(resource)
+    return contents
 
 
 def _let_links_print(annotation: Any) -> None:
@@ -121,15 +121,15 @@ def _has_transfer(state: Any) -> bool:
 
 def _drop_background(gradient: Resource) -> None:
     """Drop the background of a gradient that is painted by itself, because it applies only in a pattern (8.7.4.3)."""
-    if get(gradient.thing, "Background") is not None and not mupdf.pdf_is_stream(gradient.thing):
-        own = mupdf.pdf_copy_dict(gradient.thing)  # a pattern may use the same gradient
+    if get(gradient.pdf_object, "Background") is not None and not mupdf.pdf_is_stream(gradient.pdf_object):
+        own = mupdf.pdf_copy_dict(gradient.pdf_object)  # a pattern may use the same gradient
         mupdf.pdf_dict_dels(own, "Background")
         gradient.replace(own)
 
 
 def _choose_alternate(image: Resource) -> None:
     """Replace an image by the alternate that is made for printing (8.9.5.4)."""
-    for alternate in items(get(image.thing, "Alternates")):
+    for alternate in items(get(image.pdf_object, "Alternates")):
         chosen, default = get(alternate, "Image"), get(alternate, "DefaultForPrinting")
         if chosen is not None and default is not None and mupdf.pdf_to_bool(default):
             image.replace(chosen)
@@ -167,8 +167,8 @@ def _let_damage_show(image: Any) -> None:
 
 def _drop_unasked_alpha(image: Any) -> None:
     """Drop the opacity of a JPEG 2000 image unless SMaskInData requests it (8.9.5.1)."""
-    asked = get(image, "SMaskInData")
-    if asked is not None and mupdf.pdf_to_int(asked):
+    smask_in_data = get(image, "SMaskInData")
+    if smask_in_data is not None and mupdf.pdf_to_int(smask_in_data):
         return
     try:
         data = bytes(mupdf.fz_buffer_extract_copy(mupdf.pdf_load_stream(image)))

@@ -39,7 +39,7 @@ _OVERRIDDEN = (
     *("begin_mask", "end_mask", "begin_group", "end_group", "set_default_colorspaces"),
 )
 _NO_TINT = TintUse()
-COLOURS_KEPT: Final = 4096
+COLOURS_CACHED: Final = 4096
 """Colours of a page of which it is kept how they are painted. Assumed: type and tints have fewer, a picture more."""
 
 
@@ -95,13 +95,13 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         observed: Observed,
         page_group: bool,
         page_knockout: bool,
-        group_is_ours: bool,
+        is_own_group: bool,
         text_knockout: bool,
     ) -> None:
         """Prepare drawing with ``inks`` for DeviceCMYK and ``rgb`` for DeviceRGB.
 
         They apply whatever the document's output intent is. ``plates`` are those that are drawn on.
-        ``page_group``: the first group is the page's, and ``page_knockout`` is its K. ``group_is_ours``: it
+        ``page_group``: the first group is the page's, and ``page_knockout`` is its K. ``is_own_group``: it
         names no colours to blend in, so these are the press's inks (ISO 32000-2, 11.4.7). ``text_knockout``:
         glyphs knock each other out.
         """
@@ -118,7 +118,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         self._colours: dict[tuple[Any, ...], tuple[Any, list[float] | None, int, int]] = {}
         self._spaces: dict[int, Any] = {}  # so that addresses stay their own
         self._text_knockout = text_knockout
-        self._page_group, self._page_knockout, self._group_is_ours = page_group, page_knockout, group_is_ours
+        self._page_group, self._page_knockout, self._is_own_group = page_group, page_knockout, is_own_group
         for name in (*_FORWARDED, *_PAINTING, *_CLIPPING, *_OVERRIDDEN):
             getattr(self, f"use_virtual_{name}")()
 
@@ -158,7 +158,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         group that is not isolated blends in the colours around it (ISO 32000-2, 11.6.6). If it is opaque and
         nothing in it is knocked out, its content is drawn directly.
         """
-        if not isolated or (self._page_group and self._group_is_ours):
+        if not isolated or (self._page_group and self._is_own_group):
             space = None
         knockout = int(
             knockout or (self._page_group and self._page_knockout)
@@ -296,7 +296,7 @@ class PressDevice(mupdf.FzDevice2):  # type: ignore[misc]
         stated = parameters.op, parameters.opm, parameters.ri, parameters.bp
         key = address(space), amounts, stated, self._groups[-1].foreign
         if key not in self._colours:  # a page sets thousands of texts in few colours
-            if len(self._colours) == COLOURS_KEPT:
+            if len(self._colours) == COLOURS_CACHED:
                 self._colours.clear()
             self._spaces.setdefault(key[0], mupdf.FzColorspace(mupdf.ll_fz_keep_colorspace(space)))
             painted = self._painted(space, amounts, parameters)

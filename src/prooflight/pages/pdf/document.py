@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.images import ImageFault
     from prooflight.pages.pdf.rip_model import RipModel
-    from prooflight.pages.pdf.taking_together import InkLight
 
 BYTES_PER_PIXEL: Final = 40
 """Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
@@ -193,7 +193,7 @@ class PdfFile:
         """Draw page ``number`` into the empty array that ``raster`` gives for its shape, (rows, columns, 4).
 
         The second argument of ``raster`` is the number of pixels drawn at once. With ``drawn_dpi``, the page
-        is drawn at another resolution than its raster's, by the parameters of ``rip``, and ``taken_together`` by
+        is drawn at another resolution than its raster's, by the parameters of ``rip``, and ``area_averaged`` by
         ``light``. RequestError:
         there is no such page; JobError: it cannot be ripped; MemoryError: not within its limit.
         """
@@ -231,10 +231,10 @@ class PdfFile:
                 drawing.draw(ctm, fine, edges)
                 self._refuse_faults(number, drawing.observed.faults, contents, (box.x0, box.y0))
                 if drawn_dpi is not None:
-                    from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+                    from prooflight.pages.pdf.area_averages import area_averaged  # loads the compiler
 
                     fine = grown(fine, growth, light)
-                    taken_together(fine, band, light, step=step, first=top * step + lag - above, left=left)
+                    area_averaged(fine, band, light, step=step, first=top * step + lag - above, left=left)
             self._warn_of(number, drawing, contents)
         return cmyk
 
@@ -264,7 +264,7 @@ class PdfFile:
             high, wide = math.ceil(rows * step), math.ceil(columns * step)
             intent = b"" if self._profile is not None else output_intent(page)
             profile = self._profile or (intent if intent[16:20] == b"CMYK" else b"")
-            asked = external.PageToDraw(
+            page_to_draw = external.PageToDraw(
                 pdf=self._path,
                 shown=self._shown,
                 number=number,
@@ -275,14 +275,16 @@ class PdfFile:
                 rows=high,
                 profile=profile,
             )
-        held = high * wide * 4 // BYTES_PER_PIXEL  # as many pixels as take so much memory while MuPDF draws
-        self._refuse_oversize(number, dpi, rows, columns, drawn=held)
-        cmyk = raster((rows, columns, 4), held)
-        drawn = external.draw(asked, engine, folder, room_bytes=room_bytes)
+        equivalent = (
+            high * wide * 4 // BYTES_PER_PIXEL
+        )  # as many pixels as take so much memory while MuPDF draws
+        self._refuse_oversize(number, dpi, rows, columns, drawn=equivalent)
+        cmyk = raster((rows, columns, 4), equivalent)
+        drawn = external.draw(page_to_draw, engine, folder, room_bytes=room_bytes)
         if drawn_dpi is None:
             cmyk[:] = drawn.cmyk
         else:
-            _grown_together(drawn.cmyk, cmyk, light, step=step, growth=rip.growth_pixels(drawn_dpi))
+            _grown_averages(drawn.cmyk, cmyk, light, step=step, growth=rip.growth_pixels(drawn_dpi))
         self._warnings |= dict.fromkeys(drawn.warnings)
         return cmyk
 
@@ -312,10 +314,10 @@ class PdfFile:
 
         ``corner`` is the corner of the printed part. [points]
         """
-        said = lost()
-        if said and not faults:
+        messages = lost()
+        if messages and not faults:
             mupdf.fz_empty_store()
-            what = f"page {number}: its content, a form, a glyph or an image cannot be decoded ({said})"
+            what = f"page {number}: its content, a form, a glyph or an image cannot be decoded ({messages})"
             raise JobError(self._shown, what, remedy="export the page again")
         if not faults:
             return
@@ -324,12 +326,12 @@ class PdfFile:
         undecodable = [
             (fault, place)
             for fault, place in zip(faults, places, strict=True)
-            if said or not fault.only_short
+            if messages or not fault.only_short
         ]
         if undecodable:
             fault, place = undecodable[0]
             more = f", and {len(undecodable) - 1} more" if len(undecodable) > 1 else ""
-            reason = said if fault.only_short else fault.reason
+            reason = messages if fault.only_short else fault.reason
             what = f"page {number}: {place}{more}, cannot be decoded ({reason})"
             raise JobError(self._shown, what, remedy="put a sound image there, and export the page again")
         for place in places:
@@ -448,7 +450,7 @@ class PdfFile:
             self._warnings[PageWarning(page=page, kind=kind, message=message, object_name=name)] = None
 
 
-def _grown_together(
+def _grown_averages(
     fine: NDArray[np.uint8],
     cmyk: NDArray[np.uint8],
     light: InkLight | None,
@@ -457,10 +459,10 @@ def _grown_together(
     growth: tuple[float, float, float, float],
 ) -> None:
     """Take a whole page's device pixels together after their growth, in bands: copies of all would not fit."""
-    from prooflight.pages.pdf.taking_together import taken_together  # loads the compiler
+    from prooflight.pages.pdf.area_averages import area_averaged  # loads the compiler
 
     if not any(growth):
-        taken_together(fine, cmyk, light, step=step)
+        area_averaged(fine, cmyk, light, step=step)
         return
     margin = growth_margin(growth)
     for top in range(0, len(cmyk), GROWN_ROWS):
@@ -468,4 +470,4 @@ def _grown_together(
         above = max(math.floor(top * step) - margin, 0)
         below = math.ceil((top + len(band)) * step) + margin
         wider = grown(fine[above:below], growth, light)
-        taken_together(wider, band, light, step=step, first=top * step - above)
+        area_averaged(wider, band, light, step=step, first=top * step - above)

@@ -54,14 +54,14 @@ def output_intent(page: Any) -> bytes:
     CMYK.
     """
     for holder in (page.obj(), get(mupdf.pdf_trailer(page.doc()), "Root")):
-        found = []
+        profiles = []
         for intent in items(get(holder, "OutputIntents")):
             stream = get(intent, "DestOutputProfile")
             if stream is not None and mupdf.pdf_is_stream(stream):
                 profile = bytes(mupdf.fz_buffer_extract_copy(mupdf.pdf_load_stream(stream)))
-                found.append((name_of(get(intent, "S")) != "GTS_PDFX", profile[16:20] != b"CMYK", profile))
-        if found:
-            return min(found, key=lambda one: one[:2])[2]
+                profiles.append((name_of(get(intent, "S")) != "GTS_PDFX", profile[16:20] != b"CMYK", profile))
+        if profiles:
+            return min(profiles, key=lambda one: one[:2])[2]
     return b""
 
 
@@ -100,11 +100,11 @@ class PageDrawing:
         self._edges = SHARP
         self._images, self._curves = ConvertedImages(self.inks), dict[str, NDArray[np.uint8]]()
         group = get(page.obj(), "Group")
-        self._group_is_ours, knockout = get(group, "CS") is None, get(group, "K")
+        self._is_own_group, knockout = get(group, "CS") is None, get(group, "K")
         self._page_knockout = knockout is not None and bool(mupdf.pdf_to_bool(knockout))
         # Without a plate, MuPDF prints images in a process colorant by their tint transform.
         self._passes = [sorted(listed.plates) or ["none"]] if listed else [[]]
-        if len(listed.plates) > PLATES_MAX or not self._group_is_ours:
+        if len(listed.plates) > PLATES_MAX or not self._is_own_group:
             self._survey(listed)
 
     def _survey(self, listed: Tinted) -> None:
@@ -166,7 +166,7 @@ class PageDrawing:
                 observed=self.observed,
                 page_group=bool(self._page.m_internal.transparency),
                 page_knockout=self._page_knockout,
-                group_is_ours=self._group_is_ours,
+                is_own_group=self._is_own_group,
                 text_knockout=self._text_knockout,
             )
             mupdf.pdf_run_page_with_usage(self._page, device, mupdf.FzMatrix(), "Print", mupdf.FzCookie())
@@ -216,11 +216,11 @@ def drawn_by(edges: Edges) -> Iterator[None]:
     paints by the same rule.
     """
     settings = mupdf.internal_context_get().aa
-    kept = {name: getattr(settings, name) for name in edges}
+    saved = {name: getattr(settings, name) for name in edges}
     for name, value in edges.items():
         setattr(settings, name, value)
     try:
         yield
     finally:
-        for name, value in kept.items():
+        for name, value in saved.items():
             setattr(settings, name, value)

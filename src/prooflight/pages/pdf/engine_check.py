@@ -184,7 +184,7 @@ def _edges(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
     rows, columns = np.nonzero((black > 127).any(1))[0], np.nonzero((black > 127).any(0))[0]
     if not rows.size:
         return ["its black square is not where the TrimBox puts it"]
-    found = {
+    offsets = {
         "left": columns[0] + window[1].start - left,
         "top": rows[0] + window[0].start - top,
         "right": columns[-1] + 1 + window[1].start - right,
@@ -192,7 +192,7 @@ def _edges(cmyk: NDArray[np.uint8], dpi: float) -> list[str]:
     }
     wrong = [
         f"the {side} edge of its square lies {off:+.1f} pixels off"
-        for side, off in found.items()
+        for side, off in offsets.items()
         if abs(off) > EDGE_PIXELS + 0.01
     ]
     if ((black > 0) & (black < 255)).any():

@@ -66,12 +66,15 @@ def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
     what is below. MuPDF forgets this setting with the font, so it is applied again before a page is drawn.
     """
     for resource in fonts:
-        if name_of(get(resource.thing, "Subtype")) != "Type3" or get(resource.thing, "Resources") is None:
+        if (
+            name_of(get(resource.pdf_object, "Subtype")) != "Type3"
+            or get(resource.pdf_object, "Resources") is None
+        ):
             continue  # without resources, those that it would be loaded with are the page's
         with contextlib.suppress(mupdf.FzErrorBase):  # a broken one, which will be said when it is used
-            font = mupdf.ll_pdf_load_font(document.m_internal, None, resource.thing.m_internal)
-            kept = (ctypes.c_uint16 * _GLYPHS).from_address(int(font.font.t3flags))
-            flags = np.ctypeslib.as_array(kept)
+            font = mupdf.ll_pdf_load_font(document.m_internal, None, resource.pdf_object.m_internal)
+            flags_array = (ctypes.c_uint16 * _GLYPHS).from_address(int(font.font.t3flags))
+            flags = np.ctypeslib.as_array(flags_array)
             flags[flags & mupdf.FZ_DEVFLAG_COLOR != 0] |= mupdf.FZ_DEVFLAG_UNCACHEABLE
             mupdf.ll_pdf_drop_font(font)
 
@@ -79,7 +82,7 @@ def draw_colours_directly(document: Any, fonts: Iterable[Resource]) -> None:
 def substituted(document: Any, fonts: Iterable[Resource], drawn: DrawnFonts) -> Iterator[str]:
     """Yield the names of fonts that are not embedded and with which texts were drawn."""
     for resource in fonts:
-        font = resource.thing
+        font = resource.pdf_object
         described = (items(get(font, "DescendantFonts")) or [font])[0]
         descriptor = get(described, "FontDescriptor")
         if name_of(get(font, "Subtype")) == "Type3" or any(

@@ -33,7 +33,7 @@ _LOST: Final = re.compile(
 SHORT: Final = "padding truncated image"
 """Message of MuPDF about a decoded image that has fewer samples than it should."""
 
-IMAGES_KEPT = 8  # converted images kept for the next time they are drawn, as patterns and slices do
+IMAGES_CACHED = 8  # converted images kept for the next time they are drawn, as patterns and slices do
 _FIXED_POINT = 1 << 14  # steps of MuPDF's sampler between two samples of an image
 _OFF_PIXELS_MAX = 0.5  # half a pixel: as much as a pixel's edge is uncertain anyway
 
@@ -68,18 +68,18 @@ class Decoding:
         self._before = len(pymupdf.JM_mupdf_warnings_store)
 
     def __exit__(self, _kind: Any, error: BaseException | None, _trace: Any) -> bool:
-        said = pymupdf.JM_mupdf_warnings_store[self._before :]
-        reasons = [line for line in said if _UNDECODABLE.search(line)]
+        messages = pymupdf.JM_mupdf_warnings_store[self._before :]
+        reasons = [line for line in messages if _UNDECODABLE.search(line)]
         raised = isinstance(error, mupdf.FzErrorBase)
-        only_short = not (raised or reasons) and SHORT in said
+        only_short = not (raised or reasons) and SHORT in messages
         if raised or reasons or only_short:
             x, y, ctm = (0, 0, 1, 1), (0, 1, 0, 1), self._ctm
             across = [ctm.a * i + ctm.c * j + ctm.e for i, j in zip(x, y, strict=True)]
             along = [ctm.b * i + ctm.d * j + ctm.f for i, j in zip(x, y, strict=True)]
             box = min(across), min(along), max(across), max(along)
-            kept = mupdf.FzImage(mupdf.ll_fz_keep_image(self._image))
+            retained = mupdf.FzImage(mupdf.ll_fz_keep_image(self._image))
             reason = (reasons or [SHORT if only_short else str(error)])[0].strip()
-            self._faults.append(ImageFault(image=kept, box=box, reason=reason, only_short=only_short))
+            self._faults.append(ImageFault(image=retained, box=box, reason=reason, only_short=only_short))
         return raised
 
 
@@ -96,7 +96,7 @@ class ConvertedImages:
         if key not in self._kept:
             original = mupdf.FzImage(mupdf.ll_fz_keep_image(image))  # so that the address stays its own
             converted = self._converted(original, space, to_ink, parameters)
-            if len(self._kept) >= IMAGES_KEPT:
+            if len(self._kept) >= IMAGES_CACHED:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = original, converted
         return self._kept[key][1].m_internal
@@ -122,13 +122,13 @@ class ConvertedImages:
 def converted_samples(samples: NDArray[np.uint8], to_ink: ToInk) -> NDArray[np.uint8]:
     """Ink (rows, columns, 4) of the samples (rows, columns, channels) of an image, each colour converted once."""
     rows, columns, channels = samples.shape
-    words = np.zeros((rows * columns, -(-channels // 8) * 8), np.uint8)
-    words[:, :channels] = samples.reshape(-1, channels)
-    if words.shape[1] == 8:
-        packed, places = np.unique(words.view(np.uint64)[:, 0], return_inverse=True)
+    padded = np.zeros((rows * columns, -(-channels // 8) * 8), np.uint8)
+    padded[:, :channels] = samples.reshape(-1, channels)
+    if padded.shape[1] == 8:
+        packed, places = np.unique(padded.view(np.uint64)[:, 0], return_inverse=True)
         colours = packed.view(np.uint8).reshape(-1, 8)
     else:
-        colours, places = np.unique(words, axis=0, return_inverse=True)
+        colours, places = np.unique(padded, axis=0, return_inverse=True)
     inks = np.rint(255 * to_ink(colours[:, :channels] / 255).clip(0, 1)).astype(np.uint8)
     return inks[places.reshape(rows, columns)]
 

@@ -42,7 +42,7 @@ def _bleed(page: Any, corner: tuple[float, float]) -> list[float] | None:
 
 def _layers(page: Any) -> dict[str, list[float]]:
     """Return the bounding box of all that each layer draws, by its name."""
-    found: dict[str, list[float]] = {}
+    boxes: dict[str, list[float]] = {}
     seen: list[Any] = []
     device = pymupdf.JM_new_bbox_device(seen, True)
     mupdf.fz_run_page(mupdf.FzPage(page), device, mupdf.FzMatrix(), mupdf.FzCookie())
@@ -50,28 +50,28 @@ def _layers(page: Any) -> dict[str, list[float]]:
     for _, box, name in seen:
         if not name or box[0] >= box[2] or box[1] >= box[3]:
             continue
-        had = found.setdefault(str(name), list(box))
+        had = boxes.setdefault(str(name), list(box))
         had[:] = min(had[0], box[0]), min(had[1], box[1]), max(had[2], box[2]), max(had[3], box[3])
-    return found
+    return boxes
 
 
 def _annotations(page: Any) -> list[tuple[list[str], list[float]]]:
-    found: list[tuple[list[str], list[float]]] = []
+    boxes: list[tuple[list[str], list[float]]] = []
     for first, following in (
         (mupdf.pdf_first_annot, mupdf.pdf_next_annot),
         (mupdf.pdf_first_widget, mupdf.pdf_next_widget),
     ):
         annotation = first(page)
-        while annotation.m_internal and len(found) < MOST:
+        while annotation.m_internal and len(boxes) < MOST:
             if not mupdf.pdf_annot_flags(annotation) & NOT_PRINTED:
                 box = mupdf.pdf_bound_annot(annotation)
-                found.append((_names(annotation), [box.x0, box.y0, box.x1, box.y1]))
+                boxes.append((_names(annotation), [box.x0, box.y0, box.x1, box.y1]))
             annotation = following(annotation)
-    return found
+    return boxes
 
 
 def _names(annotation: Any) -> list[str]:
     sort = mupdf.pdf_string_from_annot_type(mupdf.pdf_annot_type(annotation))
-    told = mupdf.pdf_annot_obj(annotation)
-    names = [mupdf.pdf_to_text_string(mupdf.pdf_dict_gets(told, key)) for key in NAMES]
+    annotation_object = mupdf.pdf_annot_obj(annotation)
+    names = [mupdf.pdf_to_text_string(mupdf.pdf_dict_gets(annotation_object, key)) for key in NAMES]
     return list(dict.fromkeys(name for name in (str(sort), *names) if name))

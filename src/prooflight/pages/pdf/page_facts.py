@@ -41,12 +41,12 @@ def page_facts(page: Any, box: str) -> dict[str, Any]:
     fonts = dict[tuple[Any, ...], dict[str, Any]]()
     for resource in page_resources(page.obj()):
         if resource.category == "Properties":
-            layers |= _layers(page.doc(), resource.thing)
+            layers |= _layers(page.doc(), resource.pdf_object)
         elif resource.category == "Font":
-            font = _font(resource.thing, resource.name)
+            font = _font(resource.pdf_object, resource.name)
             fonts[tuple(font.values())] = font
         elif resource.category == "ColorSpace":
-            spots |= dict.fromkeys(_spots(resource.thing))
+            spots |= dict.fromkeys(_spots(resource.pdf_object))
     return {
         "box": box,
         "output_intent": _output_intent(page),
@@ -174,10 +174,10 @@ def _profile_colours(intent: Any) -> int:
     return mupdf.pdf_to_int(get(profile, "N")) if profile is not None else 0
 
 
-def _layers(document: Any, thing: Any) -> Iterator[tuple[str, bool]]:
+def _layers(document: Any, pdf_object: Any) -> Iterator[tuple[str, bool]]:
     """Yield names of optional-content groups that a property list represents, and whether they are printed."""
-    groups = [thing] if name_of(get(thing, "Type")) == "OCG" else items(get(thing, "OCGs"))
-    groups = groups or [one for one in (get(thing, "OCGs"),) if one is not None]
+    groups = [pdf_object] if name_of(get(pdf_object, "Type")) == "OCG" else items(get(pdf_object, "OCGs"))
+    groups = groups or [one for one in (get(pdf_object, "OCGs"),) if one is not None]
     for group in groups:
         name = get(group, "Name")
         if name is not None:
@@ -233,12 +233,12 @@ def write_swatches(page: Any, path: Path) -> list[str]:
     Each swatch is full, with the other colorants of its space at 0. They are in rows, ``SWATCHES_A_PAGE`` on
     a page. The print of the swatches by the RIP is the print of these colours.
     """
-    found = dict(list(_spot_spaces(page).items())[:MOST])
+    spots = dict(list(_spot_spaces(page).items())[:MOST])
     document = mupdf.pdf_create_document()
     copied = mupdf.pdf_new_graft_map(document)
     root = get(mupdf.pdf_trailer(page.doc()), "Root")
     _copy_intents(root, get(mupdf.pdf_trailer(document), "Root"), copied)
-    spaces = list(found.values())
+    spaces = list(spots.values())
     for first in range(0, len(spaces), SWATCHES_A_PAGE):
         listed = mupdf.pdf_new_dict(document, SWATCHES_A_PAGE)
         paints = []
@@ -252,25 +252,25 @@ def write_swatches(page: Any, path: Path) -> list[str]:
         mupdf.pdf_dict_put(resources, mupdf.pdf_new_name("ColorSpace"), listed)
         box = mupdf.FzRect(0, 0, SWATCHES_A_PAGE * SWATCH_POINTS, SWATCH_POINTS)
         content = mupdf.fz_new_buffer_from_copied_data("\n".join(paints).encode())
-        made = mupdf.pdf_add_page(document, box, 0, resources, content)
-        _copy_intents(page.obj(), made, copied)
-        mupdf.pdf_insert_page(document, -1, made)
+        added_page = mupdf.pdf_add_page(document, box, 0, resources, content)
+        _copy_intents(page.obj(), added_page, copied)
+        mupdf.pdf_insert_page(document, -1, added_page)
     mupdf.pdf_save_document(document, str(path), mupdf.PdfWriteOptions())
-    return [shown_name(name) for name in found]
+    return [shown_name(name) for name in spots]
 
 
 def _spot_spaces(page: Any) -> dict[str, tuple[Any, int, int]]:
     """Return for each spot colour the space of fewest colorants, their number, and its index among them."""
-    found: dict[str, tuple[Any, int, int]] = {}
+    spots: dict[str, tuple[Any, int, int]] = {}
     for resource in page_resources(page.obj()):
         if resource.category == "ColorSpace":
-            for array in tint_arrays(resource.thing):
+            for array in tint_arrays(resource.pdf_object):
                 names = _colorants(array)
                 for place, name in enumerate(names):
-                    better = name not in found or len(names) < found[name][1]
+                    better = name not in spots or len(names) < spots[name][1]
                     if better and name and name not in (*PROCESS, *NO_INK):
-                        found[name] = array, len(names), place
-    return found
+                        spots[name] = array, len(names), place
+    return spots
 
 
 def _copy_intents(holder: Any, target: Any, copied: Any) -> None:

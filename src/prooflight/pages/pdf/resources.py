@@ -24,16 +24,16 @@ class Resource:
     """One of ``CATEGORIES``; colour spaces of images, groups and shadings count as well."""
     name: str
     """Name by which it is used; if it has no name of its own, that of its user."""
-    thing: Any
+    pdf_object: Any
     """The object, a ``mupdf.PdfObj``."""
     holder: Any
     """The dictionary that contains it."""
     key: Any
     """Its key in the dictionary (``mupdf.PdfObj``); names are bytes, and not all are text."""
 
-    def replace(self, thing: Any) -> None:
+    def replace(self, pdf_object: Any) -> None:
         """Replace the object by another, in memory."""
-        mupdf.pdf_dict_put(self.holder, self.key, thing)
+        mupdf.pdf_dict_put(self.holder, self.key, pdf_object)
 
 
 def page_resources(page: Any) -> Iterator[Resource]:
@@ -51,43 +51,45 @@ def page_resources(page: Any) -> Iterator[Resource]:
             continue
         for category in CATEGORIES:
             holder = get(resources, category)
-            for key, thing in entries(holder):
-                if _again(thing, seen):
+            for key, pdf_object in entries(holder):
+                if _again(pdf_object, seen):
                     continue
                 name = name_of(key)
-                yield Resource(category=category, name=name, thing=thing, holder=holder, key=key)
-                thing = mupdf.pdf_dict_get(holder, key)
-                for used in _used_by(category, name, thing):
-                    if not _again(used.thing, seen):
+                yield Resource(category=category, name=name, pdf_object=pdf_object, holder=holder, key=key)
+                pdf_object = mupdf.pdf_dict_get(holder, key)
+                for used in _used_by(category, name, pdf_object):
+                    if not _again(used.pdf_object, seen):
                         yield used
-                waiting += _own_resources(category, thing)
+                waiting += _own_resources(category, pdf_object)
 
 
-def _used_by(category: str, name: str, thing: Any) -> Iterator[Resource]:
+def _used_by(category: str, name: str, pdf_object: Any) -> Iterator[Resource]:
     """Yield colour spaces, masks and layers that a resource itself contains."""
     if category in ("XObject", "Pattern", "Shading"):
         for holder, key, what in (
-            (thing, "ColorSpace", "ColorSpace"),
-            (get(thing, "Shading"), "ColorSpace", "ColorSpace"),
-            (get(thing, "Group"), "CS", "ColorSpace"),
-            (thing, "SMask", "XObject"),
-            (thing, "OC", "Properties"),
-            (thing, "ExtGState", "ExtGState"),
+            (pdf_object, "ColorSpace", "ColorSpace"),
+            (get(pdf_object, "Shading"), "ColorSpace", "ColorSpace"),
+            (get(pdf_object, "Group"), "CS", "ColorSpace"),
+            (pdf_object, "SMask", "XObject"),
+            (pdf_object, "OC", "Properties"),
+            (pdf_object, "ExtGState", "ExtGState"),
         ):
             yield from _stands_in(holder, key, what, name)
     elif category == "ExtGState":
-        yield from _stands_in(get(get(get(thing, "SMask"), "G"), "Group"), "CS", "ColorSpace", name)
+        yield from _stands_in(get(get(get(pdf_object, "SMask"), "G"), "Group"), "CS", "ColorSpace", name)
 
 
 def _stands_in(holder: Any, key: str, category: str, name: str) -> Iterator[Resource]:
-    thing = get(holder, key)
-    if thing is not None:
-        yield Resource(category=category, name=name, thing=thing, holder=holder, key=mupdf.pdf_new_name(key))
+    pdf_object = get(holder, key)
+    if pdf_object is not None:
+        yield Resource(
+            category=category, name=name, pdf_object=pdf_object, holder=holder, key=mupdf.pdf_new_name(key)
+        )
 
 
-def _own_resources(category: str, thing: Any) -> list[Any]:
+def _own_resources(category: str, pdf_object: Any) -> list[Any]:
     """Return the resources of the content of a form, a pattern, a soft mask or a Type 3 font."""
-    content = get(get(thing, "SMask"), "G") if category == "ExtGState" else thing
+    content = get(get(pdf_object, "SMask"), "G") if category == "ExtGState" else pdf_object
     return [get(content, "Resources")] if category in ("XObject", "Pattern", "ExtGState", "Font") else []
 
 
@@ -102,8 +104,8 @@ def get(holder: Any, key: str, *, inherited: bool = False) -> Any:
     """Return an entry of a dictionary, or of a page with its parents; None if there is none, or it is no dictionary."""
     if holder is None or not mupdf.pdf_is_dict(holder):
         return None
-    found = (mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets)(holder, key)
-    return None if mupdf.pdf_is_null(found) else found
+    value = (mupdf.pdf_dict_gets_inheritable if inherited else mupdf.pdf_dict_gets)(holder, key)
+    return None if mupdf.pdf_is_null(value) else value
 
 
 def entries(holder: Any) -> list[tuple[Any, Any]]:
@@ -121,9 +123,11 @@ def items(array: Any) -> list[Any]:
     return [mupdf.pdf_array_get(array, i) for i in range(mupdf.pdf_array_len(array))]
 
 
-def name_of(thing: Any) -> str:
+def name_of(pdf_object: Any) -> str:
     """Return a name as text, empty if it is no name; bytes that are no UTF-8 are surrogates."""
-    return str(mupdf.pdf_to_name(thing)) if thing is not None and mupdf.pdf_is_name(thing) else ""
+    return (
+        str(mupdf.pdf_to_name(pdf_object)) if pdf_object is not None and mupdf.pdf_is_name(pdf_object) else ""
+    )
 
 
 def shown_name(name: str) -> str:
@@ -132,9 +136,9 @@ def shown_name(name: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def _again(thing: Any, seen: set[int]) -> bool:
+def _again(pdf_object: Any, seen: set[int]) -> bool:
     """Return whether an indirect object has been seen before, and mark it as seen."""
-    number = mupdf.pdf_to_num(thing)
+    number = mupdf.pdf_to_num(pdf_object)
     if number in seen:
         return True
     if number:

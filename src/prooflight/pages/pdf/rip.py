@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.rip_model import RipModel
-    from prooflight.pages.pdf.taking_together import InkLight
 
 SWATCHES_A_PAGE: Final = 16
 """Spot colours that are drawn at once to measure their print: no engine draws any number on one page."""
@@ -84,7 +84,7 @@ class PdfJob:
         self._engine, self._profile = engine, profile
         self._limits = rip_process.RipLimits.of_environment()
         self._request = self._about_file() | self._about_profile(profile)
-        self._count = int(self._asked("opening it", do="open")["pages"])
+        self._count = int(self._answer("opening it", do="open")["pages"])
 
     def _about_file(self) -> dict[str, Any]:
         if b"%PDF-" not in file_head(self.path, JobError, PDF_HEAD_BYTES):
@@ -116,7 +116,7 @@ class PdfJob:
     def page_sizes_mm(self) -> tuple[tuple[float, float], ...]:
         """Width and height of every page as printed. [mm]"""
         scale = MM_PER_INCH / POINTS_PER_INCH
-        sizes = self._asked("measuring its pages", do="sizes")["sizes"]
+        sizes = self._answer("measuring its pages", do="sizes")["sizes"]
         return tuple((width * scale, height * scale) for width, height in sizes)
 
     def page(
@@ -140,7 +140,7 @@ class PdfJob:
         engine = self._engine
         named = None if engine is None or engine.name == "mupdf" else (engine.name, engine.command)
         how = {"drawn_dpi": drawn_dpi, "light": light, "engine": named, "rip": asdict(rip)}
-        cmyk = self._asked(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
+        cmyk = self._answer(f"page {number}", do="page", number=number, dpi=float(dpi), **how)["cmyk"]
         warnings = tuple(warning for warning in self._warnings if warning.page == number - 1)
         return Page(cmyk=cmyk, dpi=float(dpi), name=page_name(number), number=number, warnings=warnings)
 
@@ -150,7 +150,7 @@ class PdfJob:
         The scan is (rows, columns, 1 or 3), grey or sRGB, pixel by pixel as it is stored. [pixels/inch]
         JobError: the page cannot be drawn; ScanError: it holds no picture.
         """
-        answer = self._asked(f"page {number}", do="picture", number=number)
+        answer = self._answer(f"page {number}", do="picture", number=number)
         across, along = answer["dpi"]
         return answer["cmyk"], (across, along)
 
@@ -166,7 +166,7 @@ class PdfJob:
         """
         with tempfile.TemporaryDirectory(prefix="prooflight-") as folder:
             path = Path(folder) / "swatches.pdf"
-            answer = self._asked(f"page {number}", do="facts", number=number, swatches=str(path))
+            answer = self._answer(f"page {number}", do="facts", number=number, swatches=str(path))
             printed: dict[str, tuple[int, ...]] = {}
             if answer["swatches"]:
                 with PdfJob(path, profile=self._profile, engine=self._engine) as swatches:
@@ -177,7 +177,7 @@ class PdfJob:
 
     def marks(self, number: int) -> PageMarks:
         """Return the marked places of page ``number`` (from 1); errors as ``page``."""
-        found = self._asked(f"page {number}", do="marks", number=number)["marks"]
+        marks = self._answer(f"page {number}", do="marks", number=number)["marks"]
         scale = MM_PER_INCH / POINTS_PER_INCH
 
         def box(corners: list[float]) -> Box:
@@ -185,15 +185,15 @@ class PdfJob:
             return x0, y0, x1 - x0, y1 - y0
 
         return PageMarks(
-            bleed=None if found["bleed"] is None else box(found["bleed"]),
-            layers=tuple((name, box(corners)) for name, corners in found["layers"]),
-            annotations=tuple((tuple(names), box(corners)) for names, corners in found["annotations"]),
+            bleed=None if marks["bleed"] is None else box(marks["bleed"]),
+            layers=tuple((name, box(corners)) for name, corners in marks["layers"]),
+            annotations=tuple((tuple(names), box(corners)) for names, corners in marks["annotations"]),
         )
 
-    def _asked(self, subject: str, **asked: Any) -> dict[str, Any]:
+    def _answer(self, subject: str, **request: Any) -> dict[str, Any]:
         """Return the answer, after its warnings are recorded; JobError names what ``subject`` failed for."""
         try:
-            answer = rip_process.ask(self._request | asked, self._limits)
+            answer = rip_process.ask(self._request | request, self._limits)
         except rip_process.RipFailure as failure:
             raise JobError(self.path, f"{subject} {failure.what}", remedy=failure.remedy) from None
         self._warnings |= dict.fromkeys(PageWarning(**warning) for warning in answer["warnings"])

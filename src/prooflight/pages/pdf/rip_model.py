@@ -18,7 +18,7 @@ from prooflight.cmyk import INKS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
 
 FillRule = Literal["centre", "any-part", "area"]
 """Which device pixels a shape fills: those whose centre it covers, those that it touches, or each by the area that it

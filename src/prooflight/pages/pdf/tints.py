@@ -52,8 +52,8 @@ class TintTransform:
         """Return colours (colours, outputs) of tints (colours, inputs)."""
         outputs = mupdf.fz_colorspace_n(self.alternate)
         colour, out = mupdf.new_floats(COLOURS_MAX), mupdf.new_floats(COLOURS_MAX)
-        found = np.empty((len(tints), outputs))
-        for row, tint in zip(found, tints.tolist(), strict=True):
+        converted = np.empty((len(tints), outputs))
+        for row, tint in zip(converted, tints.tolist(), strict=True):
             for i, amount in enumerate(tint):
                 mupdf.floats_setitem(colour, i, amount)
             # Not mupdf's: there, the result has room for one number.
@@ -61,7 +61,7 @@ class TintTransform:
             row[:] = [mupdf.floats_getitem(out, i) for i in range(outputs)]
         mupdf.delete_floats(colour)
         mupdf.delete_floats(out)
-        return found
+        return converted
 
     def ink_amounts(self, tints: NDArray[np.float64], inks: Inks, parameters: Any) -> NDArray[np.float64]:
         """Return ink amounts 0..1 (colours, 4) of tints (colours, inputs); ``parameters`` are MuPDF's, with

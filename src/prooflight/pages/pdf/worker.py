@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from prooflight.pages.warnings import PageWarning
 
-FILES_KEPT: Final = 8
+FILES_CACHED: Final = 8
 """PDFs kept open for their next page."""
 SPARE: Final = 4
 """Largest ratio of shared memory to the page; beyond it, memory is returned."""
@@ -92,9 +92,9 @@ class Worker:
         It takes as long as all else that this process loads, and is requested with the first page that needs
         it.
         """
-        from prooflight.pages.pdf.taking_together import taken_together
+        from prooflight.pages.pdf.area_averages import area_averaged
 
-        taken_together(np.zeros((2, 2, 4), np.uint8), np.zeros((1, 1, 4), np.uint8), None, step=2.0)
+        area_averaged(np.zeros((2, 2, 4), np.uint8), np.zeros((1, 1, 4), np.uint8), None, step=2.0)
         return {}
 
     def _open(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -146,9 +146,9 @@ class Worker:
         if self._examined is None or self._examined[0] != key:
             self._examined = key, self._opened(request)
         file = self._examined[1]
-        found = file.facts(request["number"], Path(request["swatches"]))
+        facts = file.facts(request["number"], Path(request["swatches"]))
         file.warnings()  # what is wrong with the page is said when it is drawn
-        return found | {"warnings": []}
+        return facts | {"warnings": []}
 
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
         file, examined = self._files.pop(_key(request), None), self._examined
@@ -164,7 +164,7 @@ class Worker:
         key = _key(request)
         if key not in self._files:
             self._files[key] = self._opened(request)
-            if len(self._files) > FILES_KEPT:
+            if len(self._files) > FILES_CACHED:
                 self._files.popitem(last=False)[1].close()
         self._files.move_to_end(key)
         return self._files[key]

@@ -103,7 +103,7 @@ class JobZones:
     """Sizes of the job's pages."""
 
     @classmethod
-    def made(
+    def create(
         cls,
         entries: Sequence[ZoneEntry],
         sizes_mm: Sequence[tuple[float, float]],

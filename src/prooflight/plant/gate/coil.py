@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from prooflight.plant.gate.link import Wire
 
 
-class CoilTalk(Waiting):
+class CoilProtocol(Waiting):
     """A ``Talk`` that holds sheets until their time at the gate, and sets the output accordingly."""
 
     session = 0

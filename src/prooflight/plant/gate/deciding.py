@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 UNKNOWN_PAGES: Final = frozenset({"unknown", "blank"})
 DOUBTS: Final = frozenset({Code.NOT_INSPECTED, Code.LOST_LINES, Code.TOO_LATE, Code.PLACE_UNKNOWN})
 """Codes to which the policy applies; for all other codes the decision is fixed."""
-SAID: Final = {
+CODE_TEXTS: Final = {
     Code.GOOD: "good",
     Code.MISPRINT: "a misprint",
     Code.NOT_INSPECTED: "not inspected",

@@ -129,12 +129,12 @@ class Exchange(Waiting):
             if self._current is not None and self._current.written_s is None:
                 self._current.written_s = now_s
 
-    def answered(self, values: dict[str, int], *, asked_s: float, answered_s: float) -> bool:
+    def answered(self, values: dict[str, int], *, request_s: float, answered_s: float) -> bool:
         """Take the values that the controller shows, and return whether it is alive.
 
         It is not alive if its heartbeat has stood still for too long.
         """
-        self._tracker.counted(values["encoder"], asked_s=asked_s, answered_s=answered_s)
+        self._tracker.counted(values["encoder"], request_s=request_s, answered_s=answered_s)
         aligned = self._tracker.aligned
         with self._guard:
             if values["plc_heartbeat"] != self._beat[0]:

@@ -6,13 +6,13 @@ import time
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.plant.gate.coil import CoilTalk
+from prooflight.plant.gate.coil import CoilProtocol
 from prooflight.plant.gate.deciding import GateDecider, disposition_of
 from prooflight.plant.gate.exchange import Exchange
 from prooflight.plant.gate.handshake import State
-from prooflight.plant.gate.link import PlcLink, RegisterTalk, Wire
+from prooflight.plant.gate.link import PlcLink, RegisterProtocol, Wire
 from prooflight.plant.gate.log import GateLog, PlantError, log_path
-from prooflight.plant.gate.sides import SidesTogether
+from prooflight.plant.gate.sides import SheetSides
 from prooflight.plant.gate.tracking import TrackedLines, Tracker, Transport
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class Gate:
         self.tracker = Tracker(
             transport, distance_mm=settings.distance_mm, tolerance_mm=settings.tolerance_mm
         )
-        self._sides = None if plan is None else SidesTogether(plan)
+        self._sides = None if plan is None else SheetSides(plan)
         self.decider = GateDecider(
             settings=settings
             if plan is None
@@ -157,14 +157,14 @@ class Gate:
             tell(state, why)
 
         how: dict[str, Any] = {"log": self._log, "tell": stepped, "report": report, "clock": clock}
-        self.talk: Exchange | CoilTalk
+        self.protocol: Exchange | CoilProtocol
         if settings.plc.style == "coil":
-            self.talk = coil = CoilTalk(settings, self.tracker, **how)
+            self.protocol = coil = CoilProtocol(settings, self.tracker, **how)
             self._link = PlcLink(settings.plc, coil, open_wire=open_wire, pace=pace)
         else:
-            self.talk = exchange = Exchange(settings, self.tracker, **how)
+            self.protocol = exchange = Exchange(settings, self.tracker, **how)
             self._link = PlcLink(
-                settings.plc, RegisterTalk(exchange, clock=clock), open_wire=open_wire, pace=pace
+                settings.plc, RegisterProtocol(exchange, clock=clock), open_wire=open_wire, pace=pace
             )
 
     def __enter__(self) -> Gate:
@@ -175,8 +175,8 @@ class Gate:
         if kind is None:
             self._let_pass()
         self._link.close()
-        self.talk.ended()
-        self._log.add("end", too_late=self.talk.too_late)
+        self.protocol.ended()
+        self._log.add("end", too_late=self.protocol.too_late)
         self._log.close()
 
     def followed(self, source: LineSource) -> TrackedLines:
@@ -189,9 +189,9 @@ class Gate:
         A sheet that comes again with its other side is not on its way to the gate yet.
         """
         if self._sides is None or self._sides.is_due(page.job_page):
-            self.talk.arrived(number + 1)
+            self.protocol.arrived(number + 1)
 
-    def told(self, outcome: Outcome) -> Outcome:
+    def observe(self, outcome: Outcome) -> Outcome:
         """Decide the next sheet, or a page that did not come, in the order of the run; return it with the decision.
 
         A side that comes before its sheet is decided gets what the policy decides for it alone.
@@ -202,8 +202,8 @@ class Gate:
             if combined is None:
                 return _decided(outcome, self.decider.alone(record, came=came))
             record, came, more = combined.record, combined.came, {"rows": combined.rows}
-        while self.talk.lost_sheets:
-            self.decider.lost(self.talk.lost_sheets.popleft())
+        while self.protocol.lost_sheets:
+            self.decider.lost(self.protocol.lost_sheets.popleft())
         decision = self.decider.decide(record, came=came)
         line = record.first_line + self._lead_in
         # The log first: whoever is killed between the two has said what the controller may know.
@@ -222,17 +222,21 @@ class Gate:
             **more,
         )
         if decision.came:
-            self.talk.post(decision, line=line, last_line_s=record.time_s)
+            self.protocol.post(decision, line=line, last_line_s=record.time_s)
         return _decided(outcome, disposition_of(decision.result))
 
     def _let_pass(self) -> None:
         """Wait until the last sheets have reached the gate; a heartbeat that stops would reject them."""
         begun_s = self._clock()
         until = self._link.closing
-        while self.talk.waiting and self.talk.state is State.READY and self._clock() - begun_s < LEAVING_S:
+        while (
+            self.protocol.waiting
+            and self.protocol.state is State.READY
+            and self._clock() - begun_s < LEAVING_S
+        ):
             if until.wait(0.02 / self._pace):
                 return
-        if self.talk.state is State.READY:
+        if self.protocol.state is State.READY:
             until.wait(SETTLING_S / self._pace)
 
 

@@ -113,7 +113,7 @@ class Wire:
         return PlantError(self._plc.where, what, remedy=remedy)
 
 
-class Talk(Protocol):
+class GateProtocol(Protocol):
     """Protocol of what a link does on an open wire, exchange after exchange."""
 
     def begin(self, wire: Wire) -> None:
@@ -138,8 +138,8 @@ class Talk(Protocol):
         ...
 
 
-class RegisterTalk:
-    """A ``Talk`` that does the handshake by registers."""
+class RegisterProtocol:
+    """A ``GateProtocol`` that does the handshake by registers."""
 
     def __init__(self, exchange: Exchange, *, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with an exchange; ``clock`` is that of the lines."""
@@ -147,27 +147,27 @@ class RegisterTalk:
         self.wake = exchange.wake
 
     def begin(self, wire: Wire) -> None:
-        """Begin a session if the controller has the register map; see ``Talk``."""
+        """Begin a session if the controller has the register map; see ``GateProtocol``."""
         values = wire.checked()
         self._exchange.connected(values, session=_session(values["session_taken"]))
 
     def turn(self, wire: Wire) -> None:
-        """Write the registers and read the controller's; see ``Talk``."""
+        """Write the registers and read the controller's; see ``GateProtocol``."""
         wire.write(self._exchange.words())
         self._exchange.wrote()
-        asked_s = self._clock()
+        request_s = self._clock()
         values = wire.read()
-        if not self._exchange.answered(values, asked_s=asked_s, answered_s=self._clock()):
+        if not self._exchange.answered(values, request_s=request_s, answered_s=self._clock()):
             raise PlantError("PLC", "its heartbeat stands still", remedy="see whether it runs")
         if self._exchange.dropped(session=_session(values["session_taken"], self._exchange.session)):
             self.wake.set()
 
     def end(self, wire: Wire) -> None:
-        """Write 0 to all registers, which reports that Prooflight has gone; see ``Talk``."""
+        """Write 0 to all registers, which reports that Prooflight has gone; see ``GateProtocol``."""
         wire.write([0] * len(self._exchange.words()))
 
     def lost(self, why: str) -> None:
-        """Report the loss to the exchange; see ``Talk``."""
+        """Report the loss to the exchange; see ``GateProtocol``."""
         self._exchange.lost(why)
 
 
@@ -177,13 +177,13 @@ class PlcLink:
     def __init__(
         self,
         plc: PlcSettings,
-        talk: Talk,
+        protocol: GateProtocol,
         *,
         open_wire: Callable[[PlcSettings], Wire] = Wire,
         pace: float = 1.0,
     ) -> None:
         """Prepare the link; with ``pace``, which studies use, it runs so many times faster than its settings."""
-        self._plc, self._talk, self._open, self._pace = plc, talk, open_wire, pace
+        self._plc, self._protocol, self._open, self._pace = plc, protocol, open_wire, pace
         self.closing = threading.Event()
         """Event that is set when the link is to end."""
         self._thread = threading.Thread(target=self._run, name="plc", daemon=True)
@@ -195,7 +195,7 @@ class PlcLink:
     def close(self) -> None:
         """Finish with the controller if it answers, and end the thread."""
         self.closing.set()
-        self._talk.wake.set()
+        self._protocol.wake.set()
         self._thread.join()
 
     def _run(self) -> None:
@@ -203,24 +203,24 @@ class PlcLink:
         while not self.closing.is_set():
             try:
                 with closing(self._open(self._plc)) as wire:
-                    self._talk.begin(wire)
+                    self._protocol.begin(wire)
                     wait_s = AGAIN_S[0]
                     self._turns(wire)
             except PlantError as error:
-                self._talk.lost(error.what)
+                self._protocol.lost(error.what)
             except Exception as error:  # whatever it is, the gate must be tried again
                 _log.exception("the link to the controller")
-                self._talk.lost(str(error))
+                self._protocol.lost(str(error))
             self.closing.wait(wait_s / self._pace)
             wait_s = min(2 * wait_s, AGAIN_S[1])
 
     def _turns(self, wire: Wire) -> None:
-        wake = self._talk.wake
+        wake = self._protocol.wake
         while not self.closing.is_set():
             wake.clear()
-            self._talk.turn(wire)
+            self._protocol.turn(wire)
             wake.wait(self._plc.cycle_ms / 1e3 / self._pace)
-        self._talk.end(wire)
+        self._protocol.end(wire)
 
 
 def _session(*taken: int) -> int:

@@ -130,7 +130,7 @@ NEEDED: Final = {
 
 
 @dataclass(slots=True)
-class KeptDecisions:
+class LoggedDecisions:
     """Content of a gate log of one run."""
 
     sessions: list[int] = field(default_factory=list)
@@ -147,7 +147,7 @@ class KeptDecisions:
     """Tray that the controller itself reported, by tag."""
 
     @classmethod
-    def read(cls, path: Path) -> KeptDecisions:
+    def read(cls, path: Path) -> LoggedDecisions:
         """Read a log; PlantError as for ``rows_of``, or if a line lacks a field."""
         decisions = cls()
         for row in rows_of(path):

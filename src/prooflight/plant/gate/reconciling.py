@@ -20,16 +20,16 @@ from prooflight.errors import RequestError
 from prooflight.files.given import GivenFiles
 from prooflight.inspection.sheets import worst
 from prooflight.pages.layout.plan import SheetPlan
-from prooflight.plant.gate.deciding import SAID
-from prooflight.plant.gate.registers import Code, Result, apart
+from prooflight.plant.gate.deciding import CODE_TEXTS
+from prooflight.plant.gate.registers import Code, Result, count_distance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.verdict import Word
+    from prooflight.detectors.verdict import VerdictName
     from prooflight.journal.records import PageRecord
-    from prooflight.plant.gate.log import KeptDecisions
+    from prooflight.plant.gate.log import LoggedDecisions
 
 Account = Literal["accepted", "diverted", "lost", "unseen", "not-at-gate", "did-not-come", "wrong"]
 TraySource = Literal["file", "wire"]
@@ -159,7 +159,7 @@ def of_run(trays: Sequence[Tray], sessions: Iterable[int]) -> list[Tray]:
 
 
 def reconciled(
-    pages: Iterable[PageRecord], gate_log: KeptDecisions, trays: Sequence[Tray] | None
+    pages: Iterable[PageRecord], gate_log: LoggedDecisions, trays: Sequence[Tray] | None
 ) -> Reconciliation:
     """Account for a run's sheets.
 
@@ -248,30 +248,34 @@ def _rows(text: str, path: Path) -> Iterable[Any]:
     return rows
 
 
-def _off_mm(gate_log: KeptDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
+def _off_mm(gate_log: LoggedDecisions, trays: Sequence[Tray]) -> tuple[float, ...]:
     """Return the offsets of the sheets for which the controller found a result."""
     own, per_mm = (
         set(gate_log.sessions),
         gate_log.began.get("settings", {}).get("plc", {}).get("counts_per_mm", 1.0),
     )
     return tuple(
-        apart(tray.count, gate_log.written[tray.tag]["position"]) / per_mm
+        count_distance(tray.count, gate_log.written[tray.tag]["position"]) / per_mm
         for tray in trays
         if tray.session in own and tray.tag in gate_log.written
     )
 
 
-def _fits(row: Tray, gate_log: KeptDecisions, tolerance: float) -> bool:
+def _fits(row: Tray, gate_log: LoggedDecisions, tolerance: float) -> bool:
     """Return whether a row can be the run's: a sheet that it names came to the gate where it was expected.
 
     Sessions are numbers of 16 bits, so a long log may contain the same number for another run.
     """
     places = gate_log.places.get(row.tag, ()) if row.session in gate_log.sessions else ()
-    return not tolerance or not places or any(abs(apart(place, row.count)) <= tolerance for place in places)
+    return (
+        not tolerance
+        or not places
+        or any(abs(count_distance(place, row.count)) <= tolerance for place in places)
+    )
 
 
 def _assigned(
-    gate_log: KeptDecisions, rows: Sequence[Tray], tolerance: float
+    gate_log: LoggedDecisions, rows: Sequence[Tray], tolerance: float
 ) -> tuple[dict[int, list[Tray]], list[Tray]]:
     """Return the rows by tag, and those that belong to no sheet of the run."""
     own = set(gate_log.sessions)
@@ -285,7 +289,7 @@ def _assigned(
     return by_tag, [tray for tag, tray in zip(tags, rows, strict=True) if not tag]
 
 
-def _wire_trays(gate_log: KeptDecisions) -> dict[int, Tray]:
+def _wire_trays(gate_log: LoggedDecisions) -> dict[int, Tray]:
     """Return the trays that the controller reported over the wire, by tag."""
     return {
         tag: Tray(session=one["session"], tag=tag, tray=one["tray"], count=0)
@@ -294,7 +298,7 @@ def _wire_trays(gate_log: KeptDecisions) -> dict[int, Tray]:
     }
 
 
-def _disagreements(gate_log: KeptDecisions, by_tag: dict[int, list[Tray]]) -> tuple[Disagreement, ...]:
+def _disagreements(gate_log: LoggedDecisions, by_tag: dict[int, list[Tray]]) -> tuple[Disagreement, ...]:
     """Return the differences between the controller's log, by tag, and the wire."""
     differing = []
     for tag, wire in sorted(_wire_trays(gate_log).items()):
@@ -304,7 +308,7 @@ def _disagreements(gate_log: KeptDecisions, by_tag: dict[int, list[Tray]]) -> tu
     return tuple(differing)
 
 
-def _by_place(tags: list[int], rows: Sequence[Tray], gate_log: KeptDecisions, tolerance: float) -> None:
+def _by_place(tags: list[int], rows: Sequence[Tray], gate_log: LoggedDecisions, tolerance: float) -> None:
     """Assign rows to sheets by their expected positions, between the neighbours that are known."""
     places = {
         tag: decided["position"]
@@ -317,13 +321,13 @@ def _by_place(tags: list[int], rows: Sequence[Tray], gate_log: KeptDecisions, to
             near = [
                 tag
                 for tag in range(low + 1, high)
-                if tag in places and abs(apart(places[tag], rows[at].count)) <= tolerance
+                if tag in places and abs(count_distance(places[tag], rows[at].count)) <= tolerance
             ]
             if len(near) == 1:
                 tags[at] = low = near[0]
 
 
-def _by_order(tags: list[int], rows: Sequence[Tray], gate_log: KeptDecisions) -> None:
+def _by_order(tags: list[int], rows: Sequence[Tray], gate_log: LoggedDecisions) -> None:
     """Assign rows between known neighbours if all of them went into one tray, so that their order does not matter."""
     came = {tag for tag, decided in gate_log.decisions.items() if decided["came"]}
     for since, until in _gaps(tags):
@@ -345,7 +349,7 @@ def _gaps(tags: Sequence[int]) -> list[tuple[int, int]]:
     return gaps
 
 
-def _between(tags: Sequence[int], since: int, until: int, gate_log: KeptDecisions) -> tuple[int, int]:
+def _between(tags: Sequence[int], since: int, until: int, gate_log: LoggedDecisions) -> tuple[int, int]:
     """Return the tags of the rows before and after."""
     last = max(gate_log.decisions, default=0) + 1
     return (tags[since - 1] if since else 0), (tags[until] if until < len(tags) else last)
@@ -354,8 +358,8 @@ def _between(tags: Sequence[int], since: int, until: int, gate_log: KeptDecision
 def _of_sheet(
     tag: int,
     page: PageRecord | None,
-    sheet_verdict: Word,
-    gate_log: KeptDecisions,
+    sheet_verdict: VerdictName,
+    gate_log: LoggedDecisions,
     trays: list[Tray],
     *,
     tolerated: bool,
@@ -367,7 +371,7 @@ def _of_sheet(
     code = Code(decided["code"]) if decided else Code.NONE
     tray = trays[0] if trays else None
     verdict = "" if page is None else str(sheet_verdict)
-    why = SAID.get(code, "")
+    why = CODE_TEXTS.get(code, "")
     came = decided["came"] if decided else True
     tray_name = tray.tray if tray else ""
     account = account_of(result, verdict=verdict, tray=tray_name, came=came, tolerated=tolerated)
@@ -375,7 +379,7 @@ def _of_sheet(
         why = "the page did not come"
     elif account == "lost" and tray:
         unsent = gate_log.unsent.get(tag)
-        why = SAID[Code(unsent["code"])] if unsent else tray.why or "the controller reported no tray"
+        why = CODE_TEXTS[Code(unsent["code"])] if unsent else tray.why or "the controller reported no tray"
     return Accounted(
         account=account,
         sheet=tag - 1,

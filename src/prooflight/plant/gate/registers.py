@@ -189,7 +189,7 @@ def after(number: int) -> int:
     return number % 0xFFFF + 1
 
 
-def apart(one: int, other: int) -> int:
+def count_distance(one: int, other: int) -> int:
     """Return the signed difference of two counts of 32 bits, the shorter way round; negative: ``one`` is
     before ``other``.
     """

@@ -28,7 +28,7 @@ class SheetRecord:
 
 
 @dataclass(slots=True)
-class SidesTogether:
+class SheetSides:
     """Store of first sides until the last one comes; those of a sheet whose last side never comes are dropped
     in the end.
     """

@@ -110,12 +110,12 @@ class Tracker:
                 now.times_s.append(block.time_s)
             self._update_bounds(now)
 
-    def counted(self, count: int, *, asked_s: float, answered_s: float) -> None:
+    def counted(self, count: int, *, request_s: float, answered_s: float) -> None:
         """Take the controller's count, with the times of request and answer by the lines' clock."""
         with self._guard:
             step = (count - self._last_count) % WRAP
             self._last_count += step if step < WRAP // 2 else step - WRAP
-            self._readings.append((self._last_count, asked_s, answered_s))
+            self._readings.append((self._last_count, request_s, answered_s))
             if self._stretches:
                 self._update_bounds(self._stretches[-1])
 
@@ -184,11 +184,11 @@ class Tracker:
     def _update_bounds(self, now: _Stretch) -> None:
         """Bound the constant by the readings whose lines have come."""
         while self._readings:
-            count, asked_s, answered_s = self._readings[0]
+            count, request_s, answered_s = self._readings[0]
             if not now.times_s or answered_s >= now.times_s[-1]:
                 return
             self._readings.popleft()
-            since, until = now.line_at(asked_s), now.line_at(answered_s)
+            since, until = now.line_at(request_s), now.line_at(answered_s)
             if since is None or until is None:
                 continue  # of another stretch
             per_line = self._transport.counts_per_line

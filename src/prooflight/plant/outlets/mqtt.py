@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import aiomqtt
 
 from prooflight.plant.events import KINDS
-from prooflight.plant.outlets.outlet import OutletError, told
+from prooflight.plant.outlets.outlet import OutletError, error_text
 from prooflight.plant.state import PlantState
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Mqtt:
                         ended = await _first_of(work, _broken(client), _broken(witness))
                 await client.publish(self.of(ONLINE), "false", qos=QOS, retain=True)
         except aiomqtt.MqttError as error:
-            raise OutletError(_CODE.sub("", told(error))) from error
+            raise OutletError(_CODE.sub("", error_text(error))) from error
 
     def _witness(self) -> aiomqtt.Client:
         """Return a second link, whose last will sets the retained state to a lost run.
@@ -106,7 +106,7 @@ class Mqtt:
             async with self._client():
                 return f"a broker at {self.host}:{self.port}"
         except aiomqtt.MqttError as error:
-            raise OutletError(_CODE.sub("", told(error))) from error
+            raise OutletError(_CODE.sub("", error_text(error))) from error
 
     def _client(self, **how: Any) -> aiomqtt.Client:
         return aiomqtt.Client(

@@ -42,7 +42,7 @@ class Checked:
 
     name: str
     ok: bool
-    said: str
+    answer: str
     """Name of the other end, or the error; one line."""
     milliseconds: float
 
@@ -76,17 +76,17 @@ def check(outlet: Outlet, *, within_s: float = 5.0) -> Checked:
         return await asyncio.wait_for(outlet.reach(), within_s)
 
     try:
-        said, ok = asyncio.run(tried()), True
+        answer, ok = asyncio.run(tried()), True
     except TimeoutError:
-        said, ok = f"no answer within {within_s:g} s", False
+        answer, ok = f"no answer within {within_s:g} s", False
     except Exception as error:
-        said, ok = told(error), False
+        answer, ok = error_text(error), False
     return Checked(
-        name=outlet.name, ok=ok, said=said, milliseconds=round(1e3 * (time.monotonic() - begun_s), 1)
+        name=outlet.name, ok=ok, answer=answer, milliseconds=round(1e3 * (time.monotonic() - begun_s), 1)
     )
 
 
-def told(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return an error in one line: the system's message if the system caused it, else that of the error itself."""
     cause: BaseException | None = error
     while cause is not None:
@@ -192,7 +192,7 @@ class _Thread(threading.Thread):
             try:
                 await self.outlet.run(self.outbox)
             except Exception as error:
-                self.outbox.down(told(error))
+                self.outbox.down(error_text(error))
                 unforeseen = not isinstance(error, OSError)
                 if unforeseen:
                     _log.warning("outlet %s", self.outbox.name, exc_info=error)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import httpx
 
-from prooflight.plant.outlets.outlet import OutletError, told
+from prooflight.plant.outlets.outlet import OutletError, error_text
 
 if TYPE_CHECKING:
     import ssl
@@ -30,13 +30,13 @@ async def posting(*, tls: ssl.SSLContext | None, timeout_s: float) -> AsyncItera
     except httpx.TimeoutException as error:
         raise OutletError(f"no answer within {timeout_s:g} s") from error
     except httpx.HTTPError as error:
-        raise OutletError(told(error)) from error
+        raise OutletError(error_text(error)) from error
 
 
-def said(answer: httpx.Response) -> str:
+def answer_text(answer: httpx.Response) -> str:
     """Describe a receiver's answer.
 
-    >>> said(httpx.Response(503))
+    >>> answer_text(httpx.Response(503))
     'answers 503 Service Unavailable'
     """
     return f"answers {answer.status_code} {answer.reason_phrase}".rstrip()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight import __version__
 from prooflight.plant.outlets.outlet import OutletError
-from prooflight.plant.outlets.posting import REFUSED, posting, said
+from prooflight.plant.outlets.posting import REFUSED, answer_text, posting
 
 if TYPE_CHECKING:
     import ssl
@@ -58,17 +58,17 @@ class Webhook:
                 answer = await client.post(self.url, content=body, headers=self._headers(event, body))
                 if answer.status_code in REFUSED:
                     outbox.refused(event)
-                    outbox.down(f"event {event.number} was refused: {said(answer)}")
+                    outbox.down(f"event {event.number} was refused: {answer_text(answer)}")
                     continue
                 if not answer.is_success:
-                    raise OutletError(f"the receiver {said(answer)}")
+                    raise OutletError(f"the receiver {answer_text(answer)}")
                 outbox.delivered(event)
                 outbox.up(self.url.partition("?")[0])
 
     async def reach(self) -> str:
         """Try the web server without posting anything; see ``Outlet``."""
         async with posting(tls=self.tls, timeout_s=self.timeout_s) as client:
-            return f"a web server ({said(await client.head(self.url))} when asked for its headers)"
+            return f"a web server ({answer_text(await client.head(self.url))} when asked for its headers)"
 
     def _headers(self, event: Event, body: bytes) -> dict[str, str]:
         timestamp = str(int(self.clock()))

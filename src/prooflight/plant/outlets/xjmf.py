@@ -11,7 +11,7 @@ from prooflight.plant.events import EventsLost, RunStarted, SheetAtGate, SheetJu
 from prooflight.plant.outlets import xjmf_messages as xjmf
 from prooflight.plant.outlets.http_answers import answering
 from prooflight.plant.outlets.outlet import OutletError
-from prooflight.plant.outlets.posting import REFUSED, posting, said
+from prooflight.plant.outlets.posting import REFUSED, answer_text, posting
 
 if TYPE_CHECKING:
     import ssl
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from prooflight.plant.events import Event
     from prooflight.plant.outlets.outbox import Outbox
 
-KEPT: Final = 100
+SHEETS_RETAINED: Final = 100
 """Number of sheets in the answer to a query. assumed: more than pass between two queries of a controller."""
 
 
@@ -96,11 +96,11 @@ class XjmfPush(_RunFacts):
         if answer.status_code in REFUSED or code:
             outbox.refused(event)
             outbox.down(
-                f"event {event.number} was refused: {f'return code {code}' if code else said(answer)}"
+                f"event {event.number} was refused: {f'return code {code}' if code else answer_text(answer)}"
             )
             return
         if not answer.is_success:
-            raise OutletError(f"the receiver {said(answer)}")
+            raise OutletError(f"the receiver {answer_text(answer)}")
         outbox.delivered(event)
         outbox.up(self.url.partition("?")[0])
 
@@ -113,7 +113,9 @@ class XjmfAnswers(_RunFacts):
     port: int
     """Port; 0: any free port."""
     clock: Callable[[], float] = time.time
-    sheets: deque[Event] = field(default_factory=lambda: deque(maxlen=KEPT), init=False, repr=False)
+    sheets: deque[Event] = field(
+        default_factory=lambda: deque(maxlen=SHEETS_RETAINED), init=False, repr=False
+    )
 
     @property
     def name(self) -> str:

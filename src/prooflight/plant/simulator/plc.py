@@ -19,7 +19,7 @@ from prooflight.plant.gate.registers import (
     OurStatus,
     PlcStatus,
     Result,
-    apart,
+    count_distance,
     packed_of_plc,
     unpacked,
 )
@@ -213,9 +213,9 @@ class SimulatedPlc:
         """Return tag, code, whether the sheet is accepted, and why."""
         if self.style == "coil":
             return 0, 0, self.coil, "the output is on" if self.coil else "the output is off"
-        near = [one for one in self.stored if abs(apart(one.position, count)) <= one.tolerance]
+        near = [one for one in self.stored if abs(count_distance(one.position, count)) <= one.tolerance]
         for one in list(self.stored):
-            if apart(one.position, count) <= one.tolerance:  # it has passed
+            if count_distance(one.position, count) <= one.tolerance:  # it has passed
                 self.stored.remove(one)
         if len(near) == 1:
             one = near[0]

@@ -86,8 +86,8 @@ class PlcServer:
 
     async def _serve(self) -> None:
         bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-        words = [SimData(self._first, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
-        device = SimDevice(id=self._unit, simdata=(bits, bits, words, words), action=self._handle)
+        registers = [SimData(self._first, values=[0] * REGISTERS, datatype=DataType.REGISTERS)]
+        device = SimDevice(id=self._unit, simdata=(bits, bits, registers, registers), action=self._handle)
         server = ModbusTcpServer(device, address=(self._host, self.port))
         try:
             await server.serve_forever(background=True)

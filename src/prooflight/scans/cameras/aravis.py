@@ -28,7 +28,7 @@ from prooflight.scans.cameras.aravis_library import (
     text,
     unref,
 )
-from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
 from prooflight.scans.cameras.missing_bytes import Canary
 from prooflight.scans.cameras.setting_up import (
     CHUNKS,
@@ -88,22 +88,22 @@ class Aravis:
             return f"{error}; {INSTALL}"
         return ""
 
-    def find(self) -> list[FoundCamera]:
+    def find(self) -> list[CameraInfo]:
         """See ``Backend``."""
         if self.lacks:
             return []
         plainly("arv_update_device_list", None, ())
         return [self._camera_info(number) for number in range(plainly("arv_get_n_devices", UINT, ()))]
 
-    def open(self, camera: FoundCamera) -> AravisCamera:
+    def open(self, camera: CameraInfo) -> AravisCamera:
         """See ``Backend``."""
         return AravisCamera(camera)
 
-    def _camera_info(self, number: int) -> FoundCamera:
+    def _camera_info(self, number: int) -> CameraInfo:
         def info(what: str) -> str:
             return text(plainly(f"arv_get_device_{what}", TEXT, (UINT,), number))
 
-        return FoundCamera(
+        return CameraInfo(
             id=info("id"),
             maker=info("vendor"),
             model=info("model"),
@@ -116,9 +116,9 @@ class Aravis:
 class AravisCamera:
     """An open camera; see ``Camera``. Its methods may be called from several threads, one at a time."""
 
-    def __init__(self, camera: FoundCamera) -> None:
+    def __init__(self, camera: CameraInfo) -> None:
         """Open a camera; ScanError: it does not answer, or another program controls it."""
-        self.found = camera
+        self.info = camera
         self._camera = self._stream = self._parser = 0
         self._chunk_names: tuple[str, ...] = ()
         self._buffers: dict[int, NDArray[np.uint8]] = {}
@@ -128,7 +128,7 @@ class AravisCamera:
         try:
             self._camera = called("arv_camera_new", POINTER, (TEXT,), camera.id.encode())
         except AravisError as error:
-            raise disconnected(self.found.id, f"cannot be opened ({error})") from error
+            raise disconnected(self.info.id, f"cannot be opened ({error})") from error
         self._device = plainly("arv_camera_get_device", POINTER, (POINTER,), self._camera)
         self._genicam = plainly("arv_device_get_genicam", POINTER, (POINTER,), self._device)
         self._networked = bool(plainly("arv_camera_is_gv_device", BOOL, (POINTER,), self._camera))
@@ -164,14 +164,14 @@ class AravisCamera:
         try:
             self._begin()
         except AravisError as error:
-            raise disconnected(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.info.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         self._give_back()
         if not self._controlled:  # lines may go on coming all the same
             raise disconnected(
-                self.found.id, "is gone: it no longer answers, or another program has taken control"
+                self.info.id, "is gone: it no longer answers, or another program has taken control"
             )
         buffer = plainly(
             "arv_stream_timeout_pop_buffer", POINTER, (POINTER, UINT64), self._stream, round(1e6 * timeout_s)

@@ -11,7 +11,7 @@ from prooflight.scans.cameras.setting_up import set_up
 from prooflight.scans.cameras.viva import Viva
 
 if TYPE_CHECKING:
-    from prooflight.scans.cameras.camera import Backend, Camera, FoundCamera
+    from prooflight.scans.cameras.camera import Backend, Camera, CameraInfo
     from prooflight.scans.cameras.setting_up import CameraSettings
 
 BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva(), Pylon())
@@ -32,16 +32,16 @@ def usable(name: str | None = None) -> list[Backend]:
     return ready
 
 
-def found_cameras(backend: str | None = None) -> list[FoundCamera]:
+def list_cameras(backend: str | None = None) -> list[CameraInfo]:
     """Return the cameras that answer, each once, by the first backend that finds it."""
-    cameras: list[FoundCamera] = []
+    cameras: list[CameraInfo] = []
     for one in usable(backend):
         addresses = {camera.address for camera in cameras}
         cameras += [camera for camera in one.find() if camera.address not in addresses]
     return cameras
 
 
-def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
+def camera_named(name: str, *, backend: str | None = None) -> CameraInfo:
     """Return the camera of an ID, serial number or address, with or without its backend and a colon before it.
 
     RequestError names the cameras that answer.
@@ -49,7 +49,7 @@ def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
     head, colon, rest = name.partition(":")
     if colon and head in {one.name for one in BACKENDS}:
         name, backend = rest, head
-    cameras = found_cameras(backend)
+    cameras = list_cameras(backend)
     for one in cameras:
         if name in one.names:
             return one
@@ -60,13 +60,13 @@ def found_camera(name: str, *, backend: str | None = None) -> FoundCamera:
     raise RequestError(f"camera {name}", "does not answer", remedy=remedy)
 
 
-def opened(camera: FoundCamera) -> Camera:
+def opened(camera: CameraInfo) -> Camera:
     """Open a camera by the backend that found it; ScanError as of ``Backend.open``."""
     (backend,) = usable(camera.backend)
     return backend.open(camera)
 
 
-def ready(camera: FoundCamera, settings: CameraSettings, *, where: str) -> Camera:
+def ready(camera: CameraInfo, settings: CameraSettings, *, where: str) -> Camera:
     """Open a camera and set it up; errors as of ``opened`` and ``set_up``, after which the camera is released."""
     one = opened(camera)
     try:

@@ -19,7 +19,7 @@ FeatureKind = Literal["integer", "float", "boolean", "enumeration", "string", "c
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundCamera:
+class CameraInfo:
     """A camera that answered."""
 
     id: str
@@ -110,7 +110,7 @@ class Camera(Protocol):
     """An open camera, which this program alone may control."""
 
     @property
-    def found(self) -> FoundCamera:
+    def info(self) -> CameraInfo:
         """Identity of the camera."""
         ...
 
@@ -160,10 +160,10 @@ class Backend(Protocol):
         """Why it cannot be used here, and what would help; empty if it can."""
         ...
 
-    def find(self) -> list[FoundCamera]:
+    def find(self) -> list[CameraInfo]:
         """Return the cameras that answer now; takes about a second."""
         ...
 
-    def open(self, camera: FoundCamera) -> Camera:
+    def open(self, camera: CameraInfo) -> Camera:
         """Take control of a camera; ScanError: it does not answer, or another program controls it."""
         ...

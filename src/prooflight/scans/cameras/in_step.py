@@ -82,7 +82,7 @@ class InStep:
         return tuple(camera for camera, why in enumerate(self._why) if why == SILENT)
 
     @property
-    def held(self) -> int:
+    def waiting_lines(self) -> int:
         """Number of lines that wait for other cameras', all sensors together."""
         return sum(piece.shape[0] for lane in self._lanes for _, piece in lane.pieces)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.errors import ScanError
-from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
 from prooflight.scans.cameras.setting_up import (
     CHUNKS,
     chunk,
@@ -51,20 +51,20 @@ class Pylon:
             return 'pypylon is not installed; `pip install "prooflight[basler]"`'
         return ""
 
-    def find(self) -> list[FoundCamera]:
+    def find(self) -> list[CameraInfo]:
         """See ``Backend``."""
         return [] if self.lacks else [self._camera_info(one) for one in _devices()]
 
-    def open(self, camera: FoundCamera) -> PylonCamera:
+    def open(self, camera: CameraInfo) -> PylonCamera:
         """See ``Backend``."""
         for one in _devices():
             if one.GetSerialNumber() == camera.serial:
                 return PylonCamera(camera, one)
         raise disconnected(camera.id, "does not answer")
 
-    def _camera_info(self, one: Any) -> FoundCamera:
+    def _camera_info(self, one: Any) -> CameraInfo:
         maker, model, serial = one.GetVendorName(), one.GetModelName(), one.GetSerialNumber()
-        return FoundCamera(
+        return CameraInfo(
             id="-".join((maker, model, serial)).replace(" ", "_"),
             maker=maker,
             model=model,
@@ -77,10 +77,10 @@ class Pylon:
 class PylonCamera:
     """An open camera; see ``Camera``. Pylon does not report which part of a block is missing, so all of it is lost."""
 
-    def __init__(self, camera: FoundCamera, device: Any) -> None:
+    def __init__(self, camera: CameraInfo, device: Any) -> None:
         """Open a camera; ScanError: it does not answer, or another program controls it."""
         pylon, genicam = _library()
-        self.found = camera
+        self.info = camera
         self._pylon, self._genicam = pylon, genicam
         self._error = genicam.GenericException
         self._form, self._lines, self._pixels, self._bytes = "", 0, 0, 0
@@ -123,7 +123,7 @@ class PylonCamera:
             self._camera.MaxNumBuffer.SetValue(BUFFERS)
             self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne)
         except self._error as error:
-            raise disconnected(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.info.id, f"cannot be started ({error})") from error
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
@@ -132,10 +132,10 @@ class PylonCamera:
                 max(round(1e3 * timeout_s), 1), self._pylon.TimeoutHandling_Return
             )
         except self._error as error:
-            raise disconnected(self.found.id, f"is gone ({error})") from error
+            raise disconnected(self.info.id, f"is gone ({error})") from error
         if not result.IsValid():
             if self._camera.IsCameraDeviceRemoved():
-                raise disconnected(self.found.id, "is gone: it no longer answers")
+                raise disconnected(self.info.id, "is gone: it no longer answers")
             return None
         with contextlib.closing(_Released(result)):
             return self._grab(result)
@@ -202,9 +202,7 @@ class PylonCamera:
         try:
             node = self._nodes.GetNode(name)
         except self._error as error:
-            raise ScanError(
-                self.found.id, f"does not answer ({error})", remedy="look at its cable"
-            ) from error
+            raise ScanError(self.info.id, f"does not answer ({error})", remedy="look at its cable") from error
         if node is None or not self._genicam.IsImplemented(node):
             return None
         return None if node.GetNode().GetPrincipalInterfaceType() == CATEGORY else node

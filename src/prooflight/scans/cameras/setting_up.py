@@ -50,7 +50,7 @@ ENCODERS: Final = (
     "Encoder",
 )
 """Entries of ``TriggerSource`` that are an encoder's."""
-LOOK: Final = "look at `prooflight camera features`"
+FEATURES_REMEDY: Final = "look at `prooflight camera features`"
 MOST_SHOWN: Final = 12
 
 
@@ -120,7 +120,9 @@ def refuse_unfit(one: Feature, value: str, *, where: str, camera: str) -> None:
         try:
             number = float(value)
         except ValueError as error:
-            raise RequestError(where, f"{value!r} is no number for {one.name}", remedy=LOOK) from error
+            raise RequestError(
+                where, f"{value!r} is no number for {one.name}", remedy=FEATURES_REMEDY
+            ) from error
         low, high = one.least, one.greatest
         if (low is not None and number < low) or (high is not None and number > high):
             what = f"{camera} does not take {one.name} {number:g}"
@@ -131,14 +133,14 @@ def settable(camera: Camera, name: str, value: str) -> Feature:
     """Return a camera's feature that accepts a value; RequestError: there is none, or it does not accept the value."""
     one = camera.feature(name)
     if one is None:
-        raise RequestError(name, f"{camera.found.id} has no such feature", remedy=LOOK)
-    refuse_unfit(one, value, where=name, camera=camera.found.id)
+        raise RequestError(name, f"{camera.info.id} has no such feature", remedy=FEATURES_REMEDY)
+    refuse_unfit(one, value, where=name, camera=camera.info.id)
     return one
 
 
 def not_taken(camera: Camera, name: str, value: str, error: Exception) -> RequestError:
     """Return the error for a value that the camera itself refused."""
-    return RequestError(name, f"{camera.found.id} does not take {value!r} ({error})", remedy=LOOK)
+    return RequestError(name, f"{camera.info.id} does not take {value!r} ({error})", remedy=FEATURES_REMEDY)
 
 
 def chunk(chunks: Mapping[str, int], key: str) -> int | None:
@@ -148,7 +150,7 @@ def chunk(chunks: Mapping[str, int], key: str) -> int | None:
 
 def position(camera: Camera, settings: CameraSettings) -> int | None:
     """Return the encoder's position, in steps; None if the camera does not report it. ScanError: it does not answer."""
-    own = settings.names.get(camera.found.model, {}).get("position")
+    own = settings.names.get(camera.info.model, {}).get("position")
     for name in NAMES["position"] if own is None else (own,):
         one = camera.feature(name)
         if one is not None and one.value:
@@ -160,7 +162,7 @@ def value_of(camera: Camera, name: str) -> str:
     """Return the value of a feature that is necessary for reading lines; ScanError: the camera does not report it."""
     one = camera.feature(name)
     if one is None or not one.value:
-        raise ScanError(camera.found.id, f"does not say its {name}", remedy=LOOK)
+        raise ScanError(camera.info.id, f"does not say its {name}", remedy=FEATURES_REMEDY)
     return one.value
 
 
@@ -216,14 +218,12 @@ def _triggered(camera: Camera, settings: CameraSettings, where: str) -> list[tup
         selection = [] if line is None else [(selector, line, field_name)]
         return _checked(camera, [*selection, (mode, "Off", field_name)])
     if line is None:
-        what = f"{camera.found.id} cannot start a line by a trigger: its {selector.name} has {shown(selector.choices)}"
+        what = f"{camera.info.id} cannot start a line by a trigger: its {selector.name} has {shown(selector.choices)}"
         raise RequestError(field_name, what, remedy='take a line camera, or trigger = "free"')
     source = _named(camera, settings, "trigger_source", field_name)
     encoder = settings.trigger_source or next((name for name in ENCODERS if name in source.choices), None)
     if encoder is None:
-        what = (
-            f"{camera.found.id} has no encoder known by name: its {source.name} has {shown(source.choices)}"
-        )
+        what = f"{camera.info.id} has no encoder known by name: its {source.name} has {shown(source.choices)}"
         raise RequestError(field_name, what, remedy="name it as camera.trigger_source")
     wanted = [
         (selector, line, field_name),
@@ -251,7 +251,7 @@ def _chunked(camera: Camera, settings: CameraSettings, where: str) -> list[tuple
 
 def _named(camera: Camera, settings: CameraSettings, key: str, where: str) -> Feature:
     """Return the camera's feature for a key of ``NAMES``."""
-    own = settings.names.get(camera.found.model, {}).get(key)
+    own = settings.names.get(camera.info.model, {}).get(key)
     names = NAMES[key] if own is None else (own,)
     for name in names:
         one = camera.feature(name)
@@ -262,7 +262,7 @@ def _named(camera: Camera, settings: CameraSettings, key: str, where: str) -> Fe
 
 def _checked(camera: Camera, wanted: list[tuple[Feature, str, str]]) -> list[tuple[str, str]]:
     for one, value, where in wanted:
-        refuse_unfit(one, value, where=where, camera=camera.found.id)
+        refuse_unfit(one, value, where=where, camera=camera.info.id)
     return [(one.name, value) for one, value, _ in wanted]
 
 
@@ -275,9 +275,9 @@ def _lacks(camera: Camera, where: str, names: tuple[str, ...], *, nameable: bool
     near = dict.fromkeys(
         [one for name in names for one in difflib.get_close_matches(name, available, n=4, cutoff=0.5)]
     )
-    what = f"{camera.found.id} has no feature {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}"
-    has = f"it has {shown(tuple(near))}" if near else LOOK
-    own = f'; name its own under [camera.names."{camera.found.model}"]' if nameable else ""
+    what = f"{camera.info.id} has no feature {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}"
+    has = f"it has {shown(tuple(near))}" if near else FEATURES_REMEDY
+    own = f'; name its own under [camera.names."{camera.info.model}"]' if nameable else ""
     return RequestError(where, what, remedy=f"{has}{own}")
 
 

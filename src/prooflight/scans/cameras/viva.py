@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.scans.cameras.camera import Feature, FoundCamera, Grab, Health
+from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
 from prooflight.scans.cameras.chunk_places import chunk_places
 from prooflight.scans.cameras.pixel_formats import pixel_format
 from prooflight.scans.cameras.setting_up import (
@@ -63,20 +63,20 @@ class Viva:
             return 'viva-genicam is not installed; `pip install "prooflight[viva]"`'
         return ""
 
-    def find(self) -> list[FoundCamera]:
+    def find(self) -> list[CameraInfo]:
         """See ``Backend``; loopback included."""
         return [] if self.lacks else [self._camera_info(one) for one in _answers()]
 
-    def open(self, camera: FoundCamera) -> VivaCamera:
+    def open(self, camera: CameraInfo) -> VivaCamera:
         """See ``Backend``."""
         for one in _answers():
             if one.ip == camera.address:
                 return VivaCamera(camera, one)
         raise disconnected(camera.id, "does not answer")
 
-    def _camera_info(self, one: Any) -> FoundCamera:
+    def _camera_info(self, one: Any) -> CameraInfo:
         parts = one.manufacturer or "camera", one.model or "", one.mac.replace(":", "")
-        return FoundCamera(
+        return CameraInfo(
             id="-".join(filter(None, parts)).replace(" ", "_"),
             maker=parts[0],
             model=parts[1],
@@ -89,11 +89,11 @@ class Viva:
 class VivaCamera:
     """An open camera; see ``Camera``."""
 
-    def __init__(self, camera: FoundCamera, answer: Any) -> None:
+    def __init__(self, camera: CameraInfo, answer: Any) -> None:
         """Open a camera; ScanError: it does not answer, or another program controls it."""
         import viva_genicam
 
-        self.found = camera
+        self.info = camera
         self._error = viva_genicam.GenicamError
         self._lost = viva_genicam.ControlState.LOST
         self._stream: Any = None
@@ -144,26 +144,26 @@ class VivaCamera:
             self._stream = self._camera.stream(deliver_incomplete=True)
             self._stream.__enter__()
         except self._error as error:
-            raise disconnected(self.found.id, f"cannot be started ({error})") from error
+            raise disconnected(self.info.id, f"cannot be started ({error})") from error
         threading.Thread(target=self._watch_control, name="camera control", daemon=True).start()
 
     def grab(self, timeout_s: float) -> Grab | None:
         """See ``Camera``."""
         begun_s = time.monotonic()
         if self._taken:  # lines may go on coming all the same
-            raise disconnected(self.found.id, "is gone, or another program has taken control")
+            raise disconnected(self.info.id, "is gone, or another program has taken control")
         try:
             frame = self._stream.next_frame(max(round(1e3 * timeout_s), 1))
         except self._error:
             time.sleep(max(begun_s + timeout_s - time.monotonic(), 0.0))
             return None
         if frame is None:
-            raise disconnected(self.found.id, "has ended its stream")
+            raise disconnected(self.info.id, "has ended its stream")
         if not frame.width:
             return None  # its first packet was lost, which says what the others hold
         data = np.frombuffer(frame.payload(), np.uint8)
         if not frame.is_complete:  # where its last packets were lost, their bytes are not there at all
-            form = pixel_format(frame.pixel_format, where=self.found.id)
+            form = pixel_format(frame.pixel_format, where=self.info.id)
             bits = form.block_bits(lines=frame.height, pixels=frame.width)
             short = -(-bits // 8) + frame.height * frame.padding_x - data.size
             data = np.concatenate([data, np.zeros(max(short, 0), np.uint8)])

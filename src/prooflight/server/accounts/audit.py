@@ -104,7 +104,7 @@ def entries(connection: Connection, *, before: int | None = None, limit: int = 1
     return [Entry(**row._asdict()) for row in connection.execute(query)]
 
 
-def verified(connection: Connection, *, held: str | None = None) -> Chain:
+def verified(connection: Connection, *, expected_head: str | None = None) -> Chain:
     """Verify that every row is as it was written and follows the one before it.
 
     Parameters
@@ -112,7 +112,7 @@ def verified(connection: Connection, *, held: str | None = None) -> Chain:
     held
         Digest of an earlier row; its absence shows that the chain was cut off or computed again.
     """
-    previous, count, seen = FIRST, 0, held is None or held == FIRST
+    previous, count, seen = FIRST, 0, expected_head is None or expected_head == FIRST
     for row in _by_number(connection):
         count += 1
         why = ""
@@ -125,9 +125,9 @@ def verified(connection: Connection, *, held: str | None = None) -> Chain:
         if why:
             return Chain(entries=count, head=previous, broken_at=count, why=why)
         previous = row.digest
-        seen = seen or previous == held
+        seen = seen or previous == expected_head
     if not seen:
-        why = f"no row has the digest {str(held)[:16]}...: the chain was cut off or made anew"
+        why = f"no row has the digest {str(expected_head)[:16]}...: the chain was cut off or made anew"
         return Chain(entries=count, head=previous, broken_at=count + 1, why=why)
     return Chain(entries=count, head=previous, broken_at=None)
 

@@ -33,7 +33,7 @@ class Scope(StrEnum):
 
     READ = "read"
     """Scope for reading runs, sheets, incidents, pictures and live events."""
-    WORDS = "words"
+    LABELS = "words"
     """Scope for labelling alarms."""
     ZONES = "zones"
     """Scope for pricing zones and putting them in force."""

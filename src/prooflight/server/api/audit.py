@@ -39,7 +39,7 @@ def chain(
     held: Annotated[str | None, Query(max_length=64, description="A head that was written down.")] = None,
 ) -> ChainAnswer:
     """Verify that every row of the audit is as it was written."""
-    result = console(request).accounts.verified(held=held)
+    result = console(request).accounts.verified(expected_head=held)
     return ChainAnswer(**asdict(result), whole=result.whole)
 
 

@@ -18,7 +18,7 @@ PREFIX: Final = "/api/v1"
 MOST_AT_ONCE: Final = 500
 
 Viewer = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
-Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
+Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.LABELS))]
 OperatorThemselves = Annotated[Who, Depends(needs(Role.OPERATOR))]
 """A person who signed in; no token is accepted."""
 Engineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.READ))]

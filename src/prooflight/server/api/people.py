@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Request, Response
 
 from prooflight.server.access import needs
-from prooflight.server.accounts.book import Person, Token
+from prooflight.server.accounts.account_store import Person, Token
 from prooflight.server.accounts.roles import Role, Scope, Who
 from prooflight.server.api.common import PREFIX, console
 from prooflight.server.api.schemas import (

@@ -20,8 +20,8 @@ from prooflight.server.api.schemas import (
 )
 from prooflight.server.problems import responses
 from prooflight.server.reading import facts
-from prooflight.server.reading.course import run_figures
 from prooflight.server.reading.drift import drift, latencies
+from prooflight.server.reading.trend import run_figures
 
 if TYPE_CHECKING:
     from prooflight.server.console import Console

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 
-from prooflight.journal.following import Asked
+from prooflight.journal.following import PageQuery
 from prooflight.server.api.common import PREFIX, Damaged, Limit, RunId, Viewer, console, listed
 from prooflight.server.api.schemas import ReportAnswer, ReprintAnswer, RunAnswer, RunsAnswer, SheetsAnswer
 from prooflight.server.problems import responses
 from prooflight.server.reading import facts
+from prooflight.server.reading.imposition import imposed_facts, imposed_sheets
 from prooflight.server.reading.report import report
 from prooflight.server.reading.reprints import reprint_facts
-from prooflight.server.reading.together import imposed_facts, imposed_sheets
 
 router = APIRouter(prefix=PREFIX, tags=["runs"])
 
@@ -53,10 +53,12 @@ def sheets(
     late: bool | None = None,
     to_look_at: bool = False,
 ) -> SheetsAnswer:
-    """List sheets of a run by number; `to_look_at` omits those that are good, in time, and without a note."""
+    """List sheets of a run by number; `to_review` omits those that are good, in time, and without a note."""
     reading, damaged = console(request).reading, Damaged()
     run_row = reading.run_named(run)
-    query = Asked(run_id=run_row.id, verdict=verdict, kind=kind, page=page, late=late, to_look_at=to_look_at)
+    query = PageQuery(
+        run_id=run_row.id, verdict=verdict, kind=kind, page=page, late=late, to_review=to_look_at
+    )
     rows = reading.sheets(query, after=after, limit=limit, damaged=damaged.add)
     cursor = rows[-1].page.sheet if rows else None
     items = [facts.sheet_of(row) for row in rows]
@@ -80,7 +82,7 @@ def search(
 ) -> SheetsAnswer:
     """List sheets of all runs, the latest first."""
     damaged = Damaged()
-    query = Asked(
+    query = PageQuery(
         verdict=verdict,
         kind=kind,
         page=page,
@@ -88,7 +90,7 @@ def search(
         press=press,
         since_s=_unix_s(since),
         until_s=_unix_s(until),
-        to_look_at=to_look_at,
+        to_review=to_look_at,
     )
     rows = console(request).reading.search(query, before=before, limit=limit, damaged=damaged.add)
     cursor = rows[-1].row if rows else None

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from prooflight import __version__
 from prooflight.server.access import cookie_name, needs, open_to_all
-from prooflight.server.accounts.book import SESSION_S
+from prooflight.server.accounts.account_store import SESSION_S
 from prooflight.server.accounts.passwords import Tries
 from prooflight.server.accounts.roles import Role, Who
 from prooflight.server.api.common import PREFIX, Viewer, console

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Path, Request, Response
 
 from prooflight.inspection.redeciding import replayed
 from prooflight.journal.following import Written
-from prooflight.journal.words import run_key
+from prooflight.journal.labels import run_key
 from prooflight.server.api.common import (
     PREFIX,
     Engineer,
@@ -55,7 +55,7 @@ def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Who
     page = state.reading.sheet(run_row.id, sheet)
     labels = [
         WordAnswer(**facts.label_of(label))
-        for label in state.words.of_run(run_key(run_row))
+        for label in state.label_store.of_run(run_key(run_row))
         if label.sheet == sheet
     ]
     return WholeSheetAnswer(

@@ -26,8 +26,8 @@ from prooflight.server.api.common import (
 )
 from prooflight.server.api.schemas import Answer
 from prooflight.server.problems import Problem, binary, not_found, responses
-from prooflight.server.zones.desk import GivenJob, ZonesAsSaved
 from prooflight.server.zones.prices import PriceTask
+from prooflight.server.zones.service import GivenJob, ZonesAsSaved
 
 router = APIRouter(prefix=PREFIX, tags=["zones"])
 

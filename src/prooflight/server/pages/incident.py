@@ -8,7 +8,7 @@ from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
 
 from prooflight.inspection.sheets import came
-from prooflight.journal.words import UNDONE, Labels, run_key
+from prooflight.journal.labels import UNDONE, Labels, run_key
 from prooflight.plant.gate.log import log_path
 from prooflight.server.accounts.roles import Role
 from prooflight.server.api.common import (
@@ -26,8 +26,8 @@ from prooflight.server.pages.shell import OperatorPage, ViewerPage, page
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from prooflight.journal.labels import Label
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Word
     from prooflight.server.accounts.roles import Who
     from prooflight.server.console import Console
     from prooflight.server.reading.incidents import LabelledIncident
@@ -180,7 +180,7 @@ def _of_sheet(state: Console, who: Who, run: RunRow, sheet: int) -> dict[str, An
     }
 
 
-def history_of(labels: Sequence[Word]) -> list[tuple[Word, Word | None]]:
+def history_of(labels: Sequence[Label]) -> list[tuple[Label, Label | None]]:
     """Return labels, the latest first, each with the entry that undid it; None if it stands."""
     undone = {label.undoes: label for label in labels if label.undoes is not None}
     return [(label, undone.get(label.id)) for label in reversed(labels) if label.word != UNDONE]

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse, Response
 
 from prooflight.server.api.common import RunId, console
 from prooflight.server.pages.shell import ViewerPage, page
-from prooflight.server.reading.course import machine, run_figures
+from prooflight.server.reading.trend import machine, run_figures
 
 if TYPE_CHECKING:
     from prooflight.journal.records import RunRow

@@ -11,8 +11,8 @@ from prooflight.journal.exporting import job_warnings
 from prooflight.server.api.common import Damaged, RunId, console
 from prooflight.server.pages.drawings import bars, heat_drawing
 from prooflight.server.pages.shell import ViewerPage, page
+from prooflight.server.reading.imposition import imposed_sheets
 from prooflight.server.reading.quality import quality
-from prooflight.server.reading.together import imposed_sheets
 
 router = APIRouter(include_in_schema=False)
 
@@ -57,5 +57,5 @@ def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
         kinds=bars(report.figures["kinds"]),
         reasons=bars(report.reasons),
         heat=heat_drawing(report.figures["heat"]),
-        most_at_once=max((sum(part.values()) for part in report.course), default=0),
+        most_at_once=max((sum(part.values()) for part in report.trend), default=0),
     )

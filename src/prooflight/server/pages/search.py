@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 
 from prooflight.errors import ProoflightError
 from prooflight.inspection.redeciding import replayed
-from prooflight.journal.following import Asked
+from prooflight.journal.following import PageQuery
 from prooflight.server.api.common import Damaged, RunId, SheetNumber, console
 from prooflight.server.pages.shell import ViewerPage, page
 from prooflight.server.problems import Problem
@@ -48,7 +48,7 @@ def search_page(
     """Return matching sheets, the latest first; for the next page htmx requests and gets rows alone."""
     state, damaged = console(request), Damaged()
     verdict = verdict if verdict in VERDICTS else "look"
-    selection = Asked(
+    selection = PageQuery(
         verdict=verdict if verdict in VERDICTS[1:4] else None,
         kind=kind.strip() or None,
         page=page_name.strip() or None,
@@ -56,7 +56,7 @@ def search_page(
         press=press.strip() or None,
         since_s=_day_s(since),
         until_s=_day_s(until, days=1),
-        to_look_at=verdict == "look",
+        to_review=verdict == "look",
     )
     rows = state.reading.search(selection, before=before, limit=AT_ONCE, damaged=damaged.add)
     query = {"job": job, "press": press, "page": page_name, "kind": kind}

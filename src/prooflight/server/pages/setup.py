@@ -208,7 +208,7 @@ def audit_page(
 @router.get("/setup/audit/chain")
 def chain(request: Request, who: AuditorPage, held: Annotated[str, Query(max_length=64)] = "") -> Response:
     """Verify that every row is as it was written; held: a head that was noted earlier."""
-    result = console(request).accounts.verified(held=held.strip().lower() or None)
+    result = console(request).accounts.verified(expected_head=held.strip().lower() or None)
     return page(request, who, "setup/chain", chain=result, held=held)
 
 

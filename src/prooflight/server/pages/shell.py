@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
 from prooflight.server.access import authenticated, needs
-from prooflight.server.accounts.book import LANGUAGES
+from prooflight.server.accounts.account_store import LANGUAGES
 from prooflight.server.accounts.roles import Role, Scope, Who
 from prooflight.server.pages.language import ENGLISH, Language, language
 from prooflight.server.pages.places import place
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from prooflight.server.console import Console
 
 ViewerPage = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
-OperatorPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.WORDS))]
+OperatorPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.LABELS))]
 EngineerPage = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
 MOST_LETTERS: Final = 2000
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 
 from prooflight.errors import ProoflightError
+from prooflight.journal.labels import run_key
 from prooflight.journal.whole import NAME
-from prooflight.journal.words import run_key
 from prooflight.pages.layout.plan import facts_plan
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.server.pictures.expected import TILE, Pyramid, levels_of, make, yielding
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.server.reading.stations import Stations
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
@@ -167,7 +167,7 @@ class Pictures:
             return
         self._begun(run, number)
 
-    def aside(self, work: Callable[..., Made], *given: Any) -> Made:
+    def aside(self, work: Callable[..., Result], *given: Any) -> Result:
         """Run ``work`` in the process that makes pictures, and wait; raises the errors of ``work``.
 
         Raises ``Problem`` 503 if no process can be started, or if it ended before this was done.
@@ -349,7 +349,7 @@ class Pictures:
         pyramid = Pyramid.read(self._folder / _key(run, number))
         return None if pyramid is None else (pyramid.width_mm, pyramid.height_mm)
 
-    def _submitted(self, work: Callable[..., Made], *given: Any) -> Future[Made]:
+    def _submitted(self, work: Callable[..., Result], *given: Any) -> Future[Result]:
         """Submit work to the process, with the lock held; raises ``Problem`` 503 if none can be started."""
         try:
             try:
@@ -383,7 +383,7 @@ def page_number(run: RunRow, page: PageRecord) -> int | None:
 def _key(run: RunRow, number: int) -> str:
     """Return the name of the folder of a page."""
     plan = facts_plan(run.facts.settings)
-    layout = "" if plan is None else plan.layout.words
+    layout = "" if plan is None else plan.layout.text
     named = f"{run.facts.job_digest} {run.facts.press_digest} {number} {layout} {VERSION}"
     return hashlib.sha256(named.encode()).hexdigest()[:32]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES
-from prooflight.journal.following import Asked
+from prooflight.journal.following import PageQuery
 from prooflight.line.monitor.channels import drift_channels
 
 if TYPE_CHECKING:
@@ -80,7 +80,9 @@ def _pages(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
     if follower is None:
         return
     after = max(-1, follower.last_sheet(run.id) - MOST_SHEETS)
-    while rows := reading.sheets(Asked(run_id=run.id), after=after, limit=AT_ONCE, damaged=lambda _: None):
+    while rows := reading.sheets(
+        PageQuery(run_id=run.id), after=after, limit=AT_ONCE, damaged=lambda _: None
+    ):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet
 

@@ -10,8 +10,8 @@ from prooflight.journal.exporting import page_facts, run_facts
 
 if TYPE_CHECKING:
     from prooflight.journal.following import Written
+    from prooflight.journal.labels import Label
     from prooflight.journal.records import RunRow
-    from prooflight.journal.words import Word
     from prooflight.server.reading.incidents import LabelledIncident
     from prooflight.server.reading.now import Now
 
@@ -52,7 +52,7 @@ def live_sheet(row: Written) -> dict[str, Any]:
     }
 
 
-def label_of(label: Word) -> dict[str, Any]:
+def label_of(label: Label) -> dict[str, Any]:
     """Return a label."""
     fields = asdict(label)
     del fields["run"]
@@ -68,7 +68,7 @@ def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
         "word": labelled.word,
         "answered": labelled.answered,
         "seen": labelled.seen,
-        "words": [label_of(label) for label in labelled.words],
+        "words": [label_of(label) for label in labelled.labels],
     }
 
 

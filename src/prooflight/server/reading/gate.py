@@ -9,10 +9,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import RequestError
-from prooflight.journal.following import Asked
-from prooflight.journal.words import run_key
+from prooflight.journal.following import PageQuery
+from prooflight.journal.labels import run_key
 from prooflight.pages.memory import file_stamp
-from prooflight.plant.gate.log import KeptDecisions, log_path, rows_of
+from prooflight.plant.gate.log import LoggedDecisions, log_path, rows_of
 from prooflight.plant.gate.reconciling import Account, Accounted, Reconciliation, read_trays, reconciled
 from prooflight.server.problems import not_found
 
@@ -32,7 +32,7 @@ MOST_CACHED: Final = 2
 class Gated:
     """Log of a run's gate, and the account of the run's sheets."""
 
-    log: KeptDecisions
+    log: LoggedDecisions
     accounts: Reconciliation
 
     def sheets(self, *, after: int, limit: int, account: Account | None) -> list[Accounted]:
@@ -64,7 +64,7 @@ class Gates:
         key = run_key(run), run.pages, run.state, *file_stamp(path), *([] if trays is None else _stamp(trays))
         with self._guard:
             if (gated := self._cached.get(key)) is None:
-                log = KeptDecisions.read(path)
+                log = LoggedDecisions.read(path)
                 rows = None if trays is None else read_trays(trays)
                 gated = Gated(log=log, accounts=reconciled(all_pages(self._reading, run), log, rows))
                 self._cached[key] = gated
@@ -126,7 +126,7 @@ def log_of(reading: Reading, run: RunRow) -> Path:
 
 def all_pages(reading: Reading, run: RunRow) -> Iterator[PageRecord]:
     """Iterate over the pages of a run by number; those that cannot be read are omitted."""
-    after, query = -1, Asked(run_id=run.id)
+    after, query = -1, PageQuery(run_id=run.id)
     while rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=lambda _: None):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet

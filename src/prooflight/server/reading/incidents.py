@@ -7,18 +7,18 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from prooflight.journal.following import Asked
-from prooflight.journal.words import FALSE_ALARM, SEEN, Labels, run_key, standing
+from prooflight.journal.following import PageQuery
+from prooflight.journal.labels import FALSE_ALARM, SEEN, Labels, run_key, standing
 from prooflight.line.incidents import NO_MISPRINT, Incident, Incidents
-from prooflight.line.told import AskedSheet, asked_sheets
+from prooflight.line.labelled_sheets import SampledSheet, sampled_sheets
 from prooflight.line.tolerances import Proposal, proposals
 from prooflight.server.problems import not_found
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from prooflight.journal.labels import Label, LabelStore
     from prooflight.journal.records import RunRow
-    from prooflight.journal.words import Word, Words
     from prooflight.server.reading.runs import Reading
 
 AT_ONCE: Final = 2000
@@ -32,16 +32,16 @@ class LabelledIncident:
     """An incident and its labels."""
 
     incident: Incident
-    words: tuple[Word, ...]
+    labels: tuple[Label, ...]
     """All labels in order, including those that were undone and the entries that undid them."""
 
     @property
-    def standing(self) -> tuple[Word, ...]:
+    def standing(self) -> tuple[Label, ...]:
         """Labels that were not undone, in order."""
-        return tuple(standing(self.words))
+        return tuple(standing(self.labels))
 
     @property
-    def label(self) -> Word | None:
+    def label(self) -> Label | None:
         """The last label other than `seen`; None if there is none, or the incident is of no misprints."""
         if not self.of_misprints:
             return None
@@ -86,22 +86,22 @@ class _Tracked:
 class RunIncidents:
     """Incidents of runs, each updated from the last row that was read."""
 
-    def __init__(self, reading: Reading, words: Words) -> None:
-        self._reading, self._words = reading, words
+    def __init__(self, reading: Reading, label_store: LabelStore) -> None:
+        self._reading, self._label_store = reading, label_store
         self._runs: OrderedDict[str, _Tracked] = OrderedDict()
         self._guard = threading.Lock()
 
     def of(self, run: RunRow) -> list[LabelledIncident]:
         """Return the incidents of a run, by number."""
         tracked = self._read(run)
-        labels: dict[str, list[Word]] = {}
-        for label in self._words.of_run(run_key(run)):
+        labels: dict[str, list[Label]] = {}
+        for label in self._label_store.of_run(run_key(run)):
             if label.incident is not None:
                 labels.setdefault(label.incident, []).append(label)
         with tracked.guard:
             incidents = [tracked.incidents[number] for number in sorted(tracked.incidents)]
         return [
-            LabelledIncident(incident=one, words=tuple(labels.get(str(one.number), ()))) for one in incidents
+            LabelledIncident(incident=one, labels=tuple(labels.get(str(one.number), ()))) for one in incidents
         ]
 
     def one(self, run: RunRow, number: int) -> LabelledIncident:
@@ -117,12 +117,12 @@ class RunIncidents:
         with tracked.guard:
             return tracked.of_sheet.get(sheet)
 
-    def labels(self, run: RunRow) -> Callable[[int], Word | None]:
+    def labels(self, run: RunRow) -> Callable[[int], Label | None]:
         """Return a function that gives the label in force for a sheet of the run."""
         tracked = self._read(run)
         with tracked.guard:
             of_sheet = dict(tracked.of_sheet)
-        labels = Labels(self._words.of_run(run_key(run)))
+        labels = Labels(self._label_store.of_run(run_key(run)))
         return lambda sheet: labels.of(sheet, of_sheet.get(sheet))
 
     def sheets_of(self, run: RunRow, number: int) -> list[int]:
@@ -131,7 +131,7 @@ class RunIncidents:
         with tracked.guard:
             return [sheet for sheet, incident in tracked.of_sheet.items() if incident == number]
 
-    def sampled(self, run: RunRow) -> list[AskedSheet]:
+    def sampled(self, run: RunRow) -> list[SampledSheet]:
         """Return the sheets of a run that were sampled for review, with their labels."""
         follower = self._reading.follower
         if follower is None:
@@ -139,17 +139,17 @@ class RunIncidents:
         tracked = self._read(run)
         with tracked.guard:
             of_sheet = dict(tracked.of_sheet)
-        records = follower.asked_pages(run.id, damaged=lambda _: None)
-        return asked_sheets(records, self._words.of_run(run_key(run)), of_sheet)
+        records = follower.sampled_pages(run.id, damaged=lambda _: None)
+        return sampled_sheets(records, self._label_store.of_run(run_key(run)), of_sheet)
 
     def proposals(self, runs: Sequence[RunRow]) -> list[Proposal]:
         """Return the tolerances that false alarms of these runs propose in aggregate."""
         follower = self._reading.follower
-        return [] if follower is None else proposals(follower, self._words, runs)
+        return [] if follower is None else proposals(follower, self._label_store, runs)
 
-    def labels_of(self, run: RunRow, sheet: int) -> list[Word]:
+    def labels_of(self, run: RunRow, sheet: int) -> list[Label]:
         """Return the labels of one sheet itself, in order."""
-        return [label for label in self._words.of_run(run_key(run)) if label.sheet == sheet]
+        return [label for label in self._label_store.of_run(run_key(run)) if label.sheet == sheet]
 
     def _read(self, run: RunRow) -> _Tracked:
         key = run_key(run)
@@ -170,7 +170,7 @@ class RunIncidents:
         upto = follower.last_sheet(run.id)
         if upto > tracked.last:
             while True:
-                query = Asked(run_id=run.id, to_look_at=True, last_sheet=upto)
+                query = PageQuery(run_id=run.id, to_review=True, last_sheet=upto)
                 rows = follower.sheets(query, after=tracked.last, limit=AT_ONCE, damaged=lambda _: None)
                 for row in rows:
                     tracked.last = row.page.sheet

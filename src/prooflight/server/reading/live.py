@@ -20,17 +20,17 @@ import anyio
 from prooflight.journal.schema import JournalError
 from prooflight.server.reading import facts
 from prooflight.server.reading.gate_health import GateFollower
+from prooflight.server.reading.imposition import imposed_sheets
 from prooflight.server.reading.now import RECENT, Now, now
 from prooflight.server.reading.reprints import Counted
-from prooflight.server.reading.together import imposed_sheets
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
     from prooflight.inspection.sheets import Counts
     from prooflight.journal.following import Heads, Written
+    from prooflight.journal.labels import LabelStore
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Words
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.reprints import Reprints
     from prooflight.server.reading.runs import Reading
@@ -80,7 +80,7 @@ class Live:
         self,
         reading: Reading,
         incidents: RunIncidents,
-        words: Words,
+        label_store: LabelStore,
         reprints: Reprints,
         *,
         clock: Callable[[], float] = time.monotonic,
@@ -91,7 +91,12 @@ class Live:
         ahead: called with the misprints of the current run, so that their pictures exist before people open
         them.
         """
-        self._reading, self._incidents, self._words, self._clock = reading, incidents, words, clock
+        self._reading, self._incidents, self._label_store, self._clock = (
+            reading,
+            incidents,
+            label_store,
+            clock,
+        )
         self._reprints = reprints
         self._gate = GateFollower(reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
@@ -167,7 +172,7 @@ class Live:
 
     def _read(self) -> bool:
         heads, clock = self._reading.heads(), self._clock()
-        last_label = self._words.last()
+        last_label = self._label_store.last()
         news = heads != self._heads
         if not news and last_label == self._state_label and clock - self._state_s < STATE_S:
             return False
@@ -226,7 +231,7 @@ class Live:
             counted_key is None or counted_key[::2] != key[::2] or clock - counted_s >= COUNT_S
         ):
             imposed = imposed_sheets(self._reading, run)
-            counts = None if imposed is None else imposed.found.counts
+            counts = None if imposed is None else imposed.review.counts
             self._sheet_counts = key, clock, counts
         return counts
 

@@ -107,6 +107,6 @@ def camera_facts(run: RunRow | None, recent: Sequence[PageRecord]) -> CameraFact
 def settings_rows(run: RunRow) -> list[tuple[str, Any]]:
     """Return the settings that a run was started with, as rows."""
     plan = facts_plan(run.facts.settings)
-    settings = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.words})
+    settings = dict(run.facts.settings) | ({} if plan is None else {"layout": plan.layout.text})
     settings.pop("warnings", None)  # those of the job are shown with the job
     return sorted((name, value) for name, value in settings.items() if value is not None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from scipy import special
 
-from prooflight.journal.words import FALSE_ALARM, UNKNOWN
+from prooflight.journal.labels import FALSE_ALARM, UNKNOWN
 from prooflight.server.reading.report import report
 from prooflight.server.reading.runs import pages_to_review
 
@@ -37,7 +37,7 @@ _NUMBERS = re.compile(r"[-+]?\d+(?:[.,:]\d+)*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Promise:
+class FalseAlarms:
     """Promised and realised false alarms."""
 
     text: str
@@ -93,11 +93,11 @@ class Quality:
 
     figures: dict[str, Any]
     """Figures of the run; see ``report``."""
-    promise: Promise
+    false_alarms: FalseAlarms
     overrides: tuple[Override, ...]
     reasons: dict[str, int]
     """Number of sheets that were not inspected by reason, with the numbers removed from the reasons."""
-    course: tuple[dict[str, int], ...]
+    trend: tuple[dict[str, int], ...]
     """Counts of misprints, sheets not inspected and late ones in equal parts of the run."""
 
 
@@ -123,7 +123,7 @@ def quality(
         else:
             label = label_of(page.sheet)
             unanswered += label is None or label.word == UNKNOWN
-    promise = Promise(
+    false_alarms = FalseAlarms(
         text=figures["promised"] or "",
         rate=_rate(stations.press(run), run.facts.detector),
         good=run.pages - run.not_inspected - run.misprints + figures["false_alarms"],
@@ -137,10 +137,10 @@ def quality(
     sorted_overrides = tuple(sorted(overrides, key=lambda one: -one.at_s))
     return Quality(
         figures=figures,
-        promise=promise,
+        false_alarms=false_alarms,
         overrides=sorted_overrides,
         reasons=dict(reasons.most_common(MOST_REASONS)),
-        course=tuple(parts),
+        trend=tuple(parts),
     )
 
 
@@ -152,14 +152,14 @@ def _overrides(labelled: LabelledIncident, sheets: list[int]) -> list[Override]:
         Override(
             incident=labelled.incident.number,
             kind=labelled.incident.kind,
-            sheets=sum(map(word.covers, sheets)),
-            by=word.by,
-            at_s=word.at_s,
-            note=word.note,
-            stands=labelled.label is word,
+            sheets=sum(map(label.covers, sheets)),
+            by=label.by,
+            at_s=label.at_s,
+            note=label.note,
+            stands=labelled.label is label,
         )
-        for word in labelled.words
-        if word.word == FALSE_ALARM
+        for label in labelled.labels
+        if label.word == FALSE_ALARM
     ]
 
 
@@ -173,5 +173,5 @@ def _rate(press: Press | None, detector: str) -> float | None:
     if press is None:
         return None
     if detector == "ours" and press.ours is not None:
-        return press.ours.promise.rate
+        return press.ours.guarantee.rate
     return 1 / press.good_pages_per_false_alarm if detector == "chi-square" else None

@@ -10,8 +10,8 @@ import numpy as np
 
 from prooflight.errors import ProoflightError
 from prooflight.inspection.inspector import Inspector
-from prooflight.journal.words import OF_GOOD
-from prooflight.line.told import counts_of
+from prooflight.journal.labels import OF_GOOD
+from prooflight.line.labelled_sheets import counts_of
 from prooflight.server.reading import facts
 from prooflight.server.reading.runs import pages_to_review
 
@@ -66,12 +66,12 @@ def report(
         "false_alarms": false_alarms,
         "to_print_again": reprints.count,
         "unprinted": reprints.unprinted,
-        "promised": _promise_text(stations, run),
+        "promised": _guarantee_text(stations, run),
         "realised_per_good_sheet": false_alarms / good if good else None,
         "sample": sample_of(incidents, run),
         "tolerances": [asdict(one) for one in incidents.proposals([run])],
         "heat": heat_map(boxes),
-        "words_by": {name: dict(words) for name, words in by.items()},
+        "words_by": {name: dict(label_store) for name, label_store in by.items()},
     }
 
 
@@ -83,9 +83,9 @@ def sample_of(incidents: RunIncidents, run: RunRow) -> dict[str, Any]:
     missed, false_alarms = counts.missed, counts.false_alarms
     return {
         "sampled": sum(not one.alarm for one in sampled),
-        "sampled_told": counts.passed_told,
+        "sampled_told": counts.labelled_passed,
         "alarms": counts.alarms,
-        "alarms_told": counts.alarms_told,
+        "alarms_told": counts.labelled_alarms,
         "open": open_questions[:MOST_OPEN],
         "open_count": len(open_questions),
         "false_alarms": None if false_alarms is None else asdict(false_alarms),
@@ -111,11 +111,11 @@ def heat_map(boxes: list[tuple[float, float, float, float]]) -> dict[str, Any]:
     return {"cell_mm": cell, "rows": counts.tolist()}
 
 
-def _promise_text(stations: Stations, run: RunRow) -> str | None:
+def _guarantee_text(stations: Stations, run: RunRow) -> str | None:
     press = stations.press(run)
     if press is None:
         return None
     try:
-        return Inspector.of(press, run.facts.detector).promise
+        return Inspector.of(press, run.facts.detector).guarantee
     except ProoflightError:
         return None

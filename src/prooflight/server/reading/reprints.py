@@ -10,20 +10,20 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import ProoflightError
-from prooflight.journal.following import Asked
+from prooflight.journal.following import PageQuery
+from prooflight.journal.labels import Labels, run_key
 from prooflight.journal.reading import refuse
-from prooflight.journal.words import Labels, run_key
 from prooflight.pages.memory import file_stamp
 from prooflight.plant.gate.log import log_path
 from prooflight.plant.reprinting import reprint_list
+from prooflight.server.reading.imposition import MOST_LISTED, positions_passed
 from prooflight.server.reading.runs import pages_to_review
-from prooflight.server.reading.together import MOST_LISTED, positions_passed
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from prooflight.journal.labels import LabelStore
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Words
     from prooflight.plant.gate.reconciling import Disagreement
     from prooflight.plant.reprinting import ReprintList
     from prooflight.server.reading.gate import Gated, Gates
@@ -69,10 +69,21 @@ class Reprints:
     """Cache of lists, made again when the run, its labels or its gate's log have got further."""
 
     def __init__(
-        self, reading: Reading, incidents: RunIncidents, words: Words, gates: Gates, *, trays: Path | None
+        self,
+        reading: Reading,
+        incidents: RunIncidents,
+        label_store: LabelStore,
+        gates: Gates,
+        *,
+        trays: Path | None,
     ) -> None:
         """Create the cache. trays: the controller's log of its trays."""
-        self._reading, self._incidents, self._words, self._gates = reading, incidents, words, gates
+        self._reading, self._incidents, self._label_store, self._gates = (
+            reading,
+            incidents,
+            label_store,
+            gates,
+        )
         self._trays = trays
         self._guard = threading.Lock()
         self._stored: OrderedDict[tuple[Any, ...], ReprintList] = OrderedDict()
@@ -95,7 +106,7 @@ class Reprints:
 
     def counted(self, run: RunRow) -> Counted:
         """Return the count for Now, which may lag some sheets behind in a long run."""
-        forced = run_key(run), run.state, self._words.last()
+        forced = run_key(run), run.state, self._label_store.last()
         lately, now_s, began_s = self._lately, time.monotonic(), time.thread_time()
         waits = lately.took_s > QUICK_S and now_s - lately.at_s < SHARE * lately.took_s
         if lately.counted is None or lately.forced != forced or not waits:
@@ -125,10 +136,10 @@ class Reprints:
     def _key(self, run: RunRow) -> tuple[Any, ...]:
         counts = run.pages, run.misprints, run.not_inspected, run.state
         files = (log_path(self._reading.path, run.id), self._trays)
-        return run_key(run), *counts, self._words.last(), *map(_stamp, files)
+        return run_key(run), *counts, self._label_store.last(), *map(_stamp, files)
 
     def _listed(self, run: RunRow) -> ReprintList:
-        labels = Labels(self._words.of_run(run_key(run)))
+        labels = Labels(self._label_store.of_run(run_key(run)))
         rows = list(pages_to_review(self._reading, run, damaged=refuse))
         gated = self.gated(run)
         return reprint_list(
@@ -144,7 +155,7 @@ class Reprints:
         """Return rows to review, rows with a label, and all prints of sheets that came again."""
         row_of_sheet = {row.sheet: row for row in rows}
         again = {row.job_page for row in rows if "repeated" in row.faults and row.job_page is not None}
-        query = Asked(run_id=run.id, sheets=tuple(labels.sheets), job_pages=tuple(again))
+        query = PageQuery(run_id=run.id, sheets=tuple(labels.sheets), job_pages=tuple(again))
         after = -1
         while (labels.sheets or again) and (
             more := self._reading.sheets(query, after=after, limit=1000, damaged=refuse)

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Final
 
 from prooflight import __version__
-from prooflight.journal.following import Asked, Counted, Heads, JournalFollower, Written, follow
+from prooflight.journal.following import Counted, Heads, JournalFollower, PageQuery, Written, follow
 from prooflight.journal.reading import MOST_ID
 from prooflight.server.problems import not_found
 
@@ -124,7 +124,7 @@ class Reading:
     def sheet(self, run_id: int, sheet: int) -> PageRecord:
         """Return one sheet with its evidence."""
         follower = self.follower
-        one = Asked(run_id=run_id, first_sheet=sheet, last_sheet=sheet)
+        one = PageQuery(run_id=run_id, first_sheet=sheet, last_sheet=sheet)
         if follower is None or not 0 <= sheet <= MOST_ID or not 0 < run_id <= MOST_ID:
             raise not_found(f"run {run_id} has no sheet {sheet}")
         if not follower.sheets(one, limit=1):
@@ -132,18 +132,18 @@ class Reading:
         return follower.page(run_id, sheet)
 
     def sheets(
-        self, query: Asked, *, after: int, limit: int, damaged: Callable[[JournalError], None]
+        self, query: PageQuery, *, after: int, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:
         """Return sheets of one run, by number."""
         follower = self.follower
         return [] if follower is None else follower.sheets(query, after=after, limit=limit, damaged=damaged)
 
     def search(
-        self, query: Asked, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
+        self, query: PageQuery, *, before: int | None, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:
         """Return sheets of any run, the latest first."""
         follower = self.follower
-        return [] if follower is None else follower.found(query, before=before, limit=limit, damaged=damaged)
+        return [] if follower is None else follower.search(query, before=before, limit=limit, damaged=damaged)
 
     def written_after(
         self, row: int, *, run_id: int | None = None, limit: int, damaged: Callable[[JournalError], None]
@@ -159,7 +159,7 @@ def pages_to_review(
     reading: Reading, run: RunRow, *, damaged: Callable[[JournalError], None] = lambda _: None
 ) -> Iterator[PageRecord]:
     """Iterate over the sheets of a run that need review; damaged: called for each that cannot be read."""
-    after, query = -1, Asked(run_id=run.id, to_look_at=True)
+    after, query = -1, PageQuery(run_id=run.id, to_review=True)
     while rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=damaged):
         yield from (row.page for row in rows)
         after = rows[-1].page.sheet

@@ -40,15 +40,15 @@ class Stations:
 
     def press(self, run: RunRow) -> Press | None:
         """Return the press by which a run was judged; None if the console does not have it."""
-        located = self._found(run)
+        located = self._press_of(run)
         return None if located is None else located[1]
 
     def press_file(self, run: RunRow) -> Path | None:
         """Return the file of that press; None if the console does not have it."""
-        located = self._found(run)
+        located = self._press_of(run)
         return None if located is None else located[0]
 
-    def _found(self, run: RunRow) -> tuple[Path, Press] | None:
+    def _press_of(self, run: RunRow) -> tuple[Path, Press] | None:
         with self._guard:
             for path in self._presses:
                 try:

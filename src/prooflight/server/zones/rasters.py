@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 DPI: Final = 150.0
 """Resolution of a PDF to draw zones on: a tenth of a millimetre is half a pixel."""
@@ -143,7 +143,7 @@ class Rasters:
         named = f"raster {job_digest} {number} {VERSION}"
         return self._folder / hashlib.sha256(named.encode()).hexdigest()[:32]
 
-    def _run(self, work: Callable[..., Made], *given: Any) -> Made:
+    def _run(self, work: Callable[..., Result], *given: Any) -> Result:
         """Run ``work`` in the process that makes pictures; its first arguments are job and page."""
         job, number = given[:2]
         try:

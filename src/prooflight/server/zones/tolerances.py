@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from prooflight.server.accounts.roles import Who
     from prooflight.server.reading.incidents import RunIncidents
     from prooflight.server.reading.runs import Reading
-    from prooflight.server.zones.desk import GivenJob, GivenPress, ZonesAsSaved, ZonesService
+    from prooflight.server.zones.service import GivenJob, GivenPress, ZonesAsSaved, ZonesService
 
 ID_LENGTH: Final = 16
 
@@ -86,7 +86,7 @@ class Tolerances:
         Raises as ``with_granted`` and ``ZonesService.save``.
         """
         zones, proposal = self.with_granted(job, wanted, last=last)
-        about = {"tolerance": zones.document.zones[-1].name, "proposed": list(proposal.told)}
+        about = {"tolerance": zones.document.zones[-1].name, "proposed": list(proposal.sentences)}
         return self._zones.save(job, zones, press, tag=tag, who=who, what="tolerances.grant", about=about)
 
     def drop(self, job: GivenJob, name: str, press: str | None, *, tag: str, who: Who) -> ZonesAsSaved:

@@ -20,8 +20,8 @@ from prooflight.pages.raster import Page
 from prooflight.rng import stream
 from prooflight.simulation.corpus.designs import books, display, office, sheets
 from prooflight.simulation.corpus.designs.chance import often, pick_weighted, some
+from prooflight.simulation.corpus.designs.design_style import DesignStyle
 from prooflight.simulation.corpus.designs.inks import BLACK
-from prooflight.simulation.corpus.designs.look import DesignStyle
 from prooflight.simulation.corpus.designs.sheet import Sheet
 
 if TYPE_CHECKING:

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.glyphs.telling import FEW, glyphs_name
-from prooflight.detectors.matched_filter.glyphs.weighing import WeighedGlyph
+from prooflight.detectors.matched_filter.glyphs.reporting import FEW, glyphs_name
+from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Region
 
 GLYPHS: Any = SimpleNamespace(box_mm=np.array([[10.0 + 3 * at, 20.0, 1.5, 2.0] for at in range(9)]))
 
 
-def wrong(*deviations: float) -> list[WeighedGlyph]:
+def wrong(*deviations: float) -> list[ScoredGlyph]:
     return [
-        WeighedGlyph(glyph=at, ratio=one**2 / 2, deviation=one, missing=False)
+        ScoredGlyph(glyph=at, ratio=one**2 / 2, deviation=one, missing=False)
         for at, one in enumerate(deviations)
     ]
 

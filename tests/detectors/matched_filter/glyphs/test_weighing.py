@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from prooflight.detectors.matched_filter.fit.modes import pixel_map
-from prooflight.detectors.matched_filter.glyphs.weighing import (
+from prooflight.detectors.matched_filter.glyphs.scoring import (
     FREEDOM,
     GOOD,
     NONE,
     PageGlyphs,
-    WeighedPage,
+    ScoredPage,
     capped,
     chance_astray,
     log_ratio,
@@ -141,7 +141,7 @@ def residual(press: Press, page: Page, printed: Page) -> NDArray[np.float32]:
     return of[0] - of[1]
 
 
-def asked(press: Press, page: Page, glyphs: PageGlyphs, left: NDArray[np.float32]) -> WeighedPage:
+def asked(press: Press, page: Page, glyphs: PageGlyphs, left: NDArray[np.float32]) -> ScoredPage:
     where = pixel_map(page, press.geometry, IN_PLACE)
     light = predict(page, sensors=press.sensors, geometry=press.geometry).expected_dn
     return score_glyphs(glyphs, left, np.full_like(left, 1 / 60**2), light, where)
@@ -165,8 +165,8 @@ def test_a_patch_is_what_prediction_says_of_its_glyph(press: Press, page: Page, 
     left = residual(press, page, replace(page, cmyk=gone))[0] / glyphs.placed.contrast[0, 0]
     assert left.min() < -0.3
     said = asked(press, page, glyphs, residual(press, page, replace(page, cmyk=gone)))
-    assert said.found[0].glyph == 0
-    assert said.found[0].missing
+    assert said.glyphs[0].glyph == 0
+    assert said.glyphs[0].missing
 
 
 def test_a_good_print_says_nothing(press: Press, page: Page, glyphs: PageGlyphs) -> None:
@@ -183,7 +183,7 @@ def test_another_digit_is_found_where_it_stands(
     left = residual(press, page, sheet(rows, press.dpi))
     said = asked(press, page, glyphs, left)
     assert said.score > 20
-    worst = said.found[0]
+    worst = said.glyphs[0]
     assert not worst.missing
     x = glyphs.box_mm[worst.glyph, 0] + glyphs.box_mm[worst.glyph, 2] / 2
     dot = round(1.5 * press.dpi / 25.4 / 7)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.fit.modes import Modes
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
-    from prooflight.pages.pdf.taking_together import InkLight
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.sampling import Footprint
     from prooflight.pages.screen import Screen
 

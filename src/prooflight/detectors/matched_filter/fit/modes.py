@@ -15,7 +15,7 @@ import numpy as np
 from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.binning import thinned
 from prooflight.kernels.memory import unset
-from prooflight.kernels.prediction.look_up import NODES
+from prooflight.kernels.prediction.lookup import NODES
 from prooflight.kernels.residuals.fit import InkImages
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth, within
 from prooflight.kernels.residuals.page_features import page_feature_sums

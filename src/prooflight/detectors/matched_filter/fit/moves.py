@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.kernels.residuals.residuals import foretell_anew, slope_sums, take_slopes
+from prooflight.kernels.residuals.residuals import predict_again, slope_sums, take_slopes
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.scans.placement import Warp
 
@@ -94,7 +94,7 @@ def by_prediction(
     """Change residuals to another prediction (sensors, lines, pixels), in place; fitted amounts stay."""
     stripes = [(index, part) for index in range(len(left)) for part in parts_of(left.shape[1], threads)]
     shared_out(
-        [partial(foretell_anew, left[i], weight[i], before_dn[i], after_dn[i], *part) for i, part in stripes],
+        [partial(predict_again, left[i], weight[i], before_dn[i], after_dn[i], *part) for i, part in stripes],
         threads=threads,
     )
 

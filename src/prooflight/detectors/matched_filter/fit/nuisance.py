@@ -158,7 +158,7 @@ class Fit:
     pulls: NDArray[np.float64]
     """(amounts,) each amount over the standard deviation it would have on good prints, in the order of
     ``FitLayout``."""
-    told: NDArray[np.float64]
+    determined_share: NDArray[np.float64]
     """(amounts,) share of each amount that the page determines, not the prior: 1 - posterior over prior
     variance. [-]"""
     noise: NDArray[np.float64]
@@ -388,7 +388,7 @@ def fit_blocks(
         dot=fitted.dot,
         planes=fitted.planes,
         pulls=amounts / sd,
-        told=sd**2,
+        determined_share=sd**2,
         noise=noise,
         spread=robust,
         lost=lost,

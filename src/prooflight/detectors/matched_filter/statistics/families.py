@@ -170,7 +170,7 @@ def _of_fit(fit: Fit) -> Iterator[Observed]:
 def _of_place(registration: Registration) -> Iterator[Observed]:
     where, amount = registration.placement, partial(_amount, "place")
     # The placement depends on the leading plane; the place relative to the sheet does not.
-    yield amount("lost", not registration.found)
+    yield amount("lost", not registration.located)
     yield amount("shift", np.abs(where.shift_mm).max())
     yield amount("skew", abs(where.skew_deg))
     yield amount("stretch", np.abs(where.stretch_percent).max())

@@ -142,7 +142,7 @@ def summed(
     geometry: ScanGeometry,
     page_width_mm: float,
     prior: PrintPrior,
-    looked_at: tuple[str, ...] = MODES,
+    analysed_modes: tuple[str, ...] = MODES,
     threads: int = 1,
 ) -> Sums:
     """Sum up the residuals of all sensors in one pass.
@@ -159,14 +159,14 @@ def summed(
     geometry : of the pixels.
     page_width_mm : width of the page [mm].
     prior : of good prints.
-    looked_at : modes that are summed up, of ``MODES``, light the first.
+    analysed_modes : modes that are summed up, of ``MODES``, light the first.
     threads : number of threads that share the work.
     """
     left = left.copy()
     side = tile_side(geometry)
     modes, where, sensors = scan.modes, scan.where, scan.sensors
     lines, pixels = where.inside.shape
-    which = np.array([MODES.index(name) for name in looked_at])
+    which = np.array([MODES.index(name) for name in analysed_modes])
     which_lines = which[which < len(LINE_MODES)]
     tiles = unset((4, which.size + 1, lines // side, pixels // side))
     columns = np.zeros((2, 4, which_lines.size, SEGMENTS, pixels), np.float32)
@@ -203,7 +203,7 @@ def summed(
     def shifted() -> None:
         shifts[:] = plane_shifts(left, weight, modes.gain, pixel_mm=geometry.pixel_pitch_mm)
 
-    tasks = [partial(shifted)] if looked_at == MODES else []
+    tasks = [partial(shifted)] if analysed_modes == MODES else []
     tasks += [
         partial(tile_sums, images, side, which, *part, tiles) for part in parts_of(lines // side, 2 * threads)
     ]
@@ -224,7 +224,7 @@ def summed(
         geometry=geometry,
         page_width_mm=page_width_mm,
         prior=prior,
-        modes=looked_at,
+        modes=analysed_modes,
     )
 
 
@@ -371,7 +371,7 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
     """Yield streaks of each of ``WIDTHS`` over parts of the page's height, each of ``SPANS``.
 
     Yields the width, the span, and N', D', edges of line modes: (3, modes, parts, pixels). All three are
-    reduced by the variance that light which varies along a column adds to N' (``beside_uneven``).
+    reduced by the variance that light which varies along a column adds to N' (``with_unevenness``).
     """
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     of_spans = []
@@ -386,10 +386,10 @@ def streaks(sums: Sums) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
             maps = np.empty_like(parts)
             widened(parts.reshape(-1, parts.shape[-1]), count, maps.reshape(-1, parts.shape[-1]))
             # Light varies less between columns than along them, so that all are taken to vary alike.
-            yield w, s, beside_uneven(maps[:3], count * sums.prior.place**2 * maps[3])
+            yield w, s, with_unevenness(maps[:3], count * sums.prior.place**2 * maps[3])
 
 
-def beside_uneven(maps: NDArray[np.float32], variance: NDArray[np.floating]) -> NDArray[np.float32]:
+def with_unevenness(maps: NDArray[np.float32], variance: NDArray[np.floating]) -> NDArray[np.float32]:
     """Reduce N', D' and edges (3, ...) by an additional variance of N', from uneven light.
 
     N'' = s N' and D'' = s D' with s = D' / (D' + variance): D'' is the remaining information, and N'' / D''
@@ -417,7 +417,7 @@ def rows(sums: Sums) -> NDArray[np.float32]:
     of_light = shared.sum(axis=-1) / (light.sum(axis=-1) + np.float32(1 / sums.prior.place**2))
     unevenness = np.zeros_like(maps[0])
     unevenness[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
-    return beside_uneven(maps, sums.prior.place**2 * unevenness)
+    return with_unevenness(maps, sums.prior.place**2 * unevenness)
 
 
 def periodogram(

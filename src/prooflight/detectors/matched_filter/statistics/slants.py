@@ -24,7 +24,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     mode_and_ink,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.slants import slanted, tiles_known
+from prooflight.kernels.statistics.slants import slanted, tile_scores
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -110,7 +110,7 @@ def tile_contributions(
     scatter (3,).
     """
     t, d = unset((2, *own.shape))
-    tiles_known(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
+    tile_scores(own, power, edges, scatter.astype(np.float32), np.float32(LEAST_POWER), t, d)
     t /= np.float32(own_scatter(t[::2, ::2], least=LEAST_TILES))
     most = np.float32(MOST)
     pushes = np.clip(t / scatter_about(t, d > 0), -most, most) * np.sqrt(d)

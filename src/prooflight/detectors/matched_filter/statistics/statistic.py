@@ -35,7 +35,7 @@ class Reference(Enum):
 
 
 GOOD_PRINTS, OWN_PAGE, FLAT_AREAS = Reference
-WORDS: Final = {
+LABELS: Final = {
     ("box", OWN_PAGE): "apart",
     ("box", FLAT_AREAS): "flat",
     ("streak", OWN_PAGE): "line",
@@ -50,7 +50,7 @@ WORDS: Final = {
 }
 """First words of keys, by family and reference; otherwise the word is the family, compared with good
 prints."""
-_MEANINGS: Final = {word: meaning for meaning, word in WORDS.items()}
+_MEANINGS: Final = {label: meaning for meaning, label in LABELS.items()}
 PAGE_WIDE: Final = ("fit", "place", "energy")
 """First words of statistics each of which is a cause of its own."""
 OF_ALL_SORTS: Final = ("ghost", "swap", "energy")
@@ -95,12 +95,12 @@ class Statistic(NamedTuple):
         """The string that identifies it."""
         middle = self.mode + "-" * bool(self.mode and self.ink) + self.ink + self.sign
         size = "" if self.size is None else str(self.size)
-        return "/".join(part for part in (self.word, middle, size, self.part) if part)
+        return "/".join(part for part in (self.label, middle, size, self.part) if part)
 
     @property
-    def word(self) -> str:
+    def label(self) -> str:
         """First word of the key."""
-        return WORDS.get((self.family, self.reference), self.family)
+        return LABELS.get((self.family, self.reference), self.family)
 
     @property
     def cause(self) -> str:
@@ -109,24 +109,24 @@ class Statistic(NamedTuple):
         >>> [Statistic.parse(key).cause for key in ("apart/void-/4", "streak/void/1/full", "ghost/C/0", "place/skew")]
         ['apart/void-', 'streak/void', 'ghost', 'place/skew']
         """
-        if self.word in PAGE_WIDE:
+        if self.label in PAGE_WIDE:
             return self.key
         if self.family in OF_ALL_SORTS:
-            return self.word
+            return self.label
         return self._replace(size=None, part="").key
 
 
 @lru_cache(maxsize=4096)
 def _parsed(key: str) -> Statistic:
     """Parse a key; cached, because a press is read several times and has a thousand of them."""
-    word, *rest = key.split("/")
+    label, *rest = key.split("/")
     mode = ink = sign = ""
     if rest and not _is_size(rest[0]):
         first = rest.pop(0)
         sign = first[-1] if first[-1:] in ("+", "-") else ""
         mode, ink = mode_and_ink(first.removesuffix(sign))
     size = int(rest.pop(0)) if rest and _is_size(rest[0]) else None
-    family, reference = _MEANINGS.get(word, (word, GOOD_PRINTS))
+    family, reference = _MEANINGS.get(label, (label, GOOD_PRINTS))
     return Statistic(family, mode, ink, sign, size, "/".join(rest), reference)
 
 
@@ -138,7 +138,7 @@ def in_screen(statistic: Statistic) -> bool:
     >>> [in_screen(Statistic.parse(key)) for key in ("apart/void-/4", "box/add-K+/4", "place/skew", "ghost/C/0")]
     [True, False, True, False]
     """
-    return statistic.word in (*PAGE_WIDE, "excess", "mark") or (
+    return statistic.label in (*PAGE_WIDE, "excess", "mark") or (
         statistic.family in SCREEN_FAMILIES and statistic.mode in SCREEN_MODES
     )
 

@@ -12,7 +12,7 @@ from prooflight.simulation.corpus.designs.setting import set_columns, set_paragr
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.setting import Style
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
@@ -23,7 +23,7 @@ def book(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     x = (sheet.width_mm - wide) * some(rng, 0.4, 0.6)
     y, end = sheet.height_mm * some(rng, 0.08, 0.12), sheet.height_mm * some(rng, 0.86, 0.92)
     running = design.voice.title(rng, 2, 4)
-    sheet.words(
+    sheet.draw_text(
         sheet.width_mm / 2, y - 6, running, design.voice.italic, 8, design.palette.strong, align="centre"
     )
     style = design.text(some(rng, 9.5, 12.5), align="justified", indent_em=1.5)
@@ -41,14 +41,14 @@ def book(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
         end = y + (end - y) * some(rng, 0.15, 0.8)
     set_columns(sheet, x, y, wide, end - y, design.paragraphs(rng, 900, 110), style)
     folio = design.voice.number(rng)[:3]
-    sheet.words(x + wide / 2, sheet.height_mm * 0.94, folio, design.voice.figures, 9, align="centre")
+    sheet.draw_text(x + wide / 2, sheet.height_mm * 0.94, folio, design.voice.figures, 9, align="centre")
 
 
 def dictionary(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     """Draw small type in narrow columns: dictionaries, directories, small print, contents."""
     margin = some(rng, 10, 17)
     wide, tall, columns = sheet.width_mm - 2 * margin, sheet.height_mm - 2 * margin - 8, count(rng, 2, 5)
-    sheet.words(
+    sheet.draw_text(
         margin, margin + 2, design.voice.title(rng, 1, 1), design.voice.bold, 11, design.palette.strong
     )
     style = design.text(some(rng, 5.5, 8.0), leading=1.15)
@@ -64,7 +64,7 @@ def newspaper(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
     wide, gap = sheet.width_mm - 2 * margin, some(rng, 3, 4.5)
     y = design.heading(sheet, margin, margin, wide, design.voice.title(rng, 1, 2), 54, align="centre") + 2
     sheet.rule(margin, y, wide, BLACK, 1.5)
-    sheet.words(margin, y + 4, design.voice.title(rng, 2, 3), design.voice.face, 7)
+    sheet.draw_text(margin, y + 4, design.voice.title(rng, 2, 3), design.voice.face, 7)
     sheet.rule(margin, y + 6, wide, BLACK, 0.4)
     y += 9
     style = design.text(some(rng, 6.5, 8.0), align="justified", leading=1.15)
@@ -104,8 +104,8 @@ def _article(
             design.text(6.5, face=design.voice.italic),
         )
         top = set_paragraph(sheet, x, top + high + 1, wide, caption, small) + 2
-    words = design.paragraphs(rng, round(columns * 260), 45)
-    set_columns(sheet, x, top, wide, y + tall - top, words, style, columns=columns, gap=3.5)
+    texts = design.paragraphs(rng, round(columns * 260), 45)
+    set_columns(sheet, x, top, wide, y + tall - top, texts, style, columns=columns, gap=3.5)
 
 
 def magazine(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:

@@ -13,7 +13,7 @@ from prooflight.simulation.corpus.designs.setting import cut
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
     Plot = Callable[[Sheet, np.random.Generator, DesignStyle, float, float, float, float], None]
@@ -33,7 +33,7 @@ def chart(
     if often(rng, 0.3):
         sheet.rect(x, y, width, height, lighter(design.palette.tint, 0.7))
     title = cut(design.voice.title(rng, 2, 5), design.voice.bold, size, width - 4)
-    sheet.words(x + 2, y + 5, title, design.voice.bold, size, design.palette.strong)
+    sheet.draw_text(x + 2, y + 5, title, design.voice.bold, size, design.palette.strong)
     plot = pick_weighted(rng, KINDS)
     plot(sheet, rng, design, x + 10, y + 9, width - 13, height - 17)
 
@@ -52,13 +52,13 @@ def _axes(
         down = y + height * (1 - step / steps)
         sheet.rule(x, down, width, grey(0.25 if step else 0.9), 0.35)
         value = f"{top * step / steps:.3g}"
-        sheet.words(x - 1, down + 0.8, value, design.voice.figures, 5.5, grey(0.8), align="right")
+        sheet.draw_text(x - 1, down + 0.8, value, design.voice.figures, 5.5, grey(0.8), align="right")
     sheet.upright(x, y, height, grey(0.9), 0.5)
     names = count(rng, 3, 6)
     for place in range(names):
         name = cut(design.voice.title(rng, 1, 1), design.voice.face, 5.5, 0.9 * width / names)
         at = x + width * (place + 0.5) / names
-        sheet.words(at, y + height + 3, name, design.voice.face, 5.5, grey(0.8), align="centre")
+        sheet.draw_text(at, y + height + 3, name, design.voice.face, 5.5, grey(0.8), align="centre")
 
 
 def bars(
@@ -133,7 +133,7 @@ def pie(
             sheet.rect(x + 2 * radius + 5, key - 2.4, 3, 3, colour)
             text = f"{100 * share:.0f} % {design.voice.title(rng, 1, 2)}"
             text = cut(text, design.voice.face, 6.5, width - 2 * radius - 9)
-            sheet.words(x + 2 * radius + 10, key, text, design.voice.face, 6.5, design.palette.text)
+            sheet.draw_text(x + 2 * radius + 10, key, text, design.voice.face, 6.5, design.palette.text)
     if often(rng, 0.4):
         sheet.disc(*at, radius * some(rng, 0.4, 0.65), PAPER)
 

@@ -13,7 +13,7 @@ from prooflight.simulation.corpus.designs.setting import set_columns, set_paragr
 from prooflight.simulation.corpus.designs.sheet import cells
 
 if TYPE_CHECKING:
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -88,8 +88,8 @@ def cover(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     over = PAPER if is_dark(box) else palette.strong
     title = design.voice.title(rng, 1, 3)
     y = design.heading(sheet, 0.1 * wide, head + 0.02 * tall, 0.8 * wide, title, 60, over) + 5
-    sheet.words(0.1 * wide, y + 5, design.voice.title(rng, 2, 5)[:50], design.voice.italic, 14, over)
-    sheet.words(0.1 * wide, tall - 14, design.voice.title(rng, 2, 3), design.voice.face, 11, palette.text)
+    sheet.draw_text(0.1 * wide, y + 5, design.voice.title(rng, 2, 5)[:50], design.voice.italic, 14, over)
+    sheet.draw_text(0.1 * wide, tall - 14, design.voice.title(rng, 2, 3), design.voice.face, 11, palette.text)
 
 
 def slides(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
@@ -109,8 +109,8 @@ def slides(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
         left, top, room = x + 4, y + 0.24 * tall, 0.5 * wide - 6
         style = design.text(size, over, align="left", indent_em=0.0)
         for _ in range(count(rng, 2, 4)):
-            words = design.voice.prose(rng, count(rng, 3, 9))
-            top = set_paragraph(sheet, left + 3, top, room - 3, words, style, bottom=y + tall - 3) + 1
+            texts = design.voice.prose(rng, count(rng, 3, 9))
+            top = set_paragraph(sheet, left + 3, top, room - 3, texts, style, bottom=y + tall - 3) + 1
         if often(rng, 0.6) and not is_dark(ground):
             charts.chart(sheet, rng, design, x + 0.5 * wide, y + 0.22 * tall, 0.48 * wide, 0.7 * tall)
         else:
@@ -139,12 +139,12 @@ def menu(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
         for _ in range(count(rng, 3, 7)):
             if y > sheet.height_mm - margin - 8:
                 break
-            sheet.words(margin, y, design.voice.title(rng, 2, 4)[:38], design.voice.face, 11, over)
+            sheet.draw_text(margin, y, design.voice.title(rng, 2, 4)[:38], design.voice.face, 11, over)
             price = f"{some(rng, 3, 60):.2f}"
-            sheet.words(margin + wide, y, price, design.voice.figures, 11, over, align="right")
+            sheet.draw_text(margin + wide, y, price, design.voice.figures, 11, over, align="right")
             if often(rng, 0.6):
-                note = " ".join(design.voice.some_words(rng, count(rng, 4, 8)))[:60]
-                sheet.words(margin, y + 4, note, design.voice.italic, 7.5, over)
+                note = " ".join(design.voice.vocabulary_sample(rng, count(rng, 4, 8)))[:60]
+                sheet.draw_text(margin, y + 4, note, design.voice.italic, 7.5, over)
             y += 9
         y += 6
 
@@ -209,10 +209,10 @@ def flyer(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
         if kind:
             over = PAPER if is_dark(ground) else design.palette.text
             top = design.heading(sheet, x + 5, y + 6, wide - 10, design.voice.title(rng, 1, 2), 26, over) + 4
-            style, words = design.text(9.0, over, align="left"), design.paragraphs(rng, 60, 20)
-            set_columns(sheet, x + 5, top, wide - 10, tall - (top - y) - 24, words, style)
+            style, texts = design.text(9.0, over, align="left"), design.paragraphs(rng, 60, 20)
+            set_columns(sheet, x + 5, top, wide - 10, tall - (top - y) - 24, texts, style)
         if often(rng, 0.55):
             price, at = f"{some(rng, 1, 99):.2f}", (x + wide - 18, y + tall - 15)
             sheet.ellipse(*at, 14, 10, design.palette.bright, turn_deg=-10)
             over = PAPER if is_dark(design.palette.bright) else design.palette.text
-            sheet.words(at[0], at[1] + 2.6, price, design.voice.figures, 20, over, align="centre")
+            sheet.draw_text(at[0], at[1] + 2.6, price, design.voice.figures, 20, over, align="centre")

@@ -12,8 +12,8 @@ from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, between, gre
 from prooflight.simulation.corpus.designs.photographs import clouds
 
 if TYPE_CHECKING:
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.inks import Ink
-    from prooflight.simulation.corpus.designs.look import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -82,7 +82,9 @@ def contour_map(
     for _ in range(count(rng, 8, 30)):
         place = x + some(rng, 0.03, 0.85) * width, y + some(rng, 0.05, 0.97) * height
         sheet.disc(place[0] - 1.2, place[1] - 0.8, 0.6, design.palette.text)
-        sheet.words(*place, design.voice.title(rng, 1, 1)[:12], design.voice.italic, pick(rng, (5.5, 6.5, 9)))
+        sheet.draw_text(
+            *place, design.voice.title(rng, 1, 1)[:12], design.voice.italic, pick(rng, (5.5, 6.5, 9))
+        )
     sheet.frame(x, y, width, height, design.palette.text, 0.9)
 
 
@@ -149,7 +151,9 @@ def street_map(
             sheet.polygon([place(float(u), float(v)) for u, v in corners], ink)
             if kind > 0.75:
                 at = place(float(u0) + 2 * gap, (float(v0) + float(v1)) / 2)
-                sheet.words(*at, design.voice.title(rng, 1, 1)[:8], design.voice.face, 5, design.palette.text)
+                sheet.draw_text(
+                    *at, design.voice.title(rng, 1, 1)[:8], design.voice.face, 5, design.palette.text
+                )
     for _ in range(count(rng, 1, 3)):
         _road(sheet, rng, design, x, y, width, height)
     sheet.frame(x, y, width, height, design.palette.text, 0.7)
@@ -171,7 +175,7 @@ def floor_plan(
     sheet.rule(x, below, width, BLACK, 0.4)
     for tick in np.linspace(x, x + width, count(rng, 4, 8)).tolist():
         sheet.upright(tick, below - 1.4, 2.8, BLACK, 0.5)
-        sheet.words(tick + 1, below - 0.8, design.voice.number(rng), design.voice.figures, 5.5)
+        sheet.draw_text(tick + 1, below - 0.8, design.voice.number(rng), design.voice.figures, 5.5)
 
 
 def _rooms(
@@ -189,9 +193,11 @@ def _rooms(
         if often(rng, 0.25):
             sheet.rect(x + 1, y + 1, width - 2, height - 2, design.palette.tint)
         at, name = (x + width / 2, y + height / 2), design.voice.title(rng, 1, 1)[:10]
-        sheet.words(*at, name, design.voice.face, 7, design.palette.text, align="centre")
+        sheet.draw_text(*at, name, design.voice.face, 7, design.palette.text, align="centre")
         area = f"{width * height / 100:.1f}"
-        sheet.words(at[0], at[1] + 3.4, area, design.voice.figures, 6, design.palette.text, align="centre")
+        sheet.draw_text(
+            at[0], at[1] + 3.4, area, design.voice.figures, 6, design.palette.text, align="centre"
+        )
         return
     share, door = some(rng, 0.35, 0.65), some(rng, 2.5, 5)
     if width > height:
@@ -251,7 +257,7 @@ def crossword(
         sheet.rule(x, y + line * pitch, side, BLACK, 0.6)
         sheet.upright(x + line * pitch, y, side, BLACK, 0.6)
     for row, column in np.argwhere(~dark & (rng.random((cells, cells)) < 0.4)).tolist():
-        sheet.words(x + column * pitch + 0.5, y + row * pitch + 2.1, str(number), design.voice.figures, 5)
+        sheet.draw_text(x + column * pitch + 0.5, y + row * pitch + 2.1, str(number), design.voice.figures, 5)
         number += 1
 
 
@@ -274,4 +280,4 @@ def circuit(
         sheet.rect(left - wide / 2, top - tall / 2, wide, tall, pick(rng, (PAPER, design.palette.tint)))
         sheet.frame(left - wide / 2, top - tall / 2, wide, tall, design.palette.strong, 0.8)
         name = f"{pick(rng, ('R', 'C', 'U', 'L', 'Q'))}{place + 1}"
-        sheet.words(left, top + 0.9, name, design.voice.figures, 6, design.palette.text, align="centre")
+        sheet.draw_text(left, top + 0.9, name, design.voice.figures, 6, design.palette.text, align="centre")

@@ -12,7 +12,7 @@ from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, lighter
 if TYPE_CHECKING:
     from prooflight.simulation.corpus.designs.inks import Ink
     from prooflight.simulation.corpus.designs.sheet import Sheet
-    from prooflight.simulation.corpus.designs.words import Voice
+    from prooflight.simulation.corpus.designs.vocabulary import Voice
 
 _FINDER = np.pad(np.pad(np.ones((3, 3), np.bool_), 1, constant_values=False), 1, constant_values=True)
 
@@ -91,7 +91,7 @@ def bar_code(
         digits = "".join(str(digit) for digit in rng.integers(0, 10, symbols))
         size = min(9.0, 1.6 * width / symbols / 0.35)
         at = x + width / 2, y + height + 0.4 * size
-        sheet.words(*at, digits, voice.figures, size, align="centre", spread_em=0.2)
+        sheet.draw_text(*at, digits, voice.figures, size, align="centre", spread_em=0.2)
 
 
 def _code_128(rng: np.random.Generator) -> list[int]:
@@ -135,7 +135,7 @@ def stamp(
     for row, lift in enumerate((-0.28, 0.1, 0.48)):
         text = voice.number(rng) if row == 1 else voice.title(rng, 1, 1)[:9]
         face = voice.figures if row == 1 else voice.bold
-        sheet.words(x, y + lift * radius, text, face, 0.7 * radius, ink, align="centre")
+        sheet.draw_text(x, y + lift * radius, text, face, 0.7 * radius, ink, align="centre")
 
 
 def border(sheet: Sheet, rng: np.random.Generator, margin: float, ink: Ink) -> None:

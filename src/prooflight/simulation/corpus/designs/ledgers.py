@@ -13,7 +13,7 @@ from prooflight.simulation.corpus.designs.setting import cut
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -54,16 +54,16 @@ def table(
             if row == 0:
                 text = cut(design.voice.title(rng, 1, 2), design.voice.bold, size, right - left - 2)
                 at, align = (left + 1, "left") if column < number_from else (right - 1, "right")
-                sheet.words(at, base, text, design.voice.bold, size, over, align=align)
+                sheet.draw_text(at, base, text, design.voice.bold, size, over, align=align)
             elif column < number_from:
                 text = cut(design.voice.title(rng, 1, 3), design.voice.face, size, right - left - 2)
-                sheet.words(left + 1, base, text, design.voice.face, size, design.palette.text)
+                sheet.draw_text(left + 1, base, text, design.voice.face, size, design.palette.text)
             elif rng.random() < 0.92:
                 value = rng.lognormal(4, 1.8)
                 figure = f"{value:,.2f}" if money else f"{value:.0f}"
                 figures = cut(figure[::-1], design.voice.figures, size, right - left - 2)[::-1]
                 face, ink = design.voice.figures, design.palette.text
-                sheet.words(right - 1, base, figures, face, size, ink, align="right")
+                sheet.draw_text(right - 1, base, figures, face, size, ink, align="right")
         if ruled:
             sheet.rule(x, top + step, width, grey(0.5) if row else design.palette.strong, 0.3 if row else 0.8)
     bottom = y + rows * step
@@ -91,7 +91,7 @@ def form(
         if section % count(rng, 4, 7) == 0 and y + 2 * tall < bottom:
             sheet.rect(x, y, width, 5.2, design.palette.deep)
             title = f"{section + 1}. {design.voice.title(rng, 2, 5)}"[:60]
-            sheet.words(x + 1.5, y + 3.7, title, design.voice.bold, 8, PAPER)
+            sheet.draw_text(x + 1.5, y + 3.7, title, design.voice.bold, 8, PAPER)
             y += 5.2
         section += 1
         kind = count(rng, 0, 5)
@@ -124,10 +124,10 @@ def _fields(
             sheet.rect(left, y, wide, tall, lighter(design.palette.tint, 0.7))
         sheet.frame(left, y, wide, tall, design.palette.text, line)
         caption = cut(design.voice.title(rng, 1, 4), design.voice.face, 5.2, wide - 2)
-        sheet.words(left + 1, y + 2.3, caption, design.voice.face, 5.2, design.palette.text)
+        sheet.draw_text(left + 1, y + 2.3, caption, design.voice.face, 5.2, design.palette.text)
         if often(rng, 0.3):
             text = cut(design.voice.number(rng), design.voice.figures, 9, wide - 4)
-            sheet.words(left + 2, y + tall - 1.6, text, design.voice.figures, 9, BLACK)
+            sheet.draw_text(left + 2, y + tall - 1.6, text, design.voice.figures, 9, BLACK)
         elif often(rng, 0.06) and wide > 30:
             signature(sheet, rng, left + 4, y + tall - 1.5, min(wide - 8, 38), design.palette.strong)
         left += wide
@@ -145,7 +145,7 @@ def _ticks(
             sheet.line([(left, top), (left + 3.2, top + 3.2)], design.palette.text, 1.1)
             sheet.line([(left + 3.2, top), (left, top + 3.2)], design.palette.text, 1.1)
         text = cut(design.voice.title(rng, 1, 3), design.voice.face, 7, step - 7)
-        sheet.words(left + 5, top + 2.8, text, design.voice.face, 7, design.palette.text)
+        sheet.draw_text(left + 5, top + 2.8, text, design.voice.face, 7, design.palette.text)
 
 
 def _letters(
@@ -158,7 +158,7 @@ def _letters(
     tall: float,
     line: float,
 ) -> None:
-    sheet.words(
+    sheet.draw_text(
         x + 1, y + 2.6, design.voice.title(rng, 1, 4)[:40], design.voice.face, 5.5, design.palette.text
     )
     side = tall - 3.8
@@ -169,4 +169,4 @@ def _letters(
         sheet.frame(left, y + 3.4, side, side, design.palette.text, line)
         if filled and box < len(figures):
             at = left + side / 2, y + 3.4 + 0.78 * side
-            sheet.words(*at, figures[box], design.voice.figures, 2 * side, align="centre")
+            sheet.draw_text(*at, figures[box], design.voice.figures, 2 * side, align="centre")

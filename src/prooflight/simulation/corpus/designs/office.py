@@ -13,7 +13,7 @@ from prooflight.simulation.corpus.designs.sheet import cells
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -31,8 +31,8 @@ def _letterhead(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, mar
     graphics.logo(sheet, rng, at, 10, side, design.palette.strong, design.palette.bright)
     design.heading(sheet, start, 10, wide - side - 6, name, some(rng, 12, 24))
     for row in range(count(rng, 1, 3)):
-        text = " ".join(design.voice.some_words(rng, count(rng, 3, 6)))
-        sheet.words(start, 21 + 3.4 * row, text[:60], design.voice.face, 7, grey(0.75))
+        text = " ".join(design.voice.vocabulary_sample(rng, count(rng, 3, 6)))
+        sheet.draw_text(start, 21 + 3.4 * row, text[:60], design.voice.face, 7, grey(0.75))
     if kind == 3:
         sheet.rule(margin, 14 + side, wide, design.palette.strong, some(rng, 0.5, 2.5))
     return 18 + side
@@ -41,7 +41,9 @@ def _letterhead(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, mar
 def _address(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, x: float, y: float) -> None:
     for row in range(count(rng, 3, 5)):
         text = design.voice.title(rng, 1, 3) + (f" {design.voice.number(rng)}" if row else "")
-        sheet.words(x, y + 4.8 * row, text[:36], design.voice.face, design.body.size_pt, design.palette.text)
+        sheet.draw_text(
+            x, y + 4.8 * row, text[:36], design.voice.face, design.body.size_pt, design.palette.text
+        )
 
 
 def _foot(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, margin: float) -> None:
@@ -51,7 +53,7 @@ def _foot(sheet: Sheet, rng: np.random.Generator, design: DesignStyle, margin: f
         left = margin + part * (sheet.width_mm - 2 * margin) / parts
         for row in range(count(rng, 1, 3)):
             text = f"{design.voice.title(rng, 1, 2)} {design.voice.number(rng)}"
-            sheet.words(left, y + 3 * row, text[:24], design.voice.face, 6, grey(0.7))
+            sheet.draw_text(left, y + 3 * row, text[:24], design.voice.face, 6, grey(0.7))
 
 
 def letter(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
@@ -60,15 +62,15 @@ def letter(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     wide = sheet.width_mm - 2 * margin
     y = _letterhead(sheet, rng, design, margin) + some(rng, 4, 16)
     _address(sheet, rng, design, margin, y)
-    sheet.words(margin + wide, y + 12, design.voice.number(rng), design.voice.figures, 9, align="right")
+    sheet.draw_text(margin + wide, y + 12, design.voice.number(rng), design.voice.figures, 9, align="right")
     y = design.heading(sheet, margin, y + 32, wide, design.voice.title(rng, 3, 6), 12) + 4
     end = sheet.height_mm - 60
-    for words in design.paragraphs(rng, count(rng, 30, 300), 60):
-        y = set_paragraph(sheet, margin, y, wide, words, design.body, bottom=end) + 3
+    for texts in design.paragraphs(rng, count(rng, 30, 300), 60):
+        y = set_paragraph(sheet, margin, y, wide, texts, design.body, bottom=end) + 3
     length, ink = some(rng, 30, 55), pick(rng, (design.palette.text, design.palette.strong))
     graphics.signature(sheet, rng, margin, y + 16, length, ink)
     signed = design.voice.title(rng, 2, 3)
-    sheet.words(margin, y + 24, signed, design.voice.face, design.body.size_pt, design.palette.text)
+    sheet.draw_text(margin, y + 24, signed, design.voice.face, design.body.size_pt, design.palette.text)
     if often(rng, 0.15):
         graphics.stamp(sheet, rng, margin + 0.75 * wide, y + 12, 15, design.palette.bright, design.voice)
     _foot(sheet, rng, design, margin)
@@ -86,16 +88,18 @@ def invoice(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None
     for row in range(3):
         at = y + 16 + 4.6 * row
         fact = design.voice.title(rng, 1, 1)
-        sheet.words(margin + 0.6 * wide, at, fact, design.voice.face, 8, design.palette.text)
-        sheet.words(margin + wide, at, design.voice.number(rng), design.voice.figures, 8, align="right")
+        sheet.draw_text(margin + 0.6 * wide, at, fact, design.voice.face, 8, design.palette.text)
+        sheet.draw_text(margin + wide, at, design.voice.number(rng), design.voice.figures, 8, align="right")
     y += 38
     y = ledgers.table(sheet, rng, design, margin, y, wide, some(rng, 15, sheet.height_mm - y - 85))
     for row in range(count(rng, 2, 4)):
         at = y + 6 + 5 * row
         name = design.voice.title(rng, 1, 2)[:18]
-        sheet.words(margin + 0.62 * wide, at, name, design.voice.face, 9, design.palette.text)
+        sheet.draw_text(margin + 0.62 * wide, at, name, design.voice.face, 9, design.palette.text)
         figure = f"{rng.lognormal(6, 1):,.2f}"
-        sheet.words(margin + wide, at, figure, design.voice.figures, 9, design.palette.text, align="right")
+        sheet.draw_text(
+            margin + wide, at, figure, design.voice.figures, 9, design.palette.text, align="right"
+        )
     foot = sheet.height_mm - 42
     if often(rng, 0.6):
         graphics.bar_code(sheet, rng, margin, foot, some(rng, 45, 75), some(rng, 8, 14), design.voice)
@@ -111,8 +115,8 @@ def form_page(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
     y = design.heading(sheet, margin, margin, 0.7 * wide, design.voice.title(rng, 3, 6), some(rng, 13, 22))
     if often(rng, 0.5):
         graphics.bar_code(sheet, rng, margin + wide - 45, margin, 45, 9)
-    words = design.voice.prose(rng, count(rng, 15, 60))
-    y = set_paragraph(sheet, margin, y + 3, wide, words, design.text(7.0)) + 3
+    texts = design.voice.prose(rng, count(rng, 15, 60))
+    y = set_paragraph(sheet, margin, y + 3, wide, texts, design.text(7.0)) + 3
     ledgers.form(sheet, rng, design, margin, y, wide, (sheet.height_mm - margin - y) * some(rng, 0.5, 1.0))
 
 
@@ -129,9 +133,9 @@ def statement(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
         left = margin + box * (each + 3)
         sheet.rect(left, y, each, 22, ground)
         sheet.frame(left, y, each, 22, design.palette.strong, 0.6)
-        sheet.words(left + 3, y + 6, design.voice.title(rng, 1, 2)[:16], design.voice.face, 7.5, over)
+        sheet.draw_text(left + 3, y + 6, design.voice.title(rng, 1, 2)[:16], design.voice.face, 7.5, over)
         figure, size = f"{rng.lognormal(5, 1):,.2f}", some(rng, 13, 18)
-        sheet.words(left + 3, y + 17, figure, design.voice.figures, size, over)
+        sheet.draw_text(left + 3, y + 17, figure, design.voice.figures, size, over)
     y += 28
     if often(rng, 0.7):
         tall = some(rng, 40, 65)
@@ -140,8 +144,8 @@ def statement(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
     room = sheet.height_mm - some(rng, 40, 70) - y
     y = ledgers.table(sheet, rng, design, margin, y, wide, max(some(rng, 0.3, 1.0) * room, 25)) + 5
     if often(rng, 0.5):
-        small, words = design.text(6.0), design.paragraphs(rng, 300)
-        set_columns(sheet, margin, y, wide, sheet.height_mm - 8 - y, words, small, columns=count(rng, 1, 3))
+        small, texts = design.text(6.0), design.paragraphs(rng, 300)
+        set_columns(sheet, margin, y, wide, sheet.height_mm - 8 - y, texts, small, columns=count(rng, 1, 3))
     elif often(rng, 0.6):
         graphics.bar_code(sheet, rng, margin, y + 3, some(rng, 50, 90), some(rng, 8, 16), design.voice)
 
@@ -153,12 +157,12 @@ def report(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     y, plain = some(rng, 18, 26), design.text(indent_em=0.0)
     if often(rng, 0.4):  # the last page of a section
         end *= some(rng, 0.3, 0.9)
-    sheet.words(margin, y - 8, design.voice.title(rng, 2, 4), design.voice.italic, 7.5, grey(0.7))
+    sheet.draw_text(margin, y - 8, design.voice.title(rng, 2, 4), design.voice.italic, 7.5, grey(0.7))
     while y < end - 25:
         title = f"{count(rng, 1, 9)}.{count(rng, 1, 9)}  {design.voice.title(rng, 2, 5)}"
         y = design.heading(sheet, margin, y, wide, title, some(rng, 11, 16)) + 3
-        for words in design.paragraphs(rng, count(rng, 40, 150)):
-            y = set_paragraph(sheet, margin, y, wide, words, design.body, bottom=end) + 2
+        for texts in design.paragraphs(rng, count(rng, 40, 150)):
+            y = set_paragraph(sheet, margin, y, wide, texts, design.body, bottom=end) + 2
         tall, kind = some(rng, 35, 70), count(rng, 0, 3)
         if kind == 0 and y + tall < end:
             charts.chart(sheet, rng, design, margin, y, wide, tall)
@@ -173,7 +177,7 @@ def report(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
                     y = set_paragraph(sheet, margin + 6, y, wide - 6, point, plain, bottom=end) + 1
             y += 3
     at = sheet.width_mm / 2, sheet.height_mm - 12
-    sheet.words(*at, design.voice.number(rng), design.voice.figures, 8, align="centre")
+    sheet.draw_text(*at, design.voice.number(rng), design.voice.figures, 8, align="centre")
 
 
 def table_page(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:

@@ -116,7 +116,7 @@ def _set_line(sheet: Sheet, x: float, y: float, width: float, line: Line, style:
     pen += {"right": width - length, "centre": (width - length) / 2}.get(align, 0.0)
     words = list(zip(line.words, line.widths_em, strict=True))
     for word, wide in reversed(words) if style.from_right else words:
-        sheet.words(pen, y, word, style.face, style.size_pt, style.ink)
+        sheet.draw_text(pen, y, word, style.face, style.size_pt, style.ink)
         pen += em * wide + space
 
 

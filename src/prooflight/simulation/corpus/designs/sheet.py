@@ -159,7 +159,7 @@ class Sheet:
         smooth = cv2.resize(cmyk, size, interpolation=cv2.INTER_LINEAR)
         self.picture(x, y, width, height, np.rint(smooth).astype(np.uint8))
 
-    def words(
+    def draw_text(
         self,
         x: float,
         y: float,
@@ -187,7 +187,7 @@ class Sheet:
             pen += size_mm * (face.advance(letter) + spread_em)
         return length
 
-    def turned_words(
+    def turned_text(
         self, x: float, y: float, text: str, face: Face, size_pt: float, ink: Ink = BLACK
     ) -> None:
         """Draw one line of type running up from (x, y), its baseline on the right."""

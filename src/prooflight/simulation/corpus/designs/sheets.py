@@ -14,7 +14,7 @@ from prooflight.simulation.corpus.designs.sheet import cells
 if TYPE_CHECKING:
     import numpy as np
 
-    from prooflight.simulation.corpus.designs.look import DesignStyle
+    from prooflight.simulation.corpus.designs.design_style import DesignStyle
     from prooflight.simulation.corpus.designs.sheet import Sheet
 
 
@@ -34,7 +34,7 @@ def labels(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
             text = f"{design.voice.title(rng, 1, 2)} {design.voice.number(rng)}"
             text = cut(text, design.voice.face, 8, wide - 6)
             ink = design.palette.text if row else design.palette.strong
-            sheet.words(x + 3, y + 0.22 * tall + 4 + 3.8 * row, text, design.voice.face, 8, ink)
+            sheet.draw_text(x + 3, y + 0.22 * tall + 4 + 3.8 * row, text, design.voice.face, 8, ink)
         if kind == 0:
             graphics.bar_code(sheet, rng, x + 3, y + 0.66 * tall, wide - 6, 0.22 * tall)
         elif kind == 1:
@@ -59,10 +59,10 @@ def catalogue(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
         sheet.picture(x, y, wide, high, design.photograph(rng, wide, high))
         name = design.voice.title(rng, 1, 2)
         down = design.heading(sheet, x, y + high + 1.5, wide, name, 10, design.palette.strong) + 1
-        words = design.voice.prose(rng, count(rng, 6, 20))
-        set_paragraph(sheet, x, down, wide - 14, words, design.text(7.0, align="left"), bottom=y + tall)
+        texts = design.voice.prose(rng, count(rng, 6, 20))
+        set_paragraph(sheet, x, down, wide - 14, texts, design.text(7.0, align="left"), bottom=y + tall)
         price = f"{rng.lognormal(3, 1):.2f}"
-        sheet.words(
+        sheet.draw_text(
             x + wide, y + tall - 2, price, design.voice.figures, 10, design.palette.bright, align="right"
         )
 
@@ -105,9 +105,9 @@ def calendar(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> Non
             sheet.rect(x, top, step_x, step_y, design.palette.tint)
         sheet.frame(x, top, step_x, step_y, grey(0.6), 0.4)
         ink = design.palette.bright if column == 6 else design.palette.text
-        sheet.words(x + 1.5, top + 6, str(day + 1), design.voice.figures, 13, ink)
+        sheet.draw_text(x + 1.5, top + 6, str(day + 1), design.voice.figures, 13, ink)
         if often(rng, 0.3):
-            sheet.words(
+            sheet.draw_text(
                 x + 1.5, top + 0.8 * step_y, design.voice.title(rng, 1, 1)[:9], design.voice.face, 6.5
             )
 
@@ -128,11 +128,11 @@ def tickets(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None
             sheet.rect(x, y, main, tall - 2, ground)
         sheet.frame(x, y, wide - 2, tall - 2, design.palette.text, 0.6)
         down = design.heading(sheet, x + 5, y + 5, main - 10, design.voice.title(rng, 1, 3), 26, over) + 4
-        words, style = design.voice.prose(rng, 12), design.text(8.0, over)
-        set_paragraph(sheet, x + 5, down, main - 30, words, style, bottom=y + tall - 6)
+        texts, style = design.voice.prose(rng, 12), design.text(8.0, over)
+        set_paragraph(sheet, x + 5, down, main - 30, texts, style, bottom=y + tall - 6)
         side = min(0.2 * wide, 0.45 * tall)
         graphics.square_code(sheet, rng, x + main + 3, y + 4, side)
-        sheet.turned_words(x + wide - 5, y + tall - 6, design.voice.number(rng), design.voice.figures, 10)
+        sheet.turned_text(x + wide - 5, y + tall - 6, design.voice.number(rng), design.voice.figures, 10)
         for notch in range(int((tall - 4) / 2.4)):
             sheet.upright(x + main, y + 1 + 2.4 * notch, 1.3, grey(0.8), 0.5)
 
@@ -195,8 +195,8 @@ def scan(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
         design.heading(sheet, margin, margin, wide - 2 * margin, design.voice.title(rng, 2, 5), 16, style.ink)
         + 6
     )
-    words = design.paragraphs(rng, count(rng, 150, 600))
-    set_columns(sheet, margin, y, wide - 2 * margin, tall - y - 40, words, style)
+    texts = design.paragraphs(rng, count(rng, 150, 600))
+    set_columns(sheet, margin, y, wide - 2 * margin, tall - y - 40, texts, style)
     graphics.stamp(sheet, rng, 0.7 * wide, tall - 45, 14, design.palette.strong, design.voice)
 
 
@@ -213,4 +213,4 @@ def coupons(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None
             graphics.bar_code(sheet, rng, x + 3, y, wide - 6, 0.55 * tall, design.voice)
         name = cut(design.voice.title(rng, 1, 2), design.voice.face, 8, wide - 4)
         at = x + wide / 2, y + 0.9 * tall
-        sheet.words(*at, name, design.voice.face, 8, design.palette.strong, align="centre")
+        sheet.draw_text(*at, name, design.voice.face, 8, design.palette.strong, align="centre")

@@ -40,8 +40,8 @@ def cover(sheet: Sheet) -> None:
     sky = develop(Shot(name="hubble", centre=(0.404, 0.5), black_point=24, soften=0.8), WIDTH_MM, HEIGHT_MM)
     sheet.picture(0, 0, sky, covered=covered)
     sheet.rect(LEFT_MM, 118, 36, 1.2, inks.EMBER)
-    for place, words in enumerate(("Ink, Light", "& Paper")):
-        sheet.text(LEFT_MM - 1, 144 + 25 * place, words, faces.SERIF, 68, ink=inks.PAPER)
+    for place, text in enumerate(("Ink, Light", "& Paper")):
+        sheet.text(LEFT_MM - 1, 144 + 25 * place, text, faces.SERIF, 68, ink=inks.PAPER)
     sheet.text(LEFT_MM, 185, copy_text.SUBTITLE, faces.ITALIC, 22, ink=inks.SAND)
     sheet.label(LEFT_MM, 275, copy_text.SERIES, ink=inks.SAND)
     sheet.label(RIGHT_MM, 275, copy_text.IMPRINT, ink=inks.SAND, align="right")
@@ -62,7 +62,7 @@ def title_page(sheet: Sheet) -> None:
     sheet.paragraph(LEFT_MM, 132, MEASURE_MM, lead, faces.style(size_pt=11.6, leading_pt=17))
     full = inks.FULL
     for place, ink in enumerate(((full, 0, 0, 0), (0, full, 0, 0), (0, 0, full, 0), inks.BLACK)):
-        sheet.rect(LEFT_MM + 9 * place, 252, 8, 8, ink, known=True)
+        sheet.rect(LEFT_MM + 9 * place, 252, 8, 8, ink, reference=True)
     sheet.text(LEFT_MM, 269, copy_text.IMPRINT, faces.SERIF, 12)
     sheet.label(LEFT_MM, 274.5, "Harrowick")
 
@@ -82,8 +82,8 @@ def contents(sheet: Sheet, entries: Sequence[tuple[str, str, int]]) -> None:
     y = 224.0
     sheet.label(LEFT_MM, y - 4, "Colophon")
     x, width = column(0, 2)
-    for words in copy_text.COLOPHON:
-        sheet.paragraph(x, y, width, words, faces.style(size_pt=8.2, leading_pt=11))
+    for text in copy_text.COLOPHON:
+        sheet.paragraph(x, y, width, text, faces.style(size_pt=8.2, leading_pt=11))
         x += width + 4
     sheet.folio()
 
@@ -130,15 +130,15 @@ def glossary(sheet: Sheet) -> None:
     sheet.folio()
 
 
-def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
+def _drop_cap(sheet: Sheet, y: float, text: str) -> float:
     """Set a paragraph whose first letter is three lines tall; return the lower edge. [mm]"""
     plain = faces.body(indent=False)
     # STIX capitals are 0.66 of the size tall.
     size_pt = (DROP_LINES - 1) * plain.leading / 0.66 + plain.fontSize
-    gap_mm = faces.width_pt(words[0], faces.SERIF, size_pt) / mm + 1.6
+    gap_mm = faces.width_pt(text[0], faces.SERIF, size_pt) / mm + 1.6
     baseline = y + ((DROP_LINES - 1) * plain.leading + plain.fontSize) / mm
-    sheet.text(LEFT_MM, baseline, words[0], faces.SERIF, size_pt, ink=inks.EMBER)
-    block = Paragraph(words[1:], plain)
+    sheet.text(LEFT_MM, baseline, text[0], faces.SERIF, size_pt, ink=inks.EMBER)
+    block = Paragraph(text[1:], plain)
     narrow = (MEASURE_MM - gap_mm) * mm
     block.wrap(narrow, HEIGHT_MM * mm)
     beside, below = block.split(narrow, DROP_LINES * plain.leading)
@@ -149,10 +149,10 @@ def _drop_cap(sheet: Sheet, y: float, words: str) -> float:
     return y
 
 
-def _footnote(sheet: Sheet, words: str) -> float:
+def _footnote(sheet: Sheet, text: str) -> float:
     """Set a note at the foot of the text; return the height of its rule. [mm]"""
     small = faces.style(size_pt=8.6, leading_pt=11.4, align="justified")
-    block = Paragraph(faces.raised(words, small), small)
+    block = Paragraph(faces.raised(text, small), small)
     _, height = block.wrap(MEASURE_MM * mm, HEIGHT_MM * mm)
     top = TEXT_BOTTOM_MM - height / mm
     block.drawOn(sheet.canvas, *sheet.at(LEFT_MM, TEXT_BOTTOM_MM))
@@ -160,7 +160,7 @@ def _footnote(sheet: Sheet, words: str) -> float:
     return top - 2
 
 
-def _running_head(sheet: Sheet, words: str) -> None:
+def _running_head(sheet: Sheet, text: str) -> None:
     sheet.label(LEFT_MM, TOP_MM + 3, copy_text.TITLE)
-    sheet.text(RIGHT_MM, TOP_MM + 3, words, faces.ITALIC, 9.4, ink=inks.GREY, align="right")
+    sheet.text(RIGHT_MM, TOP_MM + 3, text, faces.ITALIC, 9.4, ink=inks.GREY, align="right")
     sheet.rule(LEFT_MM, TOP_MM + 5.6, RIGHT_MM, TOP_MM + 5.6, inks.HAIRLINE, 0.3)

@@ -110,6 +110,6 @@ def _pie(sheet: Sheet, span: tuple[float, float], y: float, shares: NDArray[np.f
         start += sweep
     for place, (name, share, ink) in enumerate(zip(_CHANNELS, shares, _CHANNEL_INKS, strict=True)):
         line = y + 2 * radius + 9 + 5.6 * place
-        sheet.rect(left, line - 2.8, 3.4, 3.4, ink, known=True)
+        sheet.rect(left, line - 2.8, 3.4, 3.4, ink, reference=True)
         sheet.text(left + 6, line, name, faces.SANS, 7)
         sheet.text(left + width, line, f"{100 * share:.1f} %", faces.SANS, 7, align="right")

@@ -90,7 +90,7 @@ def caption(ink: Ink = inks.GREY) -> Any:
     return style(ITALIC, 8.6, 11.0, ink=ink)
 
 
-def raised(words: str, style: Any) -> str:
+def raised(text: str, style: Any) -> str:
     """Return markup with note marks (``<super>``) in a size that does not push the lines apart."""
     size, rise = 0.64 * style.fontSize, 0.3 * style.fontSize
-    return words.replace("<super>", f'<super size="{size:.1f}" rise="{rise:.1f}">')
+    return text.replace("<super>", f'<super size="{size:.1f}" rise="{rise:.1f}">')

@@ -55,12 +55,12 @@ def light_in_paper(sheet: Sheet, x: float, y: float, width: float) -> None:
         sheet.polygon(
             [(tip_x + lean, tip_y - 1.2), (tip_x - 0.9, tip_y + 1), (tip_x + 0.9, tip_y + 1)], inks.EMBER
         )
-    words = (
+    text = (
         "Three ways through the same sheet. The ray on the left goes in by clean paper and out through ink; the "
         "middle one meets no ink at all; the one on the right pays on the way in. Seen from above, the shadow of "
         "each dot is wider than the dot."
     )
-    sheet.paragraph(x, surface + depth + 3, width, words, faces.caption())
+    sheet.paragraph(x, surface + depth + 3, width, text, faces.caption())
 
 
 def three_discs(sheet: Sheet, x: float, y: float, width: float) -> None:
@@ -78,11 +78,11 @@ def three_discs(sheet: Sheet, x: float, y: float, width: float) -> None:
     sheet.know(middle - 2, y + 22, 4, 4, (full, full, full, 0), "overprint")
     sheet.know(middle - 3, y + 36, 6, 3, (0, full, full, 0), "overprint")
     sheet.know(middle - 3, y + 4, 6, 6, (full, 0, 0, 0))
-    words = (
+    text = (
         "Cyan, magenta and yellow, each laid over the other two. Where two meet there is blue, red or green; in the "
         "middle, where all three do, the untidy brown that the key plate exists to replace."
     )
-    sheet.paragraph(x, y + 49, width, words, faces.caption())
+    sheet.paragraph(x, y + 49, width, text, faces.caption())
 
 
 def coins(sheet: Sheet, x: float, y: float, width: float) -> None:
@@ -91,11 +91,11 @@ def coins(sheet: Sheet, x: float, y: float, width: float) -> None:
         name="coins", centre=(0.25, 0.3), zoom=1.5, tone=(1.1, 1.0, 0.82), black_point=20, white_point=235
     )
     sheet.picture(x, y, develop(shot, width, 72))
-    words = (
+    text = (
         "Greek coins found at Pompeii. Each was struck by hand, and no two are alike; yet anyone who had handled a "
         "thousand could tell a bad one at a glance, with no good one beside it."
     )
-    sheet.paragraph(x, y + 75, width, words, faces.caption())
+    sheet.paragraph(x, y + 75, width, text, faces.caption())
 
 
 def screens(sheet: Sheet, x: float, bottom: float, width: float) -> None:
@@ -112,8 +112,8 @@ def screens(sheet: Sheet, x: float, bottom: float, width: float) -> None:
             _dots(sheet, x + 4 * (side + gap), top, side, angle, ink)
         sheet.label(left, top - 2, f"{angle:g}°")
     sheet.label(x + 4 * (side + gap), top - 2, "together")
-    words = "The four screens of a process tint, ten times enlarged, at their own angles."
-    sheet.paragraph(x, bottom - 8, width, words, faces.caption())
+    text = "The four screens of a process tint, ten times enlarged, at their own angles."
+    sheet.paragraph(x, bottom - 8, width, text, faces.caption())
 
 
 def _dots(sheet: Sheet, left: float, top: float, side: float, angle_deg: float, ink: Ink) -> None:

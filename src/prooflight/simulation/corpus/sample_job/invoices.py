@@ -195,8 +195,8 @@ def _slip(sheet: Sheet, invoice: Invoice) -> None:
     x = column(1)[0] + 4
     sheet.text(x, top + 9, "Payment slip", faces.SERIF, 14, ink=quay.TEAL)
     facts = (*invoice.addressee[:2], f"Customer {invoice.customer}", f"Payable by {invoice.due}")
-    for place, words in enumerate(facts):
-        sheet.text(x, top + 14 + 4 * place, words, faces.SANS, 7.0)
+    for place, text in enumerate(facts):
+        sheet.text(x, top + 14 + 4 * place, text, faces.SANS, 7.0)
     sheet.text(x, top + 6 + side, f"£ {quay.money(invoice.total_pence)}", faces.SANS_BOLD, 11)
     bars = column(3)[0] + 14
     _bar_code(sheet, bars, top + 6, invoice.number)
@@ -204,11 +204,11 @@ def _slip(sheet: Sheet, invoice: Invoice) -> None:
 
 
 def _bar_code(
-    sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 0.4, height_mm: float = 20.0
+    sheet: Sheet, x: float, y: float, text: str, *, module_mm: float = 0.4, height_mm: float = 20.0
 ) -> None:
     """Draw Code 128 (ISO/IEC 15417) with its first bar at x and its top edge at y."""
     code = code128.Code128(
-        words,
+        text,
         barWidth=module_mm * mm,
         barHeight=height_mm * mm,
         quiet=0,
@@ -218,10 +218,10 @@ def _bar_code(
     code.drawOn(sheet.canvas, *sheet.at(x, y + height_mm))
 
 
-def _square_code(sheet: Sheet, x: float, y: float, words: str, *, module_mm: float = 1.1) -> float:
+def _square_code(sheet: Sheet, x: float, y: float, text: str, *, module_mm: float = 1.1) -> float:
     """Draw a QR code (ISO/IEC 18004) with its corner at (x, y), without quiet zone; return its side. [mm]"""
     code = qrencoder.QRCode(_QR_VERSION, qrencoder.QRErrorCorrectLevel.M)
-    code.addData(words)
+    code.addData(text)
     code.make()
     for row in range(_QR_MODULES):
         dark = [bool(code.isDark(row, step)) for step in range(_QR_MODULES)]

@@ -89,10 +89,10 @@ def form(sheet: Sheet) -> None:
     sheet.text(LEFT_MM, BOTTOM_MM, "Form 7, March 2025", faces.SANS, 6.2, ink=inks.GREY)
 
 
-def _heading(sheet: Sheet, y: float, number: str, words: str) -> None:
+def _heading(sheet: Sheet, y: float, number: str, text: str) -> None:
     sheet.rect(LEFT_MM, y - 5, 7, 7, quay.TEAL)
     sheet.text(LEFT_MM + 3.5, y, number, faces.SANS_BOLD, 10, ink=inks.PAPER, align="centre")
-    sheet.text(LEFT_MM + 10, y, words, faces.SERIF, 14, ink=quay.TEAL)
+    sheet.text(LEFT_MM + 10, y, text, faces.SERIF, 14, ink=quay.TEAL)
 
 
 def _combs(sheet: Sheet, y: float, name: str, count: int, *, x: float = LEFT_MM) -> None:

@@ -20,7 +20,7 @@ _SAND = inks.percent(0, 55, 100, 0)
 def spot_page(sheet: Sheet) -> None:
     """Draw the spot colour solid and in tints, with black overprinting it and knocked out of it."""
     sheet.begin("Spot colour and overprint")
-    sheet.spot(0, 0, 210, 150, 5, known=False)
+    sheet.spot(0, 0, 210, 150, 5, reference=False)
     sheet.know(0, 0, 18, 150, inks.SPOT, "spot")
     sheet.know(192, 0, 18, 150, inks.SPOT, "spot")
     with sheet.overprinting():
@@ -35,13 +35,13 @@ def spot_page(sheet: Sheet) -> None:
     _pair(sheet, 3, copy_text.KNOCKED_OUT, "knock-out")
 
 
-def _pair(sheet: Sheet, first: int, words: str, name: str) -> None:
+def _pair(sheet: Sheet, first: int, text: str, name: str) -> None:
     """Draw black bars and type over the spot colour and over process blue, overprinting or knocking out."""
     x, width = column(first, 3)
     half = width / 2
     blue = inks.percent(100, 60, 0, 0)
     sheet.label(x, 200, name, ink=inks.BLACK)
-    sheet.spot(x, 203, half, 46, 5, known=False)
+    sheet.spot(x, 203, half, 46, 5, reference=False)
     sheet.rect(x + half, 203, half, 46, blue)
     sheet.know(x, 239, half, 10, inks.SPOT, "spot")
     sheet.know(x + half, 239, half, 10, blue)
@@ -54,7 +54,7 @@ def _pair(sheet: Sheet, first: int, words: str, name: str) -> None:
         _black(sheet, x, half)
         sheet.know(x + 5, 208, half - 10, 8, inks.BLACK, "knock-out of spot")
         sheet.know(x + half + 5, 208, half - 10, 8, inks.BLACK, "knock-out")
-    sheet.paragraph(x, 252, width, words, faces.style(faces.ITALIC, 10.4, 14))
+    sheet.paragraph(x, 252, width, text, faces.style(faces.ITALIC, 10.4, 14))
 
 
 def _black(sheet: Sheet, x: float, half: float) -> None:
@@ -76,8 +76,8 @@ def poster(sheet: Sheet) -> None:
     sheet.know(0, 272, 210, 25, _SEAS[2])
     _boat(sheet, 62, 172, 1.0, inks.PAPER, inks.percent(0, 100, 40, 0))
     _boat(sheet, 164, 196, 0.72, _SAND, inks.PAPER)
-    for place, words in enumerate(("Harrowick", "Sound")):
-        sheet.text(LEFT_MM - 1, 52 + 25 * place, words, faces.BOLD, 68, ink=_SEAS[2])
+    for place, text in enumerate(("Harrowick", "Sound")):
+        sheet.text(LEFT_MM - 1, 52 + 25 * place, text, faces.BOLD, 68, ink=_SEAS[2])
     sheet.text(LEFT_MM, 266, "Regatta", faces.BOLD, 40, ink=_SKY)
     sheet.text(RIGHT_MM, 258, "Saturday 21 June", faces.BOLD, 15, ink=inks.PAPER, align="right")
     start = "first gun at ten, off the Customs House"

@@ -115,8 +115,8 @@ def mark(
 
 def address(sheet: Sheet, lines: tuple[str, ...]) -> None:
     """Set an address where a window envelope shows it."""
-    for place, words in enumerate(lines):
-        sheet.text(LEFT_MM, 63 + 5.2 * place, words, faces.SERIF, 11.4)
+    for place, text in enumerate(lines):
+        sheet.text(LEFT_MM, 63 + 5.2 * place, text, faces.SERIF, 11.4)
 
 
 def row(
@@ -129,8 +129,8 @@ def row(
     ink: inks.Ink,
 ) -> None:
     """Set a row of a table: three columns of words, which begin at their edge, and numbers, which end at theirs."""
-    for place, (edge, words) in enumerate(zip(edges_mm, cells, strict=True)):
-        sheet.text(edge, y, words, face, size_pt, ink=ink, align="left" if place < 3 else "right")
+    for place, (edge, text) in enumerate(zip(edges_mm, cells, strict=True)):
+        sheet.text(edge, y, text, face, size_pt, ink=ink, align="left" if place < 3 else "right")
 
 
 def letterhead(sheet: Sheet) -> None:

@@ -25,7 +25,7 @@ from prooflight.simulation.corpus.sample_job import (
     quay,
     tints,
 )
-from prooflight.simulation.corpus.sample_job.sheet import KnownPatch, KnownPicture, Sheet
+from prooflight.simulation.corpus.sample_job.sheet import ReferencePatch, ReferencePicture, Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +40,7 @@ class SampleJob:
     page_count: int
     titles: tuple[str, ...]
     """Title of each page, in job order."""
-    known: tuple[KnownPatch | KnownPicture, ...]
+    references: tuple[ReferencePatch | ReferencePicture, ...]
     """Flat areas and pictures with their original CMYK values."""
 
 
@@ -67,7 +67,9 @@ def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
                 message = f"a section drew {sheet.number - first} pages where {section.pages} were planned"
                 raise RuntimeError(message)
         sheet.finish()
-    return SampleJob(path=path, page_count=sheet.number, titles=tuple(sheet.titles), known=tuple(sheet.known))
+    return SampleJob(
+        path=path, page_count=sheet.number, titles=tuple(sheet.titles), references=tuple(sheet.references)
+    )
 
 
 def _sections(rng: np.random.Generator) -> list[_Section]:

@@ -31,7 +31,7 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KnownPatch:
+class ReferencePatch:
     """Flat rectangle: every pixel that lies wholly inside it has one CMYK value, at any resolution.
 
     (0, 0) is the page's top-left corner, x to the right, y down.
@@ -49,7 +49,7 @@ class KnownPatch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class KnownPicture:
+class ReferencePicture:
     """Picture placed square to the page; its pixels lie on a 0.1 mm grid, so 254 dpi meets each of them."""
 
     page: int
@@ -110,7 +110,7 @@ class Sheet:
         )
         self.canvas.setTitle(title)
         self.titles: list[str] = []
-        self.known: list[KnownPatch | KnownPicture] = []
+        self.references: list[ReferencePatch | ReferencePicture] = []
 
     @property
     def number(self) -> int:
@@ -135,26 +135,28 @@ class Sheet:
 
     def know(self, x: float, y: float, width: float, height: float, ink: Ink, what: str = "process") -> None:
         """Record that a rectangle is flat. Nothing drawn later may touch it."""
-        self.known.append(
-            KnownPatch(
+        self.references.append(
+            ReferencePatch(
                 page=self.number, x_mm=x, y_mm=y, width_mm=width, height_mm=height, cmyk=ink, what=what
             )
         )
 
-    def rect(self, x: float, y: float, width: float, height: float, ink: Ink, *, known: bool = False) -> None:
-        """Draw a flat; ``known`` records that it stays as it is."""
+    def rect(
+        self, x: float, y: float, width: float, height: float, ink: Ink, *, reference: bool = False
+    ) -> None:
+        """Draw a flat; ``reference`` records that it stays as it is."""
         self.canvas.setFillColor(inks.colour(ink))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
-        if known:
+        if reference:
             self.know(x, y, width, height, ink)
 
     def spot(
-        self, x: float, y: float, width: float, height: float, fifths: int, *, known: bool = True
+        self, x: float, y: float, width: float, height: float, fifths: int, *, reference: bool = True
     ) -> None:
         """Draw a flat in the spot colour at ``fifths`` / 5 of its full tint."""
         self.canvas.setFillColor(inks.spot_colour(fifths))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
-        if known:
+        if reference:
             self.know(x, y, width, height, inks.spot_equivalent(fifths), "spot")
 
     @contextmanager
@@ -206,7 +208,7 @@ class Sheet:
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         face: str = faces.SERIF,
         size_pt: float = 10.6,
         *,
@@ -215,13 +217,13 @@ class Sheet:
         spread_pt: float = 0.0,
     ) -> None:
         """Set one line with its baseline at y; ``spread_pt`` is added after each letter but the last."""
-        width = faces.width_pt(words, face, size_pt) + spread_pt * (len(words) - 1)
+        width = faces.width_pt(text, face, size_pt) + spread_pt * (len(text) - 1)
         start = x * mm - {"left": 0.0, "centre": width / 2, "right": width}[align]
         line = self.canvas.beginText(start, _up(y))
         line.setFont(face, size_pt)
         line.setFillColor(inks.colour(ink))
         line.setCharSpace(spread_pt)
-        line.textOut(words)
+        line.textOut(text)
         line.setCharSpace(0)
         self.canvas.drawText(line)
 
@@ -229,13 +231,13 @@ class Sheet:
         """Return the same point in PDF's coordinates, for direct use of ``canvas``. [pt]"""
         return float(x * mm), _up(y)
 
-    def label(self, x: float, y: float, words: str, *, ink: Ink = inks.GREY, align: str = "left") -> None:
+    def label(self, x: float, y: float, text: str, *, ink: Ink = inks.GREY, align: str = "left") -> None:
         """Set a small spaced line of capitals above the object that it names."""
-        self.text(x, y, words.upper(), faces.SANS, 6.2, ink=ink, align=align, spread_pt=0.7)
+        self.text(x, y, text.upper(), faces.SANS, 6.2, ink=ink, align=align, spread_pt=0.7)
 
-    def paragraph(self, x: float, y: float, width: float, words: str, style: Any) -> float:
+    def paragraph(self, x: float, y: float, width: float, text: str, style: Any) -> float:
         """Set text from the top edge y down; return its lower edge. [mm]"""
-        block = Paragraph(words, style)
+        block = Paragraph(text, style)
         _, height = block.wrap(width * mm, HEIGHT_MM * mm)
         block.drawOn(self.canvas, x * mm, _up(y) - height)
         return float(y + height / mm)
@@ -275,8 +277,8 @@ class Sheet:
         self.canvas.doForm(self._embed(cmyk))
         self.canvas.restoreState()
         cmyk.setflags(write=False)
-        self.known.append(
-            KnownPicture(
+        self.references.append(
+            ReferencePicture(
                 page=self.number,
                 x_mm=x,
                 y_mm=y,

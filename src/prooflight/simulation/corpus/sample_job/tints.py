@@ -46,7 +46,7 @@ def wedges(sheet: Sheet) -> None:
         sheet.text(LEFT_MM, y + 7.8, name, faces.SANS, 7.4)
         for place, step in enumerate(_STEPS_PERCENT):
             ink = inks.percent(*(step * weight for weight in weights))
-            sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink, known=True)
+            sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink, reference=True)
     for place, step in enumerate(_STEPS_PERCENT):
         middle = LEFT_MM + 26 + pitch * (place + 0.5)
         sheet.text(middle, 62.6, f"{step}", faces.SANS, 6, ink=inks.GREY, align="centre")
@@ -72,7 +72,7 @@ def _fine_lines(sheet: Sheet, y: float) -> None:
 
 
 def _small_type(sheet: Sheet, y: float) -> None:
-    words = "A nozzle dries and leaves a pale scratch a hair wide."
+    text = "A nozzle dries and leaves a pale scratch a hair wide."
     sizes = (4, 5, 6, 7, 8)
     for flip, (under, ink) in enumerate(((inks.PAPER, inks.BLACK), (inks.NIGHT, inks.PAPER))):
         x, width = column(3 * flip, 3)
@@ -81,7 +81,7 @@ def _small_type(sheet: Sheet, y: float) -> None:
         for size in sizes:
             down += 0.9 * size
             sheet.text(x + 4, down, f"{size} pt", faces.SANS, 4.6, ink=ink)
-            sheet.text(x + 12, down, words, faces.SERIF, size, ink=ink)
+            sheet.text(x + 12, down, text, faces.SERIF, size, ink=ink)
 
 
 def gradients(sheet: Sheet) -> None:
@@ -145,7 +145,7 @@ def _grey_balance(sheet: Sheet, y: float) -> None:
         sheet.text(x - 3, down + 7.4, f"Y {yellow}", faces.SANS, 6.4, ink=inks.GREY, align="right")
         for place, magenta in enumerate(steps):
             across = round(x + 5 + pitch_x * place, 1)
-            sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0), known=True)
+            sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0), reference=True)
     for place, magenta in enumerate(steps):
         middle = x + 16 + pitch_x * place
         sheet.text(middle, y + 91, f"M {magenta}", faces.SANS, 6.4, ink=inks.GREY, align="centre")
@@ -170,7 +170,7 @@ def two_blacks(sheet: Sheet) -> None:
     for place, grey in enumerate((100, 98, 95, 92, 88, 84)):
         left = LEFT_MM + 29 * place
         ink = inks.percent(60, 40, 40, grey)
-        sheet.rect(left, 214, 25, 30, ink, known=True)
+        sheet.rect(left, 214, 25, 30, ink, reference=True)
         sheet.text(left, 249, f"60/40/40/{grey}", faces.SANS, 6, ink=inks.HAIRLINE)
     sheet.text(LEFT_MM, 206, "How deep is deep enough?", faces.ITALIC, 13, ink=inks.STRAW)
     sheet.rule(LEFT_MM, 262, RIGHT_MM, 262, inks.PAPER, 0.25)

@@ -59,11 +59,11 @@ def has_extraction() -> bool:
     return bool(binding.get_host_cpu_features().get("bmi2"))
 
 
-def _extracted(builder: Any, word: Any, widths: Any, *, upper: bool) -> Any:
+def _extracted(builder: Any, packed_inks: Any, widths: Any, *, upper: bool) -> Any:
     """Extract the upper ``widths`` bits of the word's four bytes, or the others, by shifts, for any processor."""
     eight, result = ir.Constant(_INT, 8), ir.Constant(_INT, 0)
     for ink in reversed(range(4)):
-        byte = builder.and_(builder.lshr(word, ir.Constant(_INT, 8 * ink)), ir.Constant(_INT, 255))
+        byte = builder.and_(builder.lshr(packed_inks, ir.Constant(_INT, 8 * ink)), ir.Constant(_INT, 255))
         rest = builder.sub(eight, widths[ink])
         whole = builder.lshr(byte, rest)
         width = widths[ink] if upper else rest
@@ -73,13 +73,13 @@ def _extracted(builder: Any, word: Any, widths: Any, *, upper: bool) -> Any:
 
 
 def _extracting(
-    builder: Any, word: Any, widths: Any, masks: Any, *, upper: bool, one_instruction: bool
+    builder: Any, packed_inks: Any, widths: Any, masks: Any, *, upper: bool, one_instruction: bool
 ) -> Any:
     if not one_instruction:
-        return _extracted(builder, word, widths, upper=upper)
+        return _extracted(builder, packed_inks, widths, upper=upper)
     kind = ir.FunctionType(_INT, [_INT, _INT])
     pext = builder.module.declare_intrinsic("llvm.x86.bmi.pext.32", (), kind)
-    return builder.call(pext, [word, masks[0] if upper else masks[1]])
+    return builder.call(pext, [packed_inks, masks[0] if upper else masks[1]])
 
 
 def _eight_sums(
@@ -90,9 +90,11 @@ def _eight_sums(
     widths, masks, inner_bits, inner_mask = split
     parts = []
     for n in range(AT_ONCE):
-        word = _load(builder, packed, builder.add(first, ir.Constant(_LONG, n)), _INT)
-        cell = _extracting(builder, word, widths, masks, upper=True, one_instruction=one_instruction)
-        fraction = _extracting(builder, word, widths, masks, upper=False, one_instruction=one_instruction)
+        packed_inks = _load(builder, packed, builder.add(first, ir.Constant(_LONG, n)), _INT)
+        cell = _extracting(builder, packed_inks, widths, masks, upper=True, one_instruction=one_instruction)
+        fraction = _extracting(
+            builder, packed_inks, widths, masks, upper=False, one_instruction=one_instruction
+        )
         places = [cell, builder.and_(fraction, inner_mask), builder.lshr(fraction, inner_bits)]
         starts = [
             builder.shl(builder.zext(place, _LONG), ir.Constant(_LONG, bits))
@@ -126,7 +128,7 @@ def eight_at_once(*, one_instruction: bool) -> Any:
     """Return the look-up intrinsic; one_instruction: whether ``has_extraction``."""
 
     @intrinsic
-    def look_up_eight(context, codes, inner, outer, packed, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
+    def lookup_eight(context, codes, inner, outer, packed, bits, first, masks, unit, level, out):  # type: ignore[no-untyped-def]
         """Set out[first:first + 8] = unit sum^2 - level of recipes there; bits: of cells (4) and inner fractions."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -148,15 +150,15 @@ def eight_at_once(*, one_instruction: bool) -> Any:
         kinds = (codes, inner, outer, packed, bits, types.int64, masks, types.float32, types.float32, out)
         return types.void(*kinds), generate
 
-    return look_up_eight
+    return lookup_eight
 
 
-look_up_eight = eight_at_once(one_instruction=has_extraction())
+lookup_eight = eight_at_once(one_instruction=has_extraction())
 
 
 @intrinsic
-def eight_alike(context, packed, first, word):  # type: ignore[no-untyped-def]
-    """Return whether eight recipes from ``first`` on are all ``word``."""
+def eight_alike(context, packed, first, packed_inks):  # type: ignore[no-untyped-def]
+    """Return whether eight recipes from ``first`` on are all ``packed_inks``."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = make_array(signature.args[0])(context, builder, args[0]).data
@@ -181,7 +183,7 @@ def masks_of(bits):  # type: ignore[no-untyped-def]
     "level, out (N)",
     where="N % 8 == 0",
 )
-def look_up_light(packed, table, level, out):  # type: ignore[no-untyped-def]
+def lookup_light(packed, table, level, out):  # type: ignore[no-untyped-def]
     """Look up recipes, packed (n,) uint32 with cyan lowest, in a ``QuantisedTable``, less ``level``; n a multiple of 8.
 
     Eight recipes equal to the one before, half of every page, are not looked up.
@@ -198,7 +200,7 @@ def look_up_light(packed, table, level, out):  # type: ignore[no-untyped-def]
             for i in range(first, first + 8):
                 out[i] = value
         else:
-            look_up_eight(
+            lookup_eight(
                 table.codes, table.inner, table.outer, packed, bits, first, masks, table.unit, before, out
             )
             last = packed[first + 7]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.inspection.sheets import ToLookAt, to_look_at
-from prooflight.journal.following import Asked
+from prooflight.inspection.sheets import ReviewList, to_review
+from prooflight.journal.following import PageQuery
 from prooflight.pages.layout.plan import SheetPlan, facts_plan
 from prooflight.server.reading.runs import pages_to_review
 
@@ -28,7 +28,7 @@ class ImposedSheets:
     plan: SheetPlan
     passed: int
     """Number of positions up to the furthest side that came."""
-    found: ToLookAt
+    review: ReviewList
 
 
 def imposed_sheets(reading: Reading, run: RunRow) -> ImposedSheets | None:
@@ -38,19 +38,19 @@ def imposed_sheets(reading: Reading, run: RunRow) -> ImposedSheets | None:
         return None
     rows = list(pages_to_review(reading, run))
     passed = positions_passed(reading, run, rows)
-    found = to_look_at(plan, rows, passed=passed, ended=run.state != "running")
-    return ImposedSheets(plan=plan, passed=passed, found=found)
+    review = to_review(plan, rows, passed=passed, ended=run.state != "running")
+    return ImposedSheets(plan=plan, passed=passed, review=review)
 
 
 def imposed_facts(imposed: ImposedSheets) -> dict[str, Any]:
     """Return counts, and sheets and sets to review, for programs."""
     return {
-        "layout": imposed.plan.layout.words,
-        "counts": imposed.found.counts.facts,
+        "layout": imposed.plan.layout.text,
+        "counts": imposed.review.counts.facts,
         "sheets": [
-            {**asdict(one), "bad_pages": list(one.bad_pages)} for one in imposed.found.sheets[:MOST_LISTED]
+            {**asdict(one), "bad_pages": list(one.bad_pages)} for one in imposed.review.sheets[:MOST_LISTED]
         ],
-        "sets": [{**asdict(one), "complete": one.complete} for one in imposed.found.sets[:MOST_LISTED]],
+        "sets": [{**asdict(one), "complete": one.complete} for one in imposed.review.sets[:MOST_LISTED]],
     }
 
 
@@ -59,7 +59,7 @@ def positions_passed(reading: Reading, run: RunRow, rows: Iterable[PageRecord]) 
     passed = max((one.job_page + 1 for one in rows if one.job_page is not None), default=0)
     follower = reading.follower
     last = -1 if follower is None else follower.last_sheet(run.id)
-    query = Asked(run_id=run.id, first_sheet=max(last - BACK, 0))
+    query = PageQuery(run_id=run.id, first_sheet=max(last - BACK, 0))
     for row in reading.sheets(query, after=-1, limit=BACK + 1, damaged=lambda _: None):
         passed = max(passed, 0 if row.page.job_page is None else row.page.job_page + 1)
     return passed

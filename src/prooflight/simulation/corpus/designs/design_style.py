@@ -9,7 +9,7 @@ from prooflight.simulation.corpus.designs import photographs
 from prooflight.simulation.corpus.designs.chance import pick, some
 from prooflight.simulation.corpus.designs.inks import Palette, Separation
 from prooflight.simulation.corpus.designs.setting import Style, fitted_pt
-from prooflight.simulation.corpus.designs.words import Voice
+from prooflight.simulation.corpus.designs.vocabulary import Voice
 
 if TYPE_CHECKING:
     import numpy as np
@@ -84,5 +84,5 @@ class DesignStyle:
         if align == "left" and self.voice.from_right:
             align = "right"
         at = {"left": x, "centre": x + width / 2, "right": x + width}[align]
-        sheet.words(at, y + 0.31 * size, text, self.voice.bold, size, colour, align=align)
+        sheet.draw_text(at, y + 0.31 * size, text, self.voice.bold, size, colour, align=align)
         return y + 0.42 * size

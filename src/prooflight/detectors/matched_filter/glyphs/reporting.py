@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.glyphs.weighing import PageGlyphs, WeighedGlyph
+    from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredGlyph
 
 EXCHANGED: Final = "exchanged-glyph"
 MISSING: Final = "missing-glyph"
@@ -32,7 +32,7 @@ MOST_REGIONS: Final = 8
 
 
 def glyphs_name(
-    glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region], *, kind: str
+    glyphs: PageGlyphs, wrong: Sequence[ScoredGlyph], others: Sequence[Region], *, kind: str
 ) -> bool:
     """Return whether glyphs describe a page that also alarms by other evidence, of another kind and place.
 
@@ -57,7 +57,7 @@ def _is_of(place: Region, box_mm: NDArray[np.float64]) -> bool:
 
 
 def glyph_explanation(
-    glyphs: PageGlyphs, wrong: Sequence[WeighedGlyph], others: Sequence[Region]
+    glyphs: PageGlyphs, wrong: Sequence[ScoredGlyph], others: Sequence[Region]
 ) -> dict[str, Any]:
     """Return kind, places and reason; wrong: the worst first; others: places of other evidence."""
     kinds = [MISSING if one.missing else EXCHANGED for one in wrong]

@@ -44,7 +44,7 @@ EDGE: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundOffset:
+class CameraOffset:
     """Estimated offset of the second sensor, later and further right than the first, with standard deviations."""
 
     lines: float
@@ -62,9 +62,9 @@ class FoundOffset:
         return SensorOffset(lines=self.lines, pixels=self.pixels)
 
 
-def found_offset(
+def camera_offset(
     first: NDArray[np.uint16], second: NDArray[np.uint16], *, where: str = "the scan"
-) -> FoundOffset:
+) -> CameraOffset:
     """Estimate the offset of the second sensor's lines (n, pixels) [DN] from the first's, by the same count of lines.
 
     Whole lines up to n / 2 and 24 pixels are searched. Standard deviations are from the scatter of the tiles,
@@ -88,7 +88,7 @@ def found_offset(
         raise ScanError(where, what, remedy="let a page of text or pictures pass under both")
     spread = np.sqrt((weights**2 * (steps - whole) ** 2).sum(axis=0)) / weights.sum(axis=0)
     spread = np.hypot(spread, FLOOR)
-    return FoundOffset(
+    return CameraOffset(
         lines=float(moved[0]),
         pixels=float(moved[1]),
         lines_sd=float(spread[0]),

@@ -12,7 +12,7 @@ import numpy as np
 from prooflight.errors import ScanError
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import LOOK, NAMES, value_of
+from prooflight.scans.cameras.setting_up import FEATURES_REMEDY, NAMES, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -69,7 +69,7 @@ class LastLines:
         return np.concatenate(list(self._blocks), axis=1)
 
 
-class CameraTap:
+class CameraLineReader:
     """Open camera whose lines are requested when they are needed, and dropped meanwhile."""
 
     def __init__(
@@ -85,7 +85,7 @@ class CameraTap:
         names: this model's names for features of ``setting_up.NAMES``. ScanError: its pixels cannot be read.
         """
         self.camera, self._names, self._clock, self._patience_s = camera, names or {}, clock, patience_s
-        self.name = camera.found.id
+        self.name = camera.info.id
         self.pixels = int(value_of(camera, "Width"))
         self.form = pixel_format(value_of(camera, "PixelFormat"), where=self.name)
         self.sensors = self.form.sensors
@@ -111,7 +111,7 @@ class CameraTap:
         """
         one = self.feature(feature)
         if one is None or not one.writable:
-            raise ScanError(self.name, f"does not let {NAMES[feature][0]} be set", remedy=LOOK)
+            raise ScanError(self.name, f"does not let {NAMES[feature][0]} be set", remedy=FEATURES_REMEDY)
         low = value if one.least is None else max(value, one.least)
         clamped = low if one.greatest is None else min(low, one.greatest)
         self.camera.set(one.name, f"{clamped:.12g}" if one.kind == "float" else str(round(clamped)))

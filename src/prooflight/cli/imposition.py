@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from prooflight.detectors.verdict import Verdict
-    from prooflight.inspection.sheets import Counts, SetVerdict, SheetVerdict, ToLookAt
+    from prooflight.inspection.sheets import Counts, ReviewList, SetVerdict, SheetVerdict
     from prooflight.journal.journal import Journal
     from prooflight.journal.reading import Damaged
     from prooflight.journal.records import RunRow
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
 
 
-def laid_out(
-    job: JobSource, words: str | None, geometry: ScanGeometry, *, sheets: int | None = None
+def imposed(
+    job: JobSource, layout_text: str | None, geometry: ScanGeometry, *, sheets: int | None = None
 ) -> tuple[JobSource, SheetPlan | None]:
     """Return the job as sides, and the plan of its sheets; None: no layout was given, and pages are printed
     as they are.
@@ -32,16 +32,16 @@ def laid_out(
     ``sheets`` is the number of sheets of the run; None: the job once. Places that stay blank are reported.
     Errors as ``planned``.
     """
-    if words is None:
+    if layout_text is None:
         return job, None
     from prooflight.pages.layout.layout import Layout
     from prooflight.press.sheets import planned
 
-    layout = Layout.parse(words)
+    layout = Layout.parse(layout_text)
     with job.open() as opened:
         plan = planned(opened, layout, geometry, sheets=sheets)
     if blank := plan.layout.blank_places:
-        faults.told(
+        faults.report(
             f"the last of the job's {plan.sheets_a_job:,} sheets has {plan.layout.pages_a_sheet} places, "
             f"of which {blank} must stay blank"
         )
@@ -63,20 +63,20 @@ def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | 
     return parts + assembling.end()
 
 
-def of_job_told(parts: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
+def print_job(parts: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None:
     """Print the sheets and sets of a job."""
     from prooflight.inspection.sheets import Counts
 
     if not json:
-        sheets_told(parts, Counts.of(parts))
+        print_sheets(parts, Counts.of(parts))
         return
     for one in parts:
         show.print_json(sheet_facts(one))
 
 
-def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | None:
+def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ReviewList | None:
     """Return a run's sheets and sets that a person should examine, from its rows; None if it has none."""
-    from prooflight.inspection.sheets import to_look_at
+    from prooflight.inspection.sheets import to_review
     from prooflight.pages.layout.plan import facts_plan
 
     plan = facts_plan(run.facts.settings)
@@ -87,7 +87,7 @@ def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ToLookAt | Non
         passed = max(passed, 0 if page.job_page is None else page.job_page + 1)
         if page.verdict.verdict != "good" or page.faults:
             rows.append(page)
-    return to_look_at(plan, rows, passed=passed, ended=run.state != "running")
+    return to_review(plan, rows, passed=passed, ended=run.state != "running")
 
 
 def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
@@ -102,7 +102,7 @@ def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
     parts = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
     sheets = [sheet_facts(one)["sheet_verdict"] for one in parts if isinstance(one, SheetVerdict)]
     sets = [sheet_facts(one)["set_verdict"] for one in parts if not isinstance(one, SheetVerdict)]
-    show.print_json({"run": run.id, "layout": plan.layout.words, "sheets": sheets, "sets": sets})
+    show.print_json({"run": run.id, "layout": plan.layout.text, "sheets": sheets, "sets": sets})
 
 
 def sheet_facts(part: SheetVerdict | SetVerdict) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def sheet_facts(part: SheetVerdict | SetVerdict) -> dict[str, Any]:
     return {"set_verdict": asdict(part) | {"complete": part.complete}}
 
 
-def sheets_told(
+def print_sheets(
     parts: Iterable[SheetVerdict | SetVerdict], counts: Counts, *, last: int | None = None
 ) -> None:
     """Print sheets and sets that are not clean, and the counts, for people; ``last`` limits the rows of each table."""
@@ -126,8 +126,10 @@ def sheets_told(
     sheets = [one for one in spoiled if isinstance(one, SheetVerdict)]
     sets = [one for one in spoiled if not isinstance(one, SheetVerdict)]
     if sheets:
-        words = ("name", "verdict", "bad pages", "why")
-        table = show.table_of("Sheets to look at", ("sheet", "copy", *words), words=words)
+        text_columns = ("name", "verdict", "bad pages", "why")
+        table = show.table_of(
+            "Sheets to look at", ("sheet", "copy", *text_columns), text_columns=text_columns
+        )
         for one in sheets[-last if last else 0 :]:
             table.add_row(
                 str(one.sheet),
@@ -140,7 +142,7 @@ def sheets_told(
         show.people.print(table)
     if sets:
         of_sets = ("verdict", "why")
-        table = show.table_of("Sets to look at", ("set", *of_sets), words=of_sets)
+        table = show.table_of("Sets to look at", ("set", *of_sets), text_columns=of_sets)
         for own in sets[-last if last else 0 :]:
             style = show.VERDICT_STYLE[own.verdict]
             table.add_row(str(own.set_number), Text(own.verdict, style=style), "; ".join(own.why))

@@ -46,7 +46,7 @@ def summary_of(inspection: Inspection) -> NDArray[np.float64] | None:
 
 
 @dataclass(slots=True, kw_only=True)
-class PromiseWatch:
+class GuaranteeMonitor:
     """Test of one run's pages, until it shows that the false-alarm rate does not hold; that is final."""
 
     test: RunTest | None = None

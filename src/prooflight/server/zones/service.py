@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.pages.zones.zones_file import ZoneEntry
-    from prooflight.server.accounts.book import Accounts
+    from prooflight.server.accounts.account_store import Accounts
     from prooflight.server.accounts.roles import Who
     from prooflight.server.zones.prices import Prices, PriceTask
 
@@ -137,7 +137,7 @@ class ZonesService:
     ) -> JobZones:
         """Return zones as a person drew them; raises ``Problem`` 422 if they are not valid."""
         try:
-            return JobZones.made(entries, job.sizes_mm, careful_share=careful_share)
+            return JobZones.create(entries, job.sizes_mm, careful_share=careful_share)
         except JobError as error:
             raise Problem(422, "zones", str(error)) from error
 

@@ -79,7 +79,7 @@ class Voice:
     """Vocabulary, script and faces of a design's words."""
 
     script: str
-    words: tuple[str, ...]
+    vocabulary: tuple[str, ...]
     """Vocabulary, the most frequent words first."""
     face: Face
     bold: Face
@@ -92,15 +92,15 @@ class Voice:
         """Return whether lines begin at the right."""
         return self.script in FROM_RIGHT
 
-    def some_words(self, rng: np.random.Generator, number: int) -> list[str]:
+    def vocabulary_sample(self, rng: np.random.Generator, number: int) -> list[str]:
         """Draw words by Zipf's law, frequency in proportion to rank to the power of -1."""
-        weights = 1.0 / np.arange(2, len(self.words) + 2)
-        drawn = rng.choice(len(self.words), size=number, p=weights / weights.sum())
-        return [self.words[place] for place in drawn]
+        weights = 1.0 / np.arange(2, len(self.vocabulary) + 2)
+        drawn = rng.choice(len(self.vocabulary), size=number, p=weights / weights.sum())
+        return [self.vocabulary[place] for place in drawn]
 
     def prose(self, rng: np.random.Generator, number: int) -> list[str]:
         """Draw sentences of ``number`` words in all, now and then with a number in them."""
-        words = self.some_words(rng, number)
+        words = self.vocabulary_sample(rng, number)
         left = 0
         for place, word in enumerate(words):
             if rng.random() < 0.015:
@@ -115,8 +115,8 @@ class Voice:
 
     def title(self, rng: np.random.Generator, least: int = 1, most: int = 4) -> str:
         """Draw a few words for a heading."""
-        drawn = rng.choice(len(self.words), size=count(rng, least, most), replace=False)
-        words = [self.words[place] for place in drawn]
+        drawn = rng.choice(len(self.vocabulary), size=count(rng, least, most), replace=False)
+        words = [self.vocabulary[place] for place in drawn]
         words = [_capital(words[0]), *(_capital(word) if len(word) > 4 else word for word in words[1:])]
         return " ".join(reversed(words) if self.from_right else words)
 
@@ -134,7 +134,7 @@ class Voice:
                 "".join(pick(rng, face.letters) for _ in range(count(rng, 1, 4))) for _ in range(160)
             )
             figures = OutlineFace(SANS)
-            return cls(script=script, words=words, face=face, bold=face, italic=face, figures=figures)
+            return cls(script=script, vocabulary=words, face=face, bold=face, italic=face, figures=figures)
         stem = pick_weighted(rng, _FACES[script])
         words = _vocabulary(rng, script)
         if stem.startswith("cm"):
@@ -142,7 +142,7 @@ class Voice:
         bold, italic = _BOLD_AND_ITALIC[stem]
         return cls(
             script=script,
-            words=words,
+            vocabulary=words,
             face=OutlineFace(stem),
             bold=OutlineFace(bold),
             italic=OutlineFace(stem if script in FROM_RIGHT else italic),

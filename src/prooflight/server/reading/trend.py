@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.journal.following import Asked
-from prooflight.journal.words import run_key
+from prooflight.journal.following import PageQuery
+from prooflight.journal.labels import run_key
 from prooflight.server.reading.drift import drift, latencies
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def group_of(channel: str) -> str | None:
 def troubles(reading: Reading, run: RunRow, starts: list[int]) -> dict[str, list[int]]:
     """Count sheets with lost lines, late, or not inspected, in the parts of a run that begin at ``starts``."""
     totals = {name: np.zeros(max(len(starts), 1), int) for name in ("lost-lines", "late", "not-inspected")}
-    after, query = -1, Asked(run_id=run.id, to_look_at=True)
+    after, query = -1, PageQuery(run_id=run.id, to_review=True)
     while starts and (rows := reading.sheets(query, after=after, limit=AT_ONCE, damaged=lambda _: None)):
         for row in rows:
             page = row.page

@@ -38,7 +38,7 @@ from prooflight.detectors.matched_filter.glyphs.finding import find_glyphs, line
 from prooflight.detectors.matched_filter.glyphs.letters import MARGIN, RIVALS, Letters, Optics, in_cells
 from prooflight.kernels.statistics.glyphs import NUISANCES, SHARE, Patches, PlacedGlyphs, glyph_energies
 from prooflight.pages.parallel import parts_of, shared_out
-from prooflight.prediction.predict import looked_up
+from prooflight.prediction.predict import expected_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,7 +110,7 @@ class PageGlyphs:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WeighedGlyph:
+class ScoredGlyph:
     """Test result of an outlying glyph."""
 
     glyph: int
@@ -123,16 +123,16 @@ class WeighedGlyph:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WeighedPage:
+class ScoredPage:
     """Result of the glyph tests of one scan."""
 
     score: float
     """S."""
-    found: tuple[WeighedGlyph, ...]
+    glyphs: tuple[ScoredGlyph, ...]
     """Glyphs that were tested, the worst first."""
 
 
-NOTHING: Final = WeighedPage(score=NONE, found=())
+NOTHING: Final = ScoredPage(score=NONE, glyphs=())
 
 
 def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> PageGlyphs:
@@ -163,7 +163,7 @@ def prepare_glyphs(page: Page, *, sensors: Sequence[SensorModel], geometry: Scan
     off = letters.centroid[outline] - letters.centroid[letters.leader[letter]] - MARGIN
     column = np.rint(corner[:, 0]).astype(np.intp).clip(0, geometry.pixels - 1)
     contrast = [
-        (looked_up(detected.ink[used], sensor)[0] - looked_up(detected.ground[used], sensor)[0])
+        (expected_light(detected.ink[used], sensor)[0] - expected_light(detected.ground[used], sensor)[0])
         * sensor.column_gain[column]
         for sensor in sensors
     ]
@@ -192,7 +192,7 @@ def score_glyphs(
     *,
     astray: float = 0.0,
     threads: int = 1,
-) -> WeighedPage:
+) -> ScoredPage:
     """Test every glyph of a scan; return the page's score S and the outlying glyphs.
 
     Parameters
@@ -220,7 +220,7 @@ def score_glyphs(
     excess = energy - usual * pixels - 2 * spread * LEAST_RATIO
     tested = np.argsort(-excess, kind="stable")[: min(MAX_TESTED, int((excess > 0).sum()))]
     ratios: list[NDArray[np.float64]] = []
-    results: list[WeighedGlyph] = []
+    results: list[ScoredGlyph] = []
     for glyph in tested:
         about = max(spread, OF_ENERGY * usual_about(glyphs.box_mm, energy, pixels, int(glyph)))
         ratio, deviation, missing = likelihood_ratios(
@@ -230,7 +230,7 @@ def score_glyphs(
             worst = int(ratio.argmax())
             ratios.append(ratio)
             results.append(
-                WeighedGlyph(
+                ScoredGlyph(
                     glyph=int(glyph),
                     ratio=float(ratio[worst]),
                     deviation=float(deviation[worst]),
@@ -243,7 +243,7 @@ def score_glyphs(
     most = float(every.max())
     mean = np.exp(every - most).sum() / (glyphs.count * (RIVALS + 1))
     results.sort(key=lambda one: -one.ratio)
-    return WeighedPage(score=max(capped(most + float(np.log(mean)), astray), NONE), found=tuple(results))
+    return ScoredPage(score=max(capped(most + float(np.log(mean)), astray), NONE), glyphs=tuple(results))
 
 
 def chance_astray(sd_pixels: Sequence[float]) -> float:

@@ -444,10 +444,10 @@ class Accounts:
         with self._engine.begin() as connection:
             return audit.entries(connection, before=before, limit=limit)
 
-    def verified(self, *, held: str | None = None) -> audit.Chain:
+    def verified(self, *, expected_head: str | None = None) -> audit.Chain:
         """Verify the audit; see ``audit.verified``."""
         with self._engine.begin() as connection:
-            return audit.verified(connection, held=held)
+            return audit.verified(connection, expected_head=expected_head)
 
     # --- parts ---
 

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.weighted_conformal import SampleCounts, ToldPages
+from prooflight.detectors.weighted_conformal import LabelledPages, SampleCounts
 from prooflight.errors import RequestError
+from prooflight.journal.labels import MISPRINT, OF_GOOD, UNKNOWN, Labels, run_key
 from prooflight.journal.records import SECONDS_A_DAY
-from prooflight.journal.words import MISPRINT, OF_GOOD, UNKNOWN, Labels, run_key
 from prooflight.line.incidents import Incidents
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
+    from prooflight.journal.labels import Label, LabelStore
     from prooflight.journal.reading import JournalReader
     from prooflight.journal.records import PageRecord, RunRow
-    from prooflight.journal.words import Word, Words
     from prooflight.line.incidents import Incident
 
 OURS: Final = "ours"
@@ -31,13 +31,13 @@ OURS: Final = "ours"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AskedSheet:
+class SampledSheet:
     """A sheet up for review, as an alarm or as one of the random sample, and its label."""
 
     record: PageRecord
-    """The sheet's record; its ``asked`` is not None."""
-    word: Word | None
-    """The label in force (``journal.words.Labels``); None: it has none."""
+    """The sheet's record; its ``sampled`` is not None."""
+    label: Label | None
+    """The label in force (``journal.labels.Labels``); None: it has none."""
 
     @property
     def alarm(self) -> bool:
@@ -47,28 +47,28 @@ class AskedSheet:
     @property
     def good(self) -> bool:
         """Whether it is labelled good."""
-        return self.word is not None and self.word.word in OF_GOOD
+        return self.label is not None and self.label.word in OF_GOOD
 
     @property
     def misprint(self) -> bool:
         """Whether it is labelled a misprint."""
-        return self.word is not None and self.word.word == MISPRINT
+        return self.label is not None and self.label.word == MISPRINT
 
     @property
     def state(self) -> str:
         """Label as good, misprint or unknown; "" for none."""
-        if self.word is None:
+        if self.label is None:
             return ""
         return "good" if self.good else MISPRINT if self.misprint else UNKNOWN
 
 
-def asked_sheets(
-    records: Iterable[PageRecord], words: Sequence[Word], incident_of: Mapping[int, int]
-) -> list[AskedSheet]:
+def sampled_sheets(
+    records: Iterable[PageRecord], label_store: Sequence[Label], incident_of: Mapping[int, int]
+) -> list[SampledSheet]:
     """Return the sheets of one run that are up for review, with their labels. incident_of: by sheet."""
-    labels = Labels(words)
+    labels = Labels(label_store)
     return [
-        AskedSheet(record=record, word=labels.of(record.sheet, incident_of.get(record.sheet)))
+        SampledSheet(record=record, label=labels.of(record.sheet, incident_of.get(record.sheet)))
         for record in records
         if record.asked is not None
     ]
@@ -90,17 +90,17 @@ def incidents_by_sheet(records: Iterable[PageRecord]) -> tuple[dict[int, Inciden
     return incidents, of_sheet
 
 
-def asked_of_run(reader: JournalReader, words: Words, run: RunRow) -> list[AskedSheet]:
+def sample_of_run(reader: JournalReader, label_store: LabelStore, run: RunRow) -> list[SampledSheet]:
     """Return a run's sheets up for review, with their labels, from a journal; JournalError."""
-    labels = words.of_run(run_key(run))
-    in_incidents = any(word.incident is not None for word in labels)
+    labels = label_store.of_run(run_key(run))
+    in_incidents = any(label.incident is not None for label in labels)
     of_sheet = incidents_by_sheet(reader.pages(run.id, passed=False))[1] if in_incidents else {}
-    return asked_sheets(reader.asked_pages(run.id), labels, of_sheet)
+    return sampled_sheets(reader.sampled_pages(run.id), labels, of_sheet)
 
 
-def counts_of(run: RunRow, asked: Sequence[AskedSheet]) -> SampleCounts:
+def counts_of(run: RunRow, sampled: Sequence[SampledSheet]) -> SampleCounts:
     """Return the numbers of alarms and sampled sheets of a run, and of their labels."""
-    alarms, sample = [one for one in asked if one.alarm], [one for one in asked if not one.alarm]
+    alarms, sample = [one for one in sampled if one.alarm], [one for one in sampled if not one.alarm]
     return SampleCounts(
         alarms=len(alarms),
         alarms_good=sum(one.good for one in alarms),
@@ -111,8 +111,8 @@ def counts_of(run: RunRow, asked: Sequence[AskedSheet]) -> SampleCounts:
     )
 
 
-def told_pages(
-    runs: Sequence[tuple[RunRow, Sequence[AskedSheet]]],
+def labelled_pages(
+    runs: Sequence[tuple[RunRow, Sequence[SampledSheet]]],
     *,
     digests: Collection[str],
     replaces: str,
@@ -120,7 +120,7 @@ def told_pages(
     now_s: float,
     journals: Sequence[str] = (),
     half_life_days: float | None = None,
-) -> ToldPages:
+) -> LabelledPages:
     """Return the good pages from which a press is recalibrated.
 
     They are those of runs that a press artefact among ``digests`` judged by the matched-filter detector. A sheet
@@ -135,16 +135,16 @@ def told_pages(
     of_design: list[int] = []
     zones: set[str] = set()
     passed_weight, alarms_from = 1.0, -math.inf
-    for run, asked in runs:
+    for run, sampled in runs:
         if run.facts.press_digest not in digests or run.facts.detector != OURS:
             continue
-        if asked:
+        if sampled:
             _refuse_other_scale(run)
         days = max(now_s - run.facts.started_s, 0.0) / SECONDS_A_DAY
         zones.add(str(run.facts.settings.get("zones_alone", "")))
         recent = 1.0 if half_life_days is None else 0.5 ** (days / half_life_days)
         for alarm in (False, True):
-            group = [one for one in asked if one.alarm == alarm and _scored(one.record)]
+            group = [one for one in sampled if one.alarm == alarm and _scored(one.record)]
             labelled = sum(one.good or one.misprint for one in group)
             for one in group:
                 verdict, probability = one.record.verdict, one.record.asked
@@ -168,7 +168,7 @@ def told_pages(
             "recalibrate", what, remedy="watch runs with --sample, and say what the sheets were"
         )
     table = np.array(numbers, np.int64).reshape(-1, 3)
-    return ToldPages(
+    return LabelledPages(
         score=np.array(scores, np.float64),
         weight=np.array(weights, np.float64),
         run=table[:, 0],
@@ -221,10 +221,10 @@ class Replayed:
 
 
 def replayed_run(
-    run: RunRow, records: Iterable[PageRecord], asked: Sequence[AskedSheet], *, threshold: float
+    run: RunRow, records: Iterable[PageRecord], sampled: Sequence[SampledSheet], *, threshold: float
 ) -> Replayed:
     """Decide a run again at another threshold; alarms that are not from a score stay."""
-    state_of = {one.record.sheet: one.state for one in asked}
+    state_of = {one.record.sheet: one.state for one in sampled}
     sheets, alarms = 0, 0
     withdrawn: list[int] = []
     added: list[int] = []
@@ -247,6 +247,6 @@ def replayed_run(
         sheets=sheets,
         alarms=alarms,
         gone=tuple(withdrawn),
-        gone_told={word: states.count(word) for word in sorted(set(states))},
+        gone_told={label: states.count(label) for label in sorted(set(states))},
         come=tuple(added),
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.kernels.taking_together import STEPS, take_together
+from prooflight.kernels.area_averages import STEPS, average_areas
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +26,7 @@ NEVER: Final = 256
 _EVEN: Final = ((0.0, 1.0),) * 4
 
 
-def taken_together(
+def area_averaged(
     fine: NDArray[np.uint8],
     out: NDArray[np.uint8],
     light: InkLight | None,
@@ -41,7 +41,7 @@ def taken_together(
     is the row of ``fine`` at which ``out`` begins, ``left`` the column.
     """
     takes, needs = _tables(_EVEN if light is None else light)
-    take_together(fine, first, left, step, NEVER if light is None else FLAT, takes, needs, out)
+    average_areas(fine, first, left, step, NEVER if light is None else FLAT, takes, needs, out)
 
 
 @lru_cache(maxsize=4)

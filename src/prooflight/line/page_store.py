@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
     from prooflight.line.notices import PageWarnings
-    from prooflight.line.prefetch import PageBook
+    from prooflight.line.prefetch import PageStore
     from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -25,7 +25,7 @@ MOST_THUMBNAILS: Final = 1200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JobBook:
+class JobPageStore:
     """A job's pages in order, repeated from the first until ``sheets`` sheets have passed."""
 
     job: JobSource
@@ -42,7 +42,7 @@ class JobBook:
         return self.sheets
 
     def design(self, sheet: int) -> int:
-        """Return the number of the sheet's page in the job; see ``PageBook``."""
+        """Return the number of the sheet's page in the job; see ``PageStore``."""
         return sheet % self.pages + 1 if self.plan is None else self.plan.number_at(sheet)
 
     def name(self, sheet: int) -> str:
@@ -50,7 +50,7 @@ class JobBook:
         return self.job.page_name(self.design(sheet))
 
     def page(self, sheet: int) -> Page:
-        """Return the page printed on a sheet; see ``PageBook``.
+        """Return the page printed on a sheet; see ``PageStore``.
 
         Raises JobError and RequestError as ``Job.page`` does, and RequestError if the page is wider than the
         press's field.
@@ -64,19 +64,19 @@ class JobBook:
 class ThumbnailCache:
     """Thumbnails of a job's sheets, one for each design; None if a design is not ready, or was evicted."""
 
-    def __init__(self, book: PageBook) -> None:
-        self._book = book
+    def __init__(self, page_store: PageStore) -> None:
+        self._page_store = page_store
         self._cached: OrderedDict[Hashable, Thumbnail] = OrderedDict()
         self._guard = Lock()
 
     def __len__(self) -> int:
-        return len(self._book)
+        return len(self._page_store)
 
     def __getitem__(self, sheet: int) -> Thumbnail | None:
-        if not 0 <= sheet < len(self._book):
+        if not 0 <= sheet < len(self._page_store):
             raise IndexError(sheet)
         with self._guard:
-            return self._cached.get(self._book.design(sheet))
+            return self._cached.get(self._page_store.design(sheet))
 
     def add(self, design: Hashable, thumbnail: Thumbnail) -> None:
         """Add the thumbnail of a design that is ready; a design that is already there keeps its object."""

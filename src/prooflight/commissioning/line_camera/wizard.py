@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from prooflight.camera.camera import Camera
     from prooflight.commissioning.line_camera.bench import StepResult
+    from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.commissioning.line_camera.steps import Step
-    from prooflight.commissioning.line_camera.tap import CameraTap
 
 PROTOCOLS: Final = GivenFiles(
     error=RequestError, remedy="give the protocol of a set-up, or delete it to begin anew", largest_mb=64
@@ -46,7 +46,7 @@ class Stopped(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Talk:
+class Prompts:
     """Input and output of the prompts."""
 
     say: Callable[[str, Literal["title", "plain", "good", "poor", "faint"]], None]
@@ -158,9 +158,9 @@ def protocol_path(press_file: Path) -> Path:
 class SetUp:
     """Set-up of one camera for one press file."""
 
-    tap: CameraTap
+    line_reader: CameraLineReader
     path: Path
-    talk: Talk
+    prompts: Prompts
     protocol: Protocol
     steps: Sequence[Step] = STEPS
     clock: Callable[[], float] = time.monotonic
@@ -171,7 +171,7 @@ class SetUp:
         Raises errors of a step where nobody can correct them.
         """
         bench = Bench(
-            tap=self.tap,
+            line_reader=self.line_reader,
             press=PressFile.read(self.path),
             begun=self.protocol.begun,
             described="camera" in self.protocol.steps,
@@ -182,13 +182,13 @@ class SetUp:
             head = f"{at}/{len(self.steps)} {step.title}"
             done = self.protocol.steps.get(step.key, {}).get("state")
             if done in ("good", "poor", "skipped") and not step.again:
-                self.talk.say(f"{head}: done before ({done})", "faint")
+                self.prompts.say(f"{head}: done before ({done})", "faint")
                 continue
             if why := step.spared(bench):
-                self.talk.say(f"{head}: not needed, {why}", "faint")
-                self._record(step, "not needed", says=[why])
+                self.prompts.say(f"{head}: not needed, {why}", "faint")
+                self._record(step, "not needed", remarks=[why])
                 continue
-            self.talk.say(head, "title")
+            self.prompts.say(head, "title")
             self._step(step, bench)
         self.protocol.asking, self.protocol.finished = "", True
         self._save()
@@ -197,18 +197,18 @@ class SetUp:
     def _step(self, step: Step, bench: Bench) -> None:
         while True:
             if step.do and self._ask(step.key, f"{step.do} Enter: measure, s: skip, q: stop", "") == "s":
-                self._record(step, "skipped", says=["skipped"])
+                self._record(step, "skipped", remarks=["skipped"])
                 return
             begun_s = self.clock()
             try:
                 result = step.measure(bench)
             except (ProoflightError, np.linalg.LinAlgError) as error:
-                self.talk.say(str(error), "poor")
-                if not self.talk.attended:
-                    self._record(step, "failed", says=[str(error)])
+                self.prompts.say(str(error), "poor")
+                if not self.prompts.attended:
+                    self._record(step, "failed", remarks=[str(error)])
                     raise
                 if not step.do and self._ask(f"{step.key}.keep", "r: again, s: skip, q: stop", "s") != "r":
-                    self._record(step, "skipped", says=[str(error)])
+                    self._record(step, "skipped", remarks=[str(error)])
                     return
                 continue
             seconds = self.clock() - begun_s
@@ -222,7 +222,7 @@ class SetUp:
             if answer == "r":
                 continue
             if answer == "s":
-                self._record(step, "skipped", says=list(result.says), seconds=seconds)
+                self._record(step, "skipped", remarks=list(result.remarks), seconds=seconds)
                 return
             if result.edits:
                 bench.press = write_edits(self.path, result.edits)
@@ -239,18 +239,18 @@ class SetUp:
             return
 
     def _report(self, result: StepResult) -> None:
-        for line in result.says:
-            self.talk.say(line, "good" if result.good else "poor")
+        for line in result.remarks:
+            self.prompts.say(line, "good" if result.good else "poor")
         for line in result.unmeasured:
-            self.talk.say(f"not measured: {line}", "faint")
+            self.prompts.say(f"not measured: {line}", "faint")
         for edit in result.edits:
-            self.talk.say(f"{edit.name} = {edit.value}", "plain")
+            self.prompts.say(f"{edit.name} = {edit.value}", "plain")
 
     def _ask(self, key: str, question: str, usual: str) -> str:
         self.protocol.asking = key
         self._save()
         begun_s = self.clock()
-        answer = self.talk.answer(key, question, usual).strip() or usual
+        answer = self.prompts.answer(key, question, usual).strip() or usual
         self.protocol.questions.append(
             {"key": key, "question": question, "answer": answer, "seconds": round(self.clock() - begun_s, 3)}
         )
@@ -264,14 +264,14 @@ class SetUp:
         step: Step,
         state: State,
         *,
-        says: Sequence[str] = (),
+        remarks: Sequence[str] = (),
         result: StepResult | None = None,
         seconds: float = 0.0,
     ) -> None:
         self.protocol.steps[step.key] = {
             "title": step.title,
             "state": state,
-            "says": list(says if result is None else result.says),
+            "says": list(remarks if result is None else result.remarks),
             "values": {} if result is None else {name: asdict(one) for name, one in result.values.items()},
             "written": {} if result is None else {edit.name: edit.value for edit in result.edits},
             "unmeasured": [] if result is None else list(result.unmeasured),

@@ -38,7 +38,7 @@ SCHEMA: Final = 2
 BUSY_S: Final = 10.0
 SUFFIX: Final = ".words.sqlite"
 MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN = ("misprint", "good", "false-alarm", "unknown", "seen")
-WORDS: Final = (MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN)
+LABELS: Final = (MISPRINT, GOOD, FALSE_ALARM, UNKNOWN, SEEN)
 """Labels that may be given; false-alarm: good, for an incident; seen: acknowledged, so that it sounds no
 more, without a statement about the sheet."""
 VOUCHED: Final = "vouched"
@@ -65,7 +65,7 @@ _KIND: Final = "prooflight words"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Word:
+class Label:
     """A label of a sheet or an incident, by a person."""
 
     id: int
@@ -94,20 +94,20 @@ def run_key(run: RunRow) -> str:
     return f"{run.id}@{run.facts.started_s:.0f}"
 
 
-def words_path(journal: Path) -> Path:
+def labels_path(journal: Path) -> Path:
     """Return the file of the labels of a journal's sheets."""
     return journal.with_name(journal.name + SUFFIX)
 
 
-class Words:
+class LabelStore:
     """Labels of one journal's sheets; safe for several threads and processes. JournalError: the file is unusable."""
 
     def __init__(self, journal: Path) -> None:
-        self.path = words_path(journal)
+        self.path = labels_path(journal)
 
     def say(
         self,
-        word: str,
+        label: str,
         *,
         run: str,
         by: str,
@@ -116,18 +116,18 @@ class Words:
         incident: str | None = None,
         note: str = "",
         upto: int | None = None,
-    ) -> Word:
+    ) -> Label:
         """Add a label, durable when this returns. RequestError: there is no such label, or the name is invalid.
 
         at_s: Unix time. [s] upto: for an incident, the last of its sheets that the person saw; None: all of them.
         """
-        if word not in WORDS:
-            raise RequestError("word", f"there is no {word[:40]!r}", remedy=f"say {', '.join(WORDS)}")
-        word = FALSE_ALARM if word == GOOD and incident is not None else word
-        fields = {"run": run, "sheet": sheet, "incident": incident, "word": word, "note": note, "upto": upto}
+        if label not in LABELS:
+            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+        label = FALSE_ALARM if label == GOOD and incident is not None else label
+        fields = {"run": run, "sheet": sheet, "incident": incident, "word": label, "note": note, "upto": upto}
         return self._add(fields, by=by, at_s=at_s)
 
-    def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Word:
+    def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Label:
         """Add the label that a person has this sheet in hand and that it is good. RequestError: no reason is given.
 
         at_s: Unix time. [s]
@@ -138,7 +138,7 @@ class Words:
         fields = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
         return self._add(fields, by=by, at_s=at_s)
 
-    def undo(self, number: int, *, run: str, by: str, at_s: float) -> Word:
+    def undo(self, number: int, *, run: str, by: str, at_s: float) -> Label:
         """Undo a label. RequestError: no such label of this run is in force.
 
         number: of the label; at_s: Unix time. [s]
@@ -151,7 +151,7 @@ class Words:
         fields = {"run": run, "sheet": one.sheet, "incident": one.incident, "word": UNDONE, "undoes": number}
         return self._add(fields, by=by, at_s=at_s)
 
-    def _add(self, fields: Mapping[str, Any], *, by: str, at_s: float) -> Word:
+    def _add(self, fields: Mapping[str, Any], *, by: str, at_s: float) -> Label:
         name = unicodedata.normalize("NFC", " ".join(by.split()))
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             remedy = f"give 1 to {MOST_NAME} letters that can be printed"
@@ -167,9 +167,9 @@ class Words:
             )
             number = added.lastrowid
         assert number is not None
-        return Word(id=number, **row)
+        return Label(id=number, **row)
 
-    def of_run(self, run: str) -> list[Word]:
+    def of_run(self, run: str) -> list[Label]:
         """Return all labels of a run, in order."""
         if not self.path.exists():
             return []
@@ -182,7 +182,7 @@ class Words:
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
         names = [name.strip('"') for name in (*_COLUMNS, *more)]
-        return [Word(**dict(zip(names, row, strict=True))) for row in rows]
+        return [Label(**dict(zip(names, row, strict=True))) for row in rows]
 
     def last(self) -> int:
         """Return the number of the latest label of any run; 0: there is none."""
@@ -243,10 +243,10 @@ class Words:
         return JournalError(self.path, what, remedy=ANOTHER)
 
 
-def standing(words: Sequence[Word]) -> list[Word]:
+def standing(labels: Sequence[Label]) -> list[Label]:
     """Return the labels, in order, that were not undone."""
-    undone = {word.undoes for word in words}
-    return [word for word in words if word.word != UNDONE and word.id not in undone]
+    undone = {label.undoes for label in labels}
+    return [label for label in labels if label.word != UNDONE and label.id not in undone]
 
 
 class Labels:
@@ -255,26 +255,26 @@ class Labels:
     ``seen`` is no label, for it states nothing about the sheet.
     """
 
-    def __init__(self, words: Sequence[Word]) -> None:
+    def __init__(self, labels: Sequence[Label]) -> None:
         """words: all labels of the run, in order."""
-        self._of_sheets: dict[int, Word] = {}
-        self._of_incidents: dict[int, list[Word]] = {}
-        for word in standing(words):
-            if word.word == SEEN:
+        self._of_sheets: dict[int, Label] = {}
+        self._of_incidents: dict[int, list[Label]] = {}
+        for label in standing(labels):
+            if label.word == SEEN:
                 continue
-            if word.sheet is not None:
-                self._of_sheets[word.sheet] = word
-            elif word.incident is not None and word.incident.isdigit():
-                self._of_incidents.setdefault(int(word.incident), []).append(word)
+            if label.sheet is not None:
+                self._of_sheets[label.sheet] = label
+            elif label.incident is not None and label.incident.isdigit():
+                self._of_incidents.setdefault(int(label.incident), []).append(label)
 
     @property
     def sheets(self) -> list[int]:
         """Sheets with a label of their own."""
         return sorted(self._of_sheets)
 
-    def of(self, sheet: int, incident: int | None = None) -> Word | None:
+    def of(self, sheet: int, incident: int | None = None) -> Label | None:
         """Return the label in force; None: there is none. incident: to which the sheet belongs."""
         if (own := self._of_sheets.get(sheet)) is not None:
             return own
         on_incident = [] if incident is None else self._of_incidents.get(incident, [])
-        return next((word for word in reversed(on_incident) if word.covers(sheet)), None)
+        return next((label for label in reversed(on_incident) if label.covers(sheet)), None)

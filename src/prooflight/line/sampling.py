@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asking:
+class Sampling:
     """Sampling design of one run: which of its sheets are reviewed by a person."""
 
     sample: float = 0.0

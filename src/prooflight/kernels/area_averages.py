@@ -90,7 +90,7 @@ def light_of(fine, at, ink, down, across, takes):  # type: ignore[no-untyped-def
     "fine (H, W, 4), first, left, step, flat, takes (4, 256), needs (4, STEPS + 1), out (R, C, 4)",
     where="0 < step, 0 <= first, 0 <= left, first + R * step <= H + 0.001, left + C * step <= W + 0.001",
 )
-def take_together(fine, first, left, step, flat, takes, needs, out):  # type: ignore[no-untyped-def]
+def average_areas(fine, first, left, step, flat, takes, needs, out):  # type: ignore[no-untyped-def]
     """Reduce fine (n, m, 4) to out (rows, columns, 4), bytes both.
 
     A pixel covers ``step`` fine ones either way, the topmost from row ``first`` on, the leftmost from

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.glyphs.weighing import NONE
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.inspection.inspector import Inspector
-from prooflight.line.packed_design import Known, PackedArray, PackedDesign
+from prooflight.line.packed_design import PackedArray, PackedDesign, ReadyPage
 from prooflight.line.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
@@ -69,5 +69,5 @@ def test_a_design_comes_back_as_it_was_prepared(trained_press: Press, page: Page
 
 def test_another_detectors_design_stays_as_it_is(press: Press, page: Page) -> None:
     prepared = Inspector.of(press, "chi-square").prepare(page)
-    known = Known(prepared=prepared, thumbnail=None)  # type: ignore[arg-type]
+    known = ReadyPage(prepared=prepared, thumbnail=None)  # type: ignore[arg-type]
     assert PackedDesign.of(known).unpacked() is known

@@ -92,7 +92,7 @@ def _words(array: NDArray[Any]) -> NDArray[np.uint32]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Known:
+class ReadyPage:
     """A design prepared for its sheets."""
 
     prepared: Prepared
@@ -104,12 +104,12 @@ class Known:
 class PackedDesign:
     """A prepared design whose large arrays are packed; another detector's design is as it was prepared."""
 
-    bare: Known
+    bare: ReadyPage
     """The design without the arrays that are packed."""
     arrays: dict[str, PackedArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, known: Known) -> Self:
+    def of(cls, known: ReadyPage) -> Self:
         """Pack a design; those of a graphics card stay as they are, since it keeps their images."""
         page = known.prepared.prepared_page
         if not isinstance(page, MatchedFilterPage) or page.detector.press_context.device != "cpu":
@@ -151,7 +151,7 @@ class PackedDesign:
         )
         return size_bytes((self.bare, list(self.arrays.values())), shared=own)
 
-    def unpacked(self, *, threads: int = 1) -> Known:
+    def unpacked(self, *, threads: int = 1) -> ReadyPage:
         """Return the design as it was prepared."""
         if not self.arrays:
             return self.bare

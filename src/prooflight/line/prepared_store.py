@@ -27,7 +27,7 @@ from prooflight.files.atomic import whole_file
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
 from prooflight.journal.journal import content_digest
-from prooflight.line.packed_design import Known, PackedDesign
+from prooflight.line.packed_design import PackedDesign, ReadyPage
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class PreparedStore:
             model=detector.calibrated.model.widened(widening),
             widening=widening,
         )
-        bare = Known(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
+        bare = ReadyPage(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
         return PackedDesign(bare=bare, arrays=arrays)
 
 

@@ -13,7 +13,7 @@ from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.line.monitor.evidence import run_evidence
 from prooflight.line.monitor.run import PageEvidence
-from prooflight.line.packed_design import Known, PackedDesign
+from prooflight.line.packed_design import PackedDesign, ReadyPage
 from prooflight.line.sampling import Sampling
 from prooflight.line.sheets.thumbnails import thumbnail_of
 

@@ -59,7 +59,7 @@ def test_a_design_comes_back_as_it_was_prepared(trained_press: Press, page: Page
     packed = SheetInspector(inspector=inspector).prepare(page)
     again = packed.unpacked(threads=2).prepared
     np.testing.assert_array_equal(again.page.cmyk, page.cmyk)
-    own, found = prepared.known.known, again.known.known  # type: ignore[attr-defined]
+    own, found = prepared.prepared_page.prepared_page, again.prepared_page.prepared_page  # type: ignore[attr-defined]
     np.testing.assert_array_equal(found.images.levels, own.images.levels)
     np.testing.assert_array_equal(found.landmarks.windows, own.landmarks.windows)
     np.testing.assert_array_equal(found.added.images, own.added.images)

@@ -1,4 +1,4 @@
-"""Prepared designs in little memory: large arrays as runs of equal words, written out for each inspection."""
+"""Prepared designs in little memory: large arrays as runs of equal cells, written out for each inspection."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from prooflight.inspection.inspector import Prepared
     from prooflight.line.sheets.thumbnails import Thumbnail
 
-WORD_BYTES: Final = 4
+CELL_BYTES: Final = 4
 RUN_BYTES: Final = 5
-"""Room of one run: a word and its length."""
+"""Room of one run: a cell and its length."""
 NO_RASTER: Final = np.zeros((1, 1, 4), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PackedArray:
-    """An array as runs of equal words along its rows."""
+    """An array as runs of equal cells along its rows."""
 
     shape: tuple[int, ...]
     dtype: str
@@ -38,20 +38,20 @@ class PackedArray:
     @classmethod
     def of(cls, array: NDArray[Any]) -> Self:
         """Pack an array (rows..., columns) or, of pixels of four bytes, (rows, columns, 4)."""
-        words = _words(np.ascontiguousarray(array))
-        counts = np.empty(len(words), np.int64)
-        count_runs(words, counts)
-        whole = counts * RUN_BYTES > words.shape[1] * WORD_BYTES
-        sizes, lengths = np.where(whole, words.shape[1], counts), np.where(whole, 0, counts)
+        cells = _cells(np.ascontiguousarray(array))
+        counts = np.empty(len(cells), np.int64)
+        count_runs(cells, counts)
+        whole = counts * RUN_BYTES > cells.shape[1] * CELL_BYTES
+        sizes, lengths = np.where(whole, cells.shape[1], counts), np.where(whole, 0, counts)
         # A row that equals the one above begins where that one does.
-        begins = np.maximum.accumulate(np.where(counts > 0, np.arange(len(words)), 0))
+        begins = np.maximum.accumulate(np.where(counts > 0, np.arange(len(cells)), 0))
         runs = Runs(
             value_at=(np.cumsum(sizes) - sizes)[begins],
             length_at=np.where(whole, -1, np.cumsum(lengths) - lengths)[begins],
             values=np.empty(sizes.sum(), np.uint32),
             lengths=np.empty(lengths.sum(), np.uint8),
         )
-        keep_runs(words, runs)
+        keep_runs(cells, runs)
         return cls(shape=array.shape, dtype=array.dtype.str, runs=runs)
 
     @property
@@ -62,14 +62,14 @@ class PackedArray:
     def written(self, *, threads: int = 1) -> NDArray[Any]:
         """Return the array; ValueError: its runs do not fill it."""
         rows, row_bytes = _rows_of(self.shape, np.dtype(self.dtype))
-        out = unset((rows, -(-row_bytes // WORD_BYTES))).view(np.uint32)
+        out = unset((rows, -(-row_bytes // CELL_BYTES))).view(np.uint32)
         if len(self.runs.value_at) != rows:
             raise ValueError("a packed array has another number of rows than its shape")
         parts = parts_of(rows, threads)
         tasks = [partial(write_runs, self.runs, first, last, out) for first, last in parts]
         if not all(shared_out(tasks, threads=threads)):
             raise ValueError("a packed array ends before its rows do")
-        if row_bytes % WORD_BYTES:
+        if row_bytes % CELL_BYTES:
             return (
                 np.ascontiguousarray(out.view(np.uint8)[:, :row_bytes]).view(self.dtype).reshape(self.shape)
             )
@@ -78,15 +78,15 @@ class PackedArray:
 
 def _rows_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, int]:
     """Return the number of rows of an array, and the bytes of each; pixels of four bytes are one column."""
-    columns = math.prod(shape[-2:]) if dtype.itemsize == 1 and shape[-1] == WORD_BYTES else shape[-1]
+    columns = math.prod(shape[-2:]) if dtype.itemsize == 1 and shape[-1] == CELL_BYTES else shape[-1]
     return math.prod(shape) // columns, columns * dtype.itemsize
 
 
-def _words(array: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return an array's rows as words, the last filled with 0."""
+def _cells(array: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return an array's rows as cells, the last filled with 0."""
     rows, row_bytes = _rows_of(array.shape, array.dtype)
     each = array.reshape(-1).view(np.uint8).reshape(rows, row_bytes)
-    if lacking := -row_bytes % WORD_BYTES:
+    if lacking := -row_bytes % CELL_BYTES:
         each = np.pad(each, ((0, 0), (0, lacking)))
     return each.view(np.uint32)
 
@@ -109,11 +109,11 @@ class PackedDesign:
     arrays: dict[str, PackedArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, known: ReadyPage) -> Self:
+    def of(cls, ready: ReadyPage) -> Self:
         """Pack a design; those of a graphics card stay as they are, since it keeps their images."""
-        page = known.prepared.prepared_page
+        page = ready.prepared.prepared_page
         if not isinstance(page, MatchedFilterPage) or page.detector.press_context.device != "cpu":
-            return cls(bare=known)
+            return cls(bare=ready)
         design = page.prepared_page
         large: dict[str, NDArray[Any] | None] = {
             "raster": design.page.cmyk,
@@ -132,8 +132,8 @@ class PackedDesign:
             hidden=None,
             unresolved=None,
         )
-        prepared = replace(known.prepared, page=bare.page, prepared_page=replace(page, prepared_page=bare))
-        return cls(bare=replace(known, prepared=prepared), arrays=arrays)
+        prepared = replace(ready.prepared, page=bare.page, prepared_page=replace(page, prepared_page=bare))
+        return cls(bare=replace(ready, prepared=prepared), arrays=arrays)
 
     @property
     def thumbnail(self) -> Thumbnail:

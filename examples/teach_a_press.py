@@ -50,7 +50,7 @@ def main(out: Path) -> None:
     press.save(out / "taught.press")
 
     figure = Figure(figsize=(9, 4), layout="constrained")
-    for axes, name in zip(figure.subplots(1, 2), ("chi-square", "ours"), strict=True):
+    for axes, name in zip(figure.subplots(1, 2), ("chi-square", "matched_filter"), strict=True):
         inspector = pf.Inspector.of(press, name)
         print(f"{name} promises: {inspector.guarantee}")
         alarms = dict.fromkeys(PRINTS, 0)

@@ -20,6 +20,7 @@ from prooflight.camera.camera import Camera
 from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.commissioning.build import build_press
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.pages.raster import Page
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
@@ -154,7 +155,7 @@ def trained_press(
         if not path.exists():
             designs = Made(make=make_page)
             trained(often, designs, designs=24, seed=1, false_alarm_rate=0.1, processes=1).save(path)
-    return replace(often, ours=Press.load(path).ours)
+    return often.with_detector("matched_filter", model_of(Press.load(path)))
 
 
 @pytest.fixture(scope="session")

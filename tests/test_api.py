@@ -213,7 +213,7 @@ def test_simulate_refuses_what_there_is_not(page: pf.Page, press: pf.Press) -> N
 
 def test_an_inspector_takes_a_detector_or_the_press_s_best(press: pf.Press, trained_press: pf.Press) -> None:
     assert pf.Inspector(press).detector.name == "chi-square"
-    assert pf.Inspector(trained_press).detector.name == "ours"
+    assert pf.Inspector(trained_press).detector.name == "matched_filter"
     own = pf.Inspector.of(trained_press, "chi-square")
     assert pf.Inspector(trained_press, own.detector).detector is own.detector
     assert replace(own, press=press).detector is own.detector
@@ -284,8 +284,11 @@ def test_a_press_shows_its_report_card(press: pf.Press, trained_press: pf.Press)
     assert "<b>mine" not in html
     for word in ("mono", "400 pixels", f"{press.dpi:.0f} dpi", "Detector chi-square", "built-in"):
         assert word in html
-    assert "Detector ours" not in html
-    assert pf.Inspector.of(trained_press, "ours").guarantee.split(";")[0] in trained_press._repr_html_()
+    assert "Detector matched_filter" not in html
+    assert (
+        pf.Inspector.of(trained_press, "matched_filter").guarantee.split(";")[0]
+        in trained_press._repr_html_()
+    )
 
 
 def test_a_detector_s_own_inspection_has_no_picture_but_a_verdict(found: pf.Inspection) -> None:

@@ -211,7 +211,10 @@ def bad_calls(press: Path, job: Path, folder: Path) -> dict[str, tuple[list[obje
         ),
         "not said to be good": (["press", "learn", press, job, job], "--good"),
         "learn untaught": (["press", "learn", press, job, job, "--good"], "press build --detector"),
-        "inspect untaught": (["inspect", job, job, "--press", press, "--detector", "ours"], "was not taught"),
+        "inspect untaught": (
+            ["inspect", job, job, "--press", press, "--detector", "matched_filter"],
+            "was not taught",
+        ),
         "no scans": (["inspect", job, folder / "empty", "--press", press], "empty"),
         "narrow scan": (["inspect", job, folder / "narrow.tif", "--press", press], "100 pixels"),
         "short scan": (["inspect", job, folder / "short.tif", "--press", press], "100 lines"),

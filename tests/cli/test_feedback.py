@@ -14,6 +14,7 @@ from tests.journal.journals import facts, record
 
 from prooflight.cli import run
 from prooflight.cli.show import people
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import PressError
 from prooflight.journal.journal import Journal
@@ -41,8 +42,8 @@ def old(trained_press: Press, tmp_path: Path) -> Path:
 
 def watched(journal: Opened, press: Press, *, sheets: int = SHEETS) -> int:
     """A run of which every fourth sheet alarms, falsely: the press is not the one that was taught."""
-    assert press.ours is not None
-    edge = press.ours.threshold
+    assert "matched_filter" in press.detectors
+    edge = model_of(press).threshold
     run_id = journal.begin_run(facts(press_digest=press.digest, settings={"sample": SAMPLE}))
     for sheet in range(sheets):
         alarm = sheet % 4 == 1
@@ -53,7 +54,7 @@ def watched(journal: Opened, press: Press, *, sheets: int = SHEETS) -> int:
             kind="density" if alarm else None,
             score=score,
             threshold=edge,
-            detector="ours",
+            detector="matched_filter",
         )
         asked = 1.0 if alarm else SAMPLE if sheet % 4 == 0 else None
         journal.record(run_id, replace(record(sheet, kept=False, verdict=verdict), asked=asked))
@@ -142,14 +143,14 @@ def test_a_press_is_calibrated_anew_replayed_and_brought_back(
     assert (replay["alarms"], len(replay["gone"]), replay["come"]) == (60, 31, [])
     assert replay["gone_told"] == {"good": 31}
     loaded = Press.load(new)
-    assert loaded.ours is not None
+    assert "matched_filter" in loaded.detectors
     assert loaded.digest == found["digest"]
-    assert loaded.ours.threshold == found["threshold"]
-    assert "told by people" in str(loaded.ours.guarantee)
-    pages = loaded.ours.told[-1]
+    assert model_of(loaded).threshold == found["threshold"]
+    assert "told by people" in str(model_of(loaded).guarantee)
+    pages = model_of(loaded).told[-1]
     assert set(pages.sheet) == {sheet for sheet in range(SHEETS) if sheet % 4 < 2}
-    assert loaded.ours.decide(found["threshold"] + 0.1).misprint
-    assert loaded.ours.decide(found["threshold"] + 0.1).p_value <= RATE
+    assert model_of(loaded).decide(found["threshold"] + 0.1).misprint
+    assert model_of(loaded).decide(found["threshold"] + 0.1).p_value <= RATE
     assert said(capsys, "press", "go-back", new, "-o", back)["digest"] == trained_press.digest
     assert Press.load(back).digest == trained_press.digest
     again = tmp_path / "again.press"
@@ -195,16 +196,18 @@ def test_an_artefact_that_promises_more_than_its_pages_is_refused(
     told(path, run_id, range(SHEETS))
     assert run(["press", "recalibrate", str(old), "--journal", str(path), "-o", str(new)]) == 0
     press = Press.load(new)
-    assert press.ours is not None
-    pages = press.ours.told[-1]
+    assert "matched_filter" in press.detectors
+    pages = model_of(press).told[-1]
     for changes, field in (
-        ({"rate": 1e-4}, "told0.score"),
-        ({"weight": np.zeros_like(pages.weight)}, "told0.weight"),
-        ({"alarms_from": float("inf")}, "told0.alarms_from"),
-        ({"passed_weight": 0.5}, "told0.passed_weight"),
+        ({"rate": 1e-4}, "labelled0.score"),
+        ({"weight": np.zeros_like(pages.weight)}, "labelled0.weight"),
+        ({"alarms_from": float("inf")}, "labelled0.alarms_from"),
+        ({"passed_weight": 0.5}, "labelled0.passed_weight"),
     ):
-        bad = replace(press, ours=replace(press.ours, told=(replace(pages, **changes),)))
+        bad = press.with_detector(
+            "matched_filter", replace(model_of(press), told=(replace(pages, **changes),))
+        )
         with pytest.raises(PressError, match=field):
             bad.save(tmp_path / "bad.press")
     with safe_open(new, "np") as file:
-        assert {name for name in file.keys() if ".told0." in name}  # noqa: SIM118
+        assert {name for name in file.keys() if ".labelled0." in name}  # noqa: SIM118

@@ -18,8 +18,7 @@ from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
-from prooflight.press.scanner import scanner_press_file
-from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.press.scanner import feeder_of, scanner_press_file
 from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
 
 
@@ -59,7 +58,7 @@ def test_sheets_are_inspected_in_any_order_and_either_way_up(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     press = Press.load(made / "x.press")
-    pages = ExpectedPages(job=job_source(made / "job", press), press=press, feeder=FeederPrior())
+    pages = ExpectedPages(job=job_source(made / "job", press), press=press, feeder=feeder_of(press))
     pairs = placed_scans(scanned_pages(made / "scans"), pages, 2, settings=ScannerSettings())
     shown = [(number, scan.name, scan.where.turned, scan.trouble) for number, scan in pairs if scan]
     assert shown == [(1, "b", True, ""), (2, "a", False, "")]
@@ -101,7 +100,7 @@ def test_what_is_stated_wrongly_ends_in_one_line(
 
 def test_a_preset_is_written_as_a_press_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["press", "preset", "scanner", "--grey", "-o", str(tmp_path / "office.toml")]) == 0
-    assert "[scanner]" in (tmp_path / "office.toml").read_text(encoding="utf-8")
+    assert "[geometry]" in (tmp_path / "office.toml").read_text(encoding="utf-8")
     capsys.readouterr()
     assert run(["press", "preset", "flatbed"]) == 2
     assert "choose scanner" in capsys.readouterr().err

@@ -6,7 +6,8 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from prooflight.journal.lock import WriterLock
+from prooflight.errors import RequestError
+from prooflight.files.lock import WriterLock
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -16,7 +17,7 @@ def test_a_second_call_is_refused_in_one_line_while_the_first_learns(tmp_path: P
     press = tmp_path / "x.press"
     press.write_bytes(b"")
     command = [sys.executable, "-m", "prooflight", "press", "learn", str(press), "job.pdf", "scans", "--good"]
-    lock = WriterLock.take(press)
+    lock = WriterLock.take(press, error=RequestError, wait="", elsewhere="")
     try:
         refused = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     finally:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.server.consoles import facts, good, misprint
+from tests.journal.sample_rows import facts, good, misprint
 
 from prooflight.cli import run
 from prooflight.detectors.verdict import Verdict

@@ -74,7 +74,7 @@ def test_a_press_without_our_detector_tells_its_floor_alone(
     [
         (["--map", "map.png"], "--job"),
         (["--page", "1"], "--job"),
-        (["--job", "JOB"], "was not taught"),
+        (["--job", "JOB"], "does not state what it would catch"),
         (["--job", "JOB", "--page", "3", "--map", "map.png"], "no page 3"),
     ],
 )

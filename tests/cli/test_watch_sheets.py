@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +14,6 @@ from prooflight.journal.journal import Journal
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.simulation import ring
-
-if TYPE_CHECKING:
-    pass
 
 DPI = 500.0
 PAGE_MM = (17.0, 30.0)

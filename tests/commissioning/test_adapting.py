@@ -151,7 +151,7 @@ def test_a_steadier_press_keeps_its_promise_and_catches_more_by_its_real_pages(
         wrong = drawn(600, 600 + seed, wrong=True, shift=2.0, scale=0.7)
         wrong = wrong.rows(wrong.bad)
         for real in (False, True):
-            ours = fit_for(
+            matched_filter = fit_for(
                 model,
                 reference,
                 good,
@@ -160,8 +160,16 @@ def test_a_steadier_press_keeps_its_promise_and_catches_more_by_its_real_pages(
                 misprint_rate=0.01,
                 real=real,
             )
-            alarms[real].append((ours.model.score(later.values, later.page_features) > ours.threshold).mean())
-            caught[real].append((ours.model.score(wrong.values, wrong.page_features) > ours.threshold).mean())
+            alarms[real].append(
+                (
+                    matched_filter.model.score(later.values, later.page_features) > matched_filter.threshold
+                ).mean()
+            )
+            caught[real].append(
+                (
+                    matched_filter.model.score(wrong.values, wrong.page_features) > matched_filter.threshold
+                ).mean()
+            )
     assert np.mean(alarms[True]) < 0.0157
     assert np.mean(caught[True]) > np.mean(caught[False])
 
@@ -190,7 +198,7 @@ def test_what_a_press_is_made_fit_by_is_what_it_keeps(
     model: DetectorModel, reference: ReferenceScores, real: bool
 ) -> None:
     good = drawn(40, 12, shift=1.0)
-    ours = fit_for(
+    matched_filter = fit_for(
         model,
         reference,
         good,
@@ -199,16 +207,18 @@ def test_what_a_press_is_made_fit_by_is_what_it_keeps(
         misprint_rate=0.03,
         real=real,
     )
-    np.testing.assert_array_equal(ours.pages.values, good.values)
-    np.testing.assert_array_equal(ours.pages.page_features, good.page_features)
+    np.testing.assert_array_equal(matched_filter.pages.values, good.values)
+    np.testing.assert_array_equal(matched_filter.pages.page_features, good.page_features)
     own = own_scores(model, good, np.zeros(40, bool), real=real)
-    assert ours.scores.own.worst == pytest.approx(np.sort(own))
-    assert ours.references is reference
-    assert (ours.guarantee.real, ours.guarantee.simulated) == ((40, 0) if real else (0, 40))
-    assert (ours.guarantee.rate, ours.misprint_rate) == (0.02, 0.03)
+    assert matched_filter.scores.own.worst == pytest.approx(np.sort(own))
+    assert matched_filter.references is reference
+    assert (matched_filter.guarantee.real, matched_filter.guarantee.simulated) == (
+        (40, 0) if real else (0, 40)
+    )
+    assert (matched_filter.guarantee.rate, matched_filter.misprint_rate) == (0.02, 0.03)
     fit = adapted(model, good, real=real)
-    assert ours.model.shift == pytest.approx(fit.shift)
-    assert ours.model.scale == pytest.approx(fit.scale)
+    assert matched_filter.model.shift == pytest.approx(fit.shift)
+    assert matched_filter.model.scale == pytest.approx(fit.scale)
 
 
 def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
@@ -224,7 +234,7 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
     threshold = reference.by(60).threshold(0.01)[0]
     alarms, unfit, caught = [], [], []
     for seed in range(12):
-        ours = fit_for(
+        matched_filter = fit_for(
             model,
             reference,
             drawn(60, 100 + seed, shift=2.0, scale=2.0),
@@ -232,13 +242,17 @@ def test_a_press_whose_pages_are_all_out_promises_and_keeps_its_rate(
             false_alarm_rate=0.01,
             misprint_rate=0.01,
         )
-        assert ours.guarantee.rate == 0.01
+        assert matched_filter.guarantee.rate == 0.01
         later = drawn(3000, 200 + seed, shift=2.0, scale=2.0)
-        alarms.append((ours.model.score(later.values, later.page_features) > ours.threshold).mean())
+        alarms.append(
+            (matched_filter.model.score(later.values, later.page_features) > matched_filter.threshold).mean()
+        )
         unfit.append((model.score(later.values, later.page_features) > threshold).mean())
         wrong = drawn(600, 300 + seed, wrong=True, shift=2.0, scale=2.0)
         wrong = wrong.rows(wrong.bad)
-        caught.append((ours.model.score(wrong.values, wrong.page_features) > ours.threshold).mean())
+        caught.append(
+            (matched_filter.model.score(wrong.values, wrong.page_features) > matched_filter.threshold).mean()
+        )
     assert 0.0044 < np.mean(alarms) < 0.0157
     assert np.mean(unfit) > 0.5
     assert np.mean(caught) > 5 * np.mean(alarms)

@@ -12,6 +12,7 @@ import pytest
 from prooflight.cli import run
 from prooflight.commissioning.training.learned_variation import REMEDY, stated_and_learned
 from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts, page_variation
 from prooflight.press.blocks import VARIATION
 from prooflight.rng import stream
@@ -87,10 +88,10 @@ def test_a_press_shows_what_is_stated_beside_what_was_learned(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A press that is taken for a usual one, and prints more loosely, is told which amounts to state."""
-    assert trained_press.ours is not None
+    assert "matched_filter" in trained_press.detectors
     assert stated_and_learned(trained_press) == []
-    pages = replace(trained_press.ours.pages, variation=looser[1])
-    learned = replace(trained_press, ours=replace(trained_press.ours, pages=pages))
+    pages = replace(model_of(trained_press).pages, variation=looser[1])
+    learned = trained_press.with_detector("matched_filter", replace(model_of(trained_press), pages=pages))
     shown = stated_and_learned(learned)
     names = [name for row in shown for name in row.names]
     assert sorted(names) == sorted(

@@ -18,8 +18,10 @@ from prooflight.commissioning.training.real_pages import (
     new_scans,
     recalibrated,
 )
-from prooflight.detectors.matched_filter.calibrated import ScannedPage
+from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import PressError, RequestError
 
 if TYPE_CHECKING:
@@ -32,8 +34,8 @@ def seen(
     press: Press, count: int, *, seed: int = 1, times: float = 1.0, another: int = 0
 ) -> list[ScannedPage]:
     """Pages like the simulated ones of this press, their statistics so many times as great; some show another page."""
-    assert press.ours is not None
-    rng, like = np.random.default_rng(seed), press.ours.pages
+    assert "matched_filter" in press.detectors
+    rng, like = np.random.default_rng(seed), model_of(press).pages
     pages = []
     for number in range(count):
         row = int(rng.integers(len(like.values)))
@@ -42,9 +44,12 @@ def seen(
             ScannedPage(
                 name=f"p{number + 1:04d}",
                 score=0.0,
-                values=(like.values[row] * noise * times).astype(np.float32),
-                page_features=like.page_features[row],
-                another=number < another,
+                evidence={
+                    "values": (like.values[row] * noise * times).astype(np.float32),
+                    "page_features": like.page_features[row],
+                    "wrong_page": np.array(number < another),
+                    "glyphs": np.array(NONE),
+                },
                 digest=f"{seed}-{number}",
                 variation=np.full((len(AMOUNTS), 2), number + 1, np.float32),
             )
@@ -58,8 +63,8 @@ def digests(pages: list[ScannedPage]) -> dict[str, str]:
 
 def rows_of(pages: list[ScannedPage]) -> Pages:
     return Pages(
-        values=np.stack([page.values for page in pages]),
-        page_features=np.stack([page.page_features for page in pages]),
+        values=np.stack([page.evidence["values"] for page in pages]),
+        page_features=np.stack([page.evidence["page_features"] for page in pages]),
         design=np.arange(len(pages)),
         kind=np.full(len(pages), ""),
         press=np.zeros(len(pages), np.int64),
@@ -68,33 +73,39 @@ def rows_of(pages: list[ScannedPage]) -> Pages:
 
 def test_what_real_pages_do_takes_the_place_of_what_simulated_ones_did(trained_press: Press) -> None:
     """This press's pages are three times as far out in everything: as such they are good."""
-    ours = trained_press.ours
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     pages = seen(trained_press, 40, times=3.0)
     learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.05)
-    assert learned.ours is not None
+    assert "matched_filter" in learned.detectors
     rows, none = rows_of(pages), np.zeros(40, bool)
-    assert learned.ours.model.shift == pytest.approx(adapted(ours.model, rows).shift)
-    expected = np.sort(own_scores(ours.model, rows, none, real=True))
-    assert learned.ours.scores.own.worst == pytest.approx(expected)
-    assert learned.ours.references is ours.references
-    assert (learned.ours.guarantee.real, learned.ours.guarantee.simulated) == (40, 0)
-    assert learned.ours.guarantee.rate == 0.05
+    assert model_of(learned).model.shift == pytest.approx(adapted(matched_filter.model, rows).shift)
+    expected = np.sort(own_scores(matched_filter.model, rows, none, real=True))
+    assert model_of(learned).scores.own.worst == pytest.approx(expected)
+    assert model_of(learned).references is matched_filter.references
+    assert (
+        model_of(learned).guarantee.real,
+        model_of(learned).guarantee.simulated,
+    ) == (40, 0)
+    assert model_of(learned).guarantee.rate == 0.05
     assert learned.digest != trained_press.digest
     later = rows_of(seen(trained_press, 40, seed=2, times=3.0))
-    before = ours.model.score(later.values, later.page_features)
-    after = learned.ours.model.score(later.values, later.page_features)
+    before = matched_filter.model.score(later.values, later.page_features)
+    after = model_of(learned).model.score(later.values, later.page_features)
     assert after.mean() < before.mean()
-    assert (after > learned.ours.threshold).mean() < 0.2
+    assert (after > model_of(learned).threshold).mean() < 0.2
 
 
 def test_many_real_pages_promise_by_themselves(trained_press: Press) -> None:
     pages = seen(trained_press, 63)
     learned = recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
-    assert learned.ours is not None
-    assert (learned.ours.guarantee.real, learned.ours.guarantee.reference) == (63, 0)
+    assert "matched_filter" in learned.detectors
+    assert (
+        model_of(learned).guarantee.real,
+        model_of(learned).guarantee.reference,
+    ) == (63, 0)
     # ceil(64 x 0.92) = 59th smallest: glyphs and floor have a tenth of the rate each.
-    assert learned.ours.threshold == learned.ours.scores.own.worst[58]
+    assert model_of(learned).threshold == model_of(learned).scores.own.worst[58]
 
 
 def test_pages_add_up_over_runs_and_none_counts_twice(trained_press: Press) -> None:
@@ -106,18 +117,18 @@ def test_pages_add_up_over_runs_and_none_counts_twice(trained_press: Press) -> N
     assert "copy" not in again
     assert len(again) == 29
     second = recalibrated(first, more, again, false_alarm_rate=0.1)
-    assert second.ours is not None
-    assert second.ours.guarantee.real == 59
+    assert "matched_filter" in second.detectors
+    assert model_of(second).guarantee.real == 59
     at_once = recalibrated(
         trained_press,
         [*pages, *(page for page in more if page.name in again)],
         digests(pages) | {page.name: page.digest for page in more if page.name in again},
         false_alarm_rate=0.1,
     )
-    assert at_once.ours is not None
-    assert len(at_once.ours.pages.values) == 59
-    np.testing.assert_array_equal(second.ours.pages.values, at_once.ours.pages.values)
-    assert second.ours.threshold == at_once.ours.threshold
+    assert "matched_filter" in at_once.detectors
+    assert len(model_of(at_once).pages.values) == 59
+    np.testing.assert_array_equal(model_of(second).pages.values, model_of(at_once).pages.values)
+    assert model_of(second).threshold == model_of(at_once).threshold
 
 
 def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> None:
@@ -127,7 +138,7 @@ def test_too_few_real_pages_are_refused(trained_press: Press, press: Press) -> N
     known = {page.name: page.digest for page in enough[: FEWEST_REAL - 1]}
     with pytest.raises(RequestError, match=f"{FEWEST_REAL - 1} good pages"):
         recalibrated(trained_press, enough, known, false_alarm_rate=0.1)
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
         recalibrated(press, enough, digests(enough), false_alarm_rate=0.1)
 
 
@@ -141,7 +152,7 @@ def test_scans_of_other_pages_are_named_and_teach_nothing(
     with pytest.raises(RequestError, match=f"{told} another page"):
         recalibrated(trained_press, pages, digests(pages), false_alarm_rate=0.1)
     rest = {page.name: page.digest for page in pages if not page.another}
-    assert recalibrated(trained_press, pages, rest, false_alarm_rate=0.1).ours is not None
+    assert "matched_filter" in recalibrated(trained_press, pages, rest, false_alarm_rate=0.1).detectors
 
 
 # --- calls add up ---
@@ -175,8 +186,8 @@ def test_copies_of_a_paper_add_up_until_they_suffice(trained_press: Press, tmp_p
     )
     assert not waiting_path(artefact).exists()
     stored = type(trained_press).load(artefact)
-    assert stored.ours is not None
-    assert stored.ours.real == 20
+    assert "matched_filter" in stored.detectors
+    assert model_of(stored).real == 20
     everything = [page for copy in range(3) for page in copies(trained_press, copy)]
     everything += copies(trained_press, 3, pages=2)
     once = learned(tmp_path / "once.press", trained_press, everything)
@@ -186,8 +197,8 @@ def test_copies_of_a_paper_add_up_until_they_suffice(trained_press: Press, tmp_p
 
 
 def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press: Press) -> None:
-    ours = trained_press.ours
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     pages = [page for copy in range(4) for page in copies(trained_press, copy)]
     rows, none = rows_of(pages), np.zeros(24, bool)
     of_designs = replace(rows, design=np.tile(np.arange(6), 4))
@@ -197,10 +208,10 @@ def test_a_design_is_not_scored_by_a_model_that_its_copies_adapted(trained_press
         {page.digest: page.digest for page in pages},
         false_alarm_rate=0.1,
     )
-    assert fitted.ours is not None
-    expected = np.sort(own_scores(ours.model, of_designs, none, real=True))
-    assert fitted.ours.scores.own.worst == pytest.approx(expected)
-    assert fitted.ours.guarantee.real == 24
+    assert "matched_filter" in fitted.detectors
+    expected = np.sort(own_scores(matched_filter.model, of_designs, none, real=True))
+    assert model_of(fitted).scores.own.worst == pytest.approx(expected)
+    assert model_of(fitted).guarantee.real == 24
 
 
 def test_a_refused_call_keeps_what_waits(trained_press: Press, tmp_path: Path) -> None:
@@ -242,10 +253,12 @@ def test_a_waiting_file_of_another_build_or_damaged_is_refused_and_stays(
 ) -> None:
     artefact, few = tmp_path / "x.press", copies(trained_press, 0)
     learned(artefact, trained_press, few)
-    ours = trained_press.ours
-    assert ours is not None
-    adapted_since = replace(ours, model=replace(ours.model, shift=ours.model.shift + 1.0))
-    learned(artefact, replace(trained_press, ours=adapted_since), few)  # measures as before
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
+    adapted_since = replace(
+        matched_filter, model=replace(matched_filter.model, shift=matched_filter.model.shift + 1.0)
+    )
+    learned(artefact, trained_press.with_detector("matched_filter", adapted_since), few)  # measures as before
     other = replace(trained_press, supersampling=trained_press.supersampling + 1)
     with pytest.raises(
         PressError, match=r"x\.press\.waiting: another build .* measured the pages .*; remove it"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.cli.press import catches
 from prooflight.commissioning.training import train
 from prooflight.commissioning.training.learn import shift_and_scale
 from prooflight.commissioning.training.simulated_days import (
@@ -26,13 +25,15 @@ from prooflight.commissioning.training.simulated_days import (
 )
 from prooflight.commissioning.training.train import FEWEST, Plan
 from prooflight.detectors.matched_filter.calibrated import FLOOR_SHARE_OF_RATE
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES
 from prooflight.detectors.paper.bayes import window_statistics
 from prooflight.detectors.paper.detector import page_evidence
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -65,40 +66,42 @@ def test_a_taught_press_comes_back_from_its_file(trained_press: Press, tmp_path:
     assert trained_press.save(path) == trained_press.digest
     again = Press.load(path)
     assert again.digest == trained_press.digest
-    assert again.ours is not None
-    assert trained_press.ours is not None
-    assert again.ours.guarantee == trained_press.ours.guarantee
-    assert again.ours.threshold == trained_press.ours.threshold
-    assert again.bayes is None
-    assert again.ours.guarantee.simulated == len(Plan.of(24).calibrate)
-    assert again.ours.guarantee.rate == 0.1
-    np.testing.assert_array_equal(again.ours.pages.values, trained_press.ours.pages.values)
+    assert "matched_filter" in again.detectors
+    assert "matched_filter" in trained_press.detectors
+    assert model_of(again).guarantee == model_of(trained_press).guarantee
+    assert model_of(again).threshold == model_of(trained_press).threshold
+    assert "bayes" not in again.detectors
+    assert model_of(again).guarantee.simulated == len(Plan.of(24).calibrate)
+    assert model_of(again).guarantee.rate == 0.1
+    np.testing.assert_array_equal(model_of(again).pages.values, model_of(trained_press).pages.values)
 
 
 def test_a_press_is_the_shipped_ranking_made_fit_by_its_own_good_pages(trained_press: Press) -> None:
-    ours, shipped = trained_press.ours, shipped_ranking()
-    assert ours is not None
-    reference = shipped.references.by(ours.scores.own.worst.size)
-    assert ours.scores.reference.worst.tolist() == reference.worst.tolist()
-    assert ours.references.worst.tolist() == shipped.references.worst.tolist()
-    assert ours.guarantee.reference == reference.worst.size
-    for name, array in ours.model.arrays().items():
+    matched_filter, shipped = model_of(trained_press), shipped_ranking()
+    assert matched_filter is not None
+    reference = shipped.references.by(matched_filter.scores.own.worst.size)
+    assert matched_filter.scores.reference.worst.tolist() == reference.worst.tolist()
+    assert matched_filter.references.worst.tolist() == shipped.references.worst.tolist()
+    assert matched_filter.guarantee.reference == reference.worst.size
+    for name, array in matched_filter.model.arrays().items():
         same = np.array_equal(array, shipped.model.arrays()[name])
         assert same == (name not in ("shift", "scale") and not name.startswith("scatter."))
-    plain = replace(ours.model, shift=shipped.model.shift, scale=shipped.model.scale)
-    found = plain.deviations(ours.pages.values, ours.pages.page_features)
+    plain = replace(matched_filter.model, shift=shipped.model.shift, scale=shipped.model.scale)
+    found = plain.deviations(matched_filter.pages.values, matched_filter.pages.page_features)
     shift, scale = shift_and_scale(found)
-    np.testing.assert_allclose(ours.model.shift, shift)
-    np.testing.assert_allclose(ours.model.scale, scale)
+    np.testing.assert_allclose(matched_filter.model.shift, shift)
+    np.testing.assert_allclose(matched_filter.model.scale, scale)
     of_ranking = (1 - SHARE - FLOOR_SHARE_OF_RATE) * 0.1
-    assert ours.threshold == pytest.approx(reference.threshold(of_ranking / ours.scores.ratio)[0])
+    assert matched_filter.threshold == pytest.approx(
+        reference.threshold(of_ranking / matched_filter.scores.ratio)[0]
+    )
 
 
 def test_what_ours_catches_is_what_the_shipped_misprints_say(trained_press: Press) -> None:
-    ours, shipped = trained_press.ours, shipped_ranking()
-    assert ours is not None
-    share = (shipped.misprints > ours.threshold).mean()
-    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in catches(ours)
+    matched_filter, shipped = model_of(trained_press), shipped_ranking()
+    assert matched_filter is not None
+    share = (shipped.misprints > matched_filter.threshold).mean()
+    assert f"caught {share:.0%} of {shipped.misprints.size:,} simulated misprints" in matched_filter.trials
 
 
 def test_only_the_papers_network_is_taught_by_misprints(
@@ -111,15 +114,17 @@ def test_only_the_papers_network_is_taught_by_misprints(
         for paper in (False, True)
     }
     for paper, found in made.items():
-        assert found.ours is not None
-        assert found.ours.scores.own.worst.size == 42
-        assert (found.bayes is not None) == paper
+        assert "matched_filter" in found.detectors
+        assert model_of(found).scores.own.worst.size == 42
+        assert ("bayes" in found.detectors) == paper
         found.check()
-    assert made[False].ours is not None
-    assert made[True].ours is not None
-    assert made[True].ours.threshold == made[False].ours.threshold
-    assert made[True].ours.guarantee.rate == train.DEFAULT_RATE == 0.01
-    taught = made[True].bayes
+    assert "matched_filter" in made[False].detectors
+    assert "matched_filter" in made[True].detectors
+    assert (
+        made[True].detectors["matched_filter"].threshold == made[False].detectors["matched_filter"].threshold
+    )
+    assert made[True].detectors["matched_filter"].guarantee.rate == train.DEFAULT_RATE == 0.01
+    taught = made[True].detectors["bayes"]
     assert taught is not None
     assert taught.network.types == ("correct", "global", "local")
     assert taught.unit.tolist() == [3.5]  # the pilot's, 1 to 6
@@ -218,15 +223,17 @@ def test_what_good_prints_are_taken_to_scatter_by_follows_the_press(press: Press
 
 
 def test_a_press_keeps_what_its_prints_were_taken_to_do(trained_press: Press, tmp_path: Path) -> None:
-    ours = trained_press.ours
-    assert ours is not None
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
     prior = PrintPrior(gain=0.05, most_plane_mm=0.2)
-    own = replace(trained_press, ours=replace(ours, model=replace(ours.model, prior=prior)))
+    own = trained_press.with_detector(
+        "matched_filter", replace(matched_filter, model=replace(matched_filter.model, prior=prior))
+    )
     own.save(tmp_path / "own.press")
-    again = Press.load(tmp_path / "own.press").ours
+    again = Press.load(tmp_path / "own.press").detectors["matched_filter"]
     assert again is not None
     assert again.model.prior == prior
-    assert "prior" not in ours.model.facts()  # so that artefacts of before keep their digests
+    assert "prior" not in matched_filter.model.facts()  # so that artefacts of before keep their digests
 
 
 def test_the_papers_unit_is_how_wide_its_window_means_scatter_on_good_prints(

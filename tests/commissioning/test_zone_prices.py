@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from prooflight.commissioning.zones.price import LEARNING, _page_by_page, fewest_prints
+from prooflight.commissioning.zones.price import _page_by_page, careful_share
+from prooflight.detectors.matched_filter.zone_pricing import LEARNING, MatchedFilterPricing
 from prooflight.detectors.matched_filter.zones import ZonedJudge
 from prooflight.errors import RequestError
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones, ZoneEntry
@@ -47,7 +49,8 @@ def test_prints_are_made_page_by_page_and_told_as_they_were_asked_for() -> None:
 @pytest.mark.parametrize("rate", [0.1, 0.02, 0.009, 0.001])
 def test_the_fewest_prints_are_enough_for_each_to_be_judged_by_the_others(rate: float) -> None:
     entry = ZoneEntry(name="face", kind="careful", pages="all", rectangle_mm=(10, 10, 30, 30))
-    prints = fewest_prints(JobZones.create([entry], [(100.0, 100.0)]), rate)
+    pricing = MatchedFilterPricing(calibrated=SimpleNamespace(ranking_rate=rate))  # type: ignore[arg-type]
+    prints = pricing.fewest_prints(careful_share(JobZones.create([entry], [(100.0, 100.0)])))
     others = prints - -(-prints // LEARNING) - 1
     _judge(others).rates(rate)
     if prints > 12:

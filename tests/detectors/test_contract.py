@@ -12,11 +12,11 @@ import pytest
 
 import prooflight as pf
 from examples import write_a_detector
+from prooflight.detectors import registry
 from prooflight.detectors.base import BLOCK_PIXELS, StoredArrays
-from prooflight.detectors.golden.detector import GoldenDetector
+from prooflight.detectors.golden.detector import Golden, GoldenDetector
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
-from prooflight.inspection import registry
 from prooflight.inspection.redeciding import Figure
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def bayes(press: pf.Press) -> pf.Press:
     bad = good + rng.normal(0, [0.3, 4.0, 0.05], good.shape)
     labels = ["correct"] * 200 + ["local"] * 100 + ["global"] * 100
     network = BayesianNetwork.learn(np.vstack([good, bad]), labels, misprint_rate=0.01)
-    return replace(press, bayes=BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
+    return press.with_detector("bayes", BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +58,24 @@ def makers(
 
     def trained() -> tuple[pf.Press, pf.Detector]:
         own = request.getfixturevalue("trained_press")
-        return own, registry.matched_filter(own)
+        return own, registry.detector("matched_filter", own)
 
-    golden = pf.simulate(page, press, seed=8)
+    def golden() -> tuple[pf.Press, pf.Detector]:
+        registered = registry.detector("golden", press)
+        assert isinstance(registered, GoldenDetector)
+        scan = Golden.of(pf.simulate(page, press, seed=8), press.sensors)
+        return press, replace(registered, goldens={"": scan})
+
     return {
-        "chi-square": lambda: (press, registry.chi_square(press)),
-        "bayes": lambda: (bayes, registry.bayes(bayes)),
-        "ours": trained,
-        "golden": lambda: (press, GoldenDetector(press_context=press.press_context(), goldens={"": golden})),
+        "chi-square": lambda: (press, registry.detector("chi-square", press)),
+        "bayes": lambda: (bayes, registry.detector("bayes", bayes)),
+        "matched_filter": trained,
+        "golden": golden,
         "squares": lambda: (press, write_a_detector.detector(press)),
     }
 
 
-@pytest.fixture(scope="module", params=["chi-square", "bayes", "ours", "golden", "squares"])
+@pytest.fixture(scope="module", params=["chi-square", "bayes", "matched_filter", "golden", "squares"])
 def bench(
     request: pytest.FixtureRequest,
     makers: dict[str, Callable[[], tuple[pf.Press, pf.Detector]]],

@@ -42,3 +42,14 @@ def test_a_finer_screen_beats_less() -> None:
         for lpi in (85.0, 175.0)
     ]
     assert beats[1] < beats[0]
+
+
+def test_single_pixels_vary_no_more_than_their_sums() -> None:
+    """Boxes of one pixel are among those whose sums are compared; coarse dots are alike over several pixels."""
+    screen = Screen(kind="am", dpi=2540.0, lpi=25.4 / (16 * PITCH_MM), angles_deg=(0.0, 0.0, 0.0, 0.0))
+    single, summed = (
+        beat_contrasts(screen, LIGHT, _square_pixel(), (PITCH_MM, PITCH_MM), correlated=correlated)
+        for correlated in (False, True)
+    )
+    assert (single <= summed).all()
+    assert single[3, 2] == pytest.approx(1.0, abs=0.25)  # ink or paper: a (1 - a), but for pixels on borders

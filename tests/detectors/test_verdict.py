@@ -37,8 +37,14 @@ def test_a_number_that_is_not_finite_decides_nothing(name: str, value: float, mi
     sound = Decision(misprint=misprint, score=2.0, threshold=3.0, p_value=0.5, probability=0.01)
     decision = replace(sound, **{name: value})
     assert decision.verdict_name == "not-inspected"
-    verdict = Verdict.from_decision("p0001", decision, costs=RunningCosts(), kind="streak", detector="ours")
-    assert (verdict.verdict, without_gate(verdict)[0], verdict.detector) == ("not-inspected", "hold", "ours")
+    verdict = Verdict.from_decision(
+        "p0001", decision, costs=RunningCosts(), kind="streak", detector="matched_filter"
+    )
+    assert (verdict.verdict, without_gate(verdict)[0], verdict.detector) == (
+        "not-inspected",
+        "hold",
+        "matched_filter",
+    )
     assert name.replace("_", "-") in verdict.reason
     json.dumps(asdict(verdict), allow_nan=False)
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import prooflight as pf
+from prooflight.detectors import registry
 from prooflight.errors import RequestError
-from prooflight.inspection import registry
 from prooflight.pages.files import write_tiff
 from prooflight.scans.recorded import write_scan
 
@@ -120,8 +120,8 @@ def test_a_package_that_is_broken_is_named_and_hinders_no_other(
     ):
         registry.detector("broken", press)
     assert registry.detector("chi-square", press).name == "chi-square"
-    with pytest.raises(RequestError, match="was not taught 'ours'"):  # and nobody takes our names
-        registry.detector("ours", press)
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):  # and nobody takes our names
+        registry.detector("matched_filter", press)
 
 
 def test_two_packages_of_one_name_are_refused(

@@ -19,6 +19,7 @@ from tests.stand_ins import SHARED
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.disposition import without_gate
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.inspection.golden import GoldenInspector, golden_pages
 from prooflight.inspection.inspector import Inspector
@@ -160,7 +161,7 @@ class Presses:
         network = BayesianNetwork.learn(np.vstack([good, bad]), labels, misprint_rate=0.01)
         press = replace(self.one, good_pages_per_false_alarm=10.0)
         press = trained(press, Designs(), designs=24, seed=1, processes=1)
-        return replace(press, bayes=BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
+        return press.with_detector("bayes", BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
 
 
 PRESSES = Presses()
@@ -254,18 +255,18 @@ def press_taught(folder: Path) -> Figures:
     digest_saved = PRESSES.trained.save(folder / "x.press")
     press = Press.load(folder / "x.press")
     assert press.digest == digest_saved
-    ours = press.ours
-    assert ours is not None
+    matched_filter = model_of(press)
+    assert matched_filter is not None
     page = design(4)
     scan = scanned(press, page, "press").dn
     one, other = (
-        Inspector.of(which, "ours")
-        .inspect(Inspector.of(which, "ours").prepare(page), scan, scan_name="s")
+        Inspector.of(which, "matched_filter")
+        .inspect(Inspector.of(which, "matched_filter").prepare(page), scan, scan_name="s")
         .verdict
         for which in (PRESSES.trained, press)
     )
     assert replace(one, milliseconds=0.0) == replace(other, milliseconds=0.0)
-    return {"tables": _of_press(press), "threshold": ours.threshold, "verdict": of_verdict(one)}
+    return {"tables": _of_press(press), "threshold": matched_filter.threshold, "verdict": of_verdict(one)}
 
 
 def chi_square_ideal() -> Figures:
@@ -292,7 +293,7 @@ def matched_filter_press() -> Figures:
     """Our detector in the press world."""
     return inspected(
         PRESSES.trained,
-        "ours",
+        "matched_filter",
         "press",
         "",
         "streak",
@@ -305,12 +306,12 @@ def matched_filter_press() -> Figures:
 
 def matched_filter_ideal() -> Figures:
     """Our detector in the ideal world."""
-    return inspected(PRESSES.trained, "ours", "ideal", "", "spots-voids")
+    return inspected(PRESSES.trained, "matched_filter", "ideal", "", "spots-voids")
 
 
 def wrong_light() -> Figures:
     """Half the light: not inspected."""
-    inspector, page = Inspector.of(PRESSES.trained, "ours"), design(5)
+    inspector, page = Inspector.of(PRESSES.trained, "matched_filter"), design(5)
     scan = scanned(PRESSES.trained, page, "press").dn
     done = inspector.inspect(inspector.prepare(page), (scan * 0.5).astype(np.uint16), scan_name="scan")
     return {"verdict": of_verdict(done.verdict), "reason": done.verdict.reason}

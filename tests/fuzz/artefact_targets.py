@@ -23,7 +23,7 @@ INK_MODELS = ("log-linear", "local-linear")
 
 
 def press_samples() -> list[bytes]:
-    """A press of 42 mm with the learned detectors; what they learned is noise, ours of a few statistics."""
+    """A press of 42 mm with the learned detectors; what they learned is noise, and of a few statistics."""
     from prooflight.commissioning.build import build_press
     from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
     from prooflight.press.press_file import PressFile
@@ -32,15 +32,17 @@ def press_samples() -> list[bytes]:
     network = BayesianNetwork.learn(statistics, ["correct", "misprint"] * 40, misprint_rate=0.01, bins=8)
     press = replace(
         build_press(PressFile.prototype(), seed=1, pixels=PIXELS),
-        bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)),
-        ours=_ours(),
+        detectors={
+            "bayes": BayesDetector(network=network, threshold=0.1, unit=np.ones(1)),
+            "matched_filter": _matched_filter(),
+        },
     )
     with tempfile.TemporaryDirectory() as folder:
         press.save(Path(folder) / "a.press")
         return [(Path(folder) / "a.press").read_bytes()]
 
 
-def _ours() -> CalibratedDetector:
+def _matched_filter() -> CalibratedDetector:
     from prooflight.commissioning.training.adapting import fit_for
     from prooflight.commissioning.training.learn import Pages, learn_model
     from prooflight.detectors.false_alarm_rate import ReferenceScores
@@ -74,7 +76,7 @@ def read_press(path: Path) -> None:
 
     press = Press.load(path)
     for name in ("chi-square", "bayes"):
-        if name == "bayes" and press.bayes is None:
+        if name == "bayes" and "bayes" not in press.detectors:
             continue
         inspector = Inspector.of(press, name)
         with np.errstate(all="ignore"):

@@ -7,7 +7,6 @@ from prooflight.inks.chart import Chart
 from prooflight.inks.radial_basis import Hybrid, RadialBasis, _cubes, _plane, _System
 from prooflight.inks.recipes import choose_recipes
 from prooflight.spectra import BANDS, delta_e00, lab
-from prooflight_studies.ink.study import with_noise
 
 RNG = np.random.default_rng(21)
 CMYK = RNG.uniform(size=(60, 4))
@@ -43,19 +42,6 @@ def test_without_noise_it_is_the_interpolation_that_scipy_knows() -> None:
     other = RBFInterpolator(CMYK, ROOT, kernel="cubic", smoothing=model.smoothing)(wanted) ** 2
     np.testing.assert_allclose(model.reflectance(wanted), np.clip(other, 1e-4, 1.2), atol=1e-8)
     assert delta_e00(lab(model.reflectance(CMYK)), lab(ROOT**2)).mean() < 0.05
-
-
-def test_noise_is_smoothed_and_the_smooth_is_closer_to_the_truth(measured_chart: Chart) -> None:
-    recipes = measured_chart.recipes()
-    chosen = choose_recipes(recipes.cmyk, 300)
-    rest = np.setdiff1d(np.arange(len(recipes.cmyk)), chosen)
-    cmyk, clean = recipes.cmyk[chosen], recipes.reflectance[chosen]
-    noisy = with_noise(clean, 0.3, np.random.default_rng(2))
-    assert delta_e00(lab(noisy), lab(clean)).mean() == pytest.approx(0.3, rel=0.01)
-    model = Hybrid.fit(cmyk, noisy)
-    assert model.smoothing > 100 * Hybrid.fit(cmyk, clean).smoothing
-    unseen = delta_e00(lab(model.reflectance(recipes.cmyk[rest])), lab(recipes.reflectance[rest]))
-    assert np.median(unseen) < 0.25  # 0.17 here; the noise itself has a median of 0.25
 
 
 def test_repeats_count() -> None:

@@ -12,10 +12,10 @@ import pytest
 from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.paper.detector import PaperDetector
+from prooflight.detectors.registry import BUILT_IN, detector
 from prooflight.detectors.verdict import Decision, Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.registry import BUILT_IN, detector
 from prooflight.rng import stream
 from prooflight.simulation.scans import KINDS, MisprintRequest, SimulatedScan, scan_page
 

@@ -9,6 +9,7 @@ import tifffile
 
 from prooflight.detectors.matched_filter.calibrated import score_of
 from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.errors import ScanError
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, ScanPage, paired
@@ -144,9 +145,9 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
         folder = scans / name
         folder.mkdir()
         ScanToFile(job=source, press=trained_press, out=folder, request=None, seed=seed, job_pages=PAGES)(1)
-    ours = trained_press.ours
-    assert ours is not None
-    inspector = Inspector.of(trained_press, "ours")
+    matched_filter = model_of(trained_press)
+    assert matched_filter is not None
+    inspector = Inspector.of(trained_press, "matched_filter")
     look = pickle.loads(pickle.dumps(ScanPage(InspectPage(job=source, inspector=inspector))))
     with source.open() as job:
         first, again, other = (
@@ -156,9 +157,10 @@ def test_a_good_page_is_learned_from_by_what_its_scan_says(
     assert isinstance(known, MatchedFilterPage)
     assert first.name == "p0001"
     assert not first.another
-    assert first.values.shape == (len(ours.model.statistics),)
-    assert np.isfinite(first.values).all()
-    asked = score_of(known.model, first.values, first.page_features, another=False)
+    values = first.evidence["values"]
+    assert values.shape == (len(matched_filter.model.statistics),)
+    assert np.isfinite(values).all()
+    asked = score_of(known.model, values, first.evidence["page_features"], another=False)
     assert first.score == pytest.approx(asked, rel=1e-5)
     assert first.digest == again.digest != other.digest
 

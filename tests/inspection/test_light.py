@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.light import BLACK_OFF, LEAST_OFF, light_tolerance, wrong_light
 from prooflight.inspection.light_level import LightLevel, light_levels
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     MakePage = Callable[..., Page]
 
-DETECTORS = ("ours", "chi-square")
+DETECTORS = ("matched_filter", "chi-square")
 
 
 def scan_of(page: Page, press: Press, light: float = 1.0, *, sensor: int | None = None) -> NDArray[np.uint16]:

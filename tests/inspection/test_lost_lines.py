@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -126,7 +125,7 @@ def test_bayes_calls_no_sheet_a_misprint_for_lost_lines(
     bad = good + rng.normal(0, [0.3, 4.0, 0.05], good.shape)
     labels = ["correct"] * 200 + ["local"] * 100 + ["global"] * 100
     network = BayesianNetwork.learn(np.vstack([good, bad]), labels, misprint_rate=0.01)
-    taught = replace(press, bayes=BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
+    taught = press.with_detector("bayes", BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
     inspector = Inspector.of(taught, "bayes")
     prepared = inspector.prepare(page)
     usual = inspector.inspect(prepared, whole, seed=seed).verdict
@@ -161,7 +160,7 @@ def test_our_detector_asks_nothing_of_lost_lines(
     """Whatever stands in their place, the verdict is the same to the bit, and one look is enough."""
     page = make_page(1003, number=4, height_mm=30.0)
     whole = _printed_in_the_press_world(trained_press, page, 1)
-    inspector = Inspector.of(trained_press, "ours")
+    inspector = Inspector.of(trained_press, "matched_filter")
     prepared = inspector.prepare(page)
     usual = inspector.inspect(prepared, whole).verdict
     dark, noisy = whole.copy(), whole.copy()
@@ -181,7 +180,7 @@ def test_our_detector_finds_what_is_wrong_beside_lost_lines(
     page = make_page(1003, number=4, height_mm=30.0)
     scan = holed(_printed_in_the_press_world(trained_press, page, 1), FEW)
     scan[:, 60:80, 60:80] //= 3
-    inspector = Inspector.of(trained_press, "ours")
+    inspector = Inspector.of(trained_press, "matched_filter")
     found = inspect_where_seen(inspector, inspector.prepare(page), scan, unseen=FEW).verdict
     assert found.verdict == "misprint"
 

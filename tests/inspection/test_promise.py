@@ -96,7 +96,7 @@ def test_what_is_kept_of_an_endless_run_does_not_grow() -> None:
 
 
 @pytest.fixture(scope="module")
-def ours() -> CalibratedDetector:
+def matched_filter() -> CalibratedDetector:
     """Taught by random rows, seed 14; its 40 good pages are of the same kind."""
     rng = np.random.default_rng(14)
 
@@ -125,15 +125,19 @@ def ours() -> CalibratedDetector:
     )
 
 
-def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: CalibratedDetector) -> None:
+def test_our_detector_suspends_its_promise_once_in_words(
+    press: Press, matched_filter: CalibratedDetector
+) -> None:
     """Pages that scatter as its own do not, seed 15; those with light along the travel soon, and say so."""
-    detector = MatchedFilterDetector(press_context=press.press_context(), calibrated=ours)
+    detector = MatchedFilterDetector(press_context=press.press_context(), calibrated=matched_filter)
     rng = np.random.default_rng(15)
     for much, suspended in ((0.0, False), (6.0, True)):
         watch, said = GuaranteeMonitor.of(detector, seed=3), []
         for page in range(60):
             values = rng.exponential(size=len(NAMES)) + much * (np.arange(len(NAMES)) == 2)
-            summary = summary_of(ours.model, values, rng.standard_normal(3), score=rng.exponential())
+            summary = summary_of(
+                matched_filter.model, values, rng.standard_normal(3), score=rng.exponential()
+            )
             said += [page] if watch.add(GOOD, summary, page) else []
             assert watch.marked(GOOD).promise_suspended == bool(said)
         assert len(said) == suspended
@@ -148,7 +152,7 @@ def test_our_detector_suspends_its_promise_once_in_words(press: Press, ours: Cal
 def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
     trained_press: Press, page: Page, make_page: Callable[..., Page]
 ) -> None:
-    inspector = Inspector.of(trained_press, "ours")
+    inspector = Inspector.of(trained_press, "matched_filter")
     watch = GuaranteeMonitor.of(inspector.detector)
     assert isinstance(watch.test, PressRunTest)
     prepared = inspector.prepare(page)
@@ -165,19 +169,19 @@ def test_an_inspected_page_adds_to_its_run_unless_it_shows_another(
     assert summary_of_page(replace(good, verdict=Verdict.skipped("p0007", "too dark"))) is None
 
 
-def test_a_press_keeps_room_beside_its_own_pages(ours: CalibratedDetector) -> None:
-    test = ExchangeabilityTest.of(ours)
+def test_a_press_keeps_room_beside_its_own_pages(matched_filter: CalibratedDetector) -> None:
+    test = ExchangeabilityTest.of(matched_filter)
     assert (len(test.reference_pages), test.room) == (OWN, OWN + 2000)
 
 
-def test_numbers_that_are_not_finite_say_nothing(ours: CalibratedDetector) -> None:
+def test_numbers_that_are_not_finite_say_nothing(matched_filter: CalibratedDetector) -> None:
     fine, page_features = np.ones(len(NAMES)), np.zeros(3)
-    assert summary_of(ours.model, fine, page_features, score=0.5) is not None
+    assert summary_of(matched_filter.model, fine, page_features, score=0.5) is not None
     for odd in (np.nan, np.inf):
         values = np.where(np.arange(len(NAMES)) == 1, odd, fine)
-        assert summary_of(ours.model, values, page_features, score=0.5) is None
-        assert summary_of(ours.model, fine, page_features + odd, score=0.5) is None
-        assert summary_of(ours.model, fine, page_features, score=odd) is None
+        assert summary_of(matched_filter.model, values, page_features, score=0.5) is None
+        assert summary_of(matched_filter.model, fine, page_features + odd, score=0.5) is None
+        assert summary_of(matched_filter.model, fine, page_features, score=odd) is None
 
 
 @pytest.mark.parametrize("name", ["chi-square"])

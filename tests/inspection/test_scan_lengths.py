@@ -16,6 +16,7 @@ import pytest
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.placing import inside
 from prooflight.inspection.inspector import Inspector
@@ -104,22 +105,30 @@ def test_a_scans_length_does_not_change_its_verdict(
     assert scan.shape[1] == nominal
     trained_press.save(tmp_path / "x.press")
     (tmp_path / "scan.pickle").write_bytes(pickle.dumps((page, scan)))
-    command = [sys.executable, str(SCRIPT), str(tmp_path / "x.press"), str(tmp_path / "scan.pickle"), "ours"]
-    rows = inspected(trained_press, page, scan, "ours", [nominal])
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        str(tmp_path / "x.press"),
+        str(tmp_path / "scan.pickle"),
+        "matched_filter",
+    ]
+    rows = inspected(trained_press, page, scan, "matched_filter", [nominal])
     for part in (lengths[:10], lengths[10:]):
         done = subprocess.run([*command, *map(str, part)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-500:]
         rows += [json.loads(line) for line in done.stdout.splitlines()]
     assert len(rows) == 21
     assert_alike(rows, nominal=nominal)
-    for here, there in zip(inspected(trained_press, page, scan, "ours", lengths[:2]), rows[1:3], strict=True):
+    for here, there in zip(
+        inspected(trained_press, page, scan, "matched_filter", lengths[:2]), rows[1:3], strict=True
+    ):
         assert here == there | {"score": pytest.approx(there["score"], rel=SAME)}
 
 
 def test_a_misprint_is_one_at_any_length(trained_press: Press, make_page: MakePage) -> None:
     page, scan = press_scan(trained_press, make_page, "streak")
     nominal, lengths = lengths_about(trained_press, page, seed=5)
-    rows = inspected(trained_press, page, scan, "ours", [nominal, *lengths[:5]])
+    rows = inspected(trained_press, page, scan, "matched_filter", [nominal, *lengths[:5]])
     assert rows[0]["verdict"] == "misprint"
     assert_alike(rows, nominal=nominal)
 
@@ -155,10 +164,10 @@ def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
 ) -> None:
     """A line of 401 pixels, which nothing divides, and two sensors with 400, of which two are taken together."""
     for other in (build_press(prototype, seed=1, pixels=401), two_sensor_press):
-        press = replace(other, ours=trained_press.ours)
+        press = other.with_detector("matched_filter", model_of(trained_press))
         page, scan = press_scan(press, make_page)
         nominal, lengths = lengths_about(press, page, seed=6)
-        assert_alike(inspected(press, page, scan, "ours", [nominal, *lengths[:4]]), nominal=nominal)
+        assert_alike(inspected(press, page, scan, "matched_filter", [nominal, *lengths[:4]]), nominal=nominal)
 
 
 @pytest.mark.parametrize("size_mm", [(5.0, 5.0), (5.0, 30.0), (30.0, 5.0)])
@@ -174,7 +183,7 @@ def test_the_least_pages_are_judged(
     scan = ideal_scan(seen, trained_press, np.random.default_rng(1))
     ruined = scan.copy()
     ruined[:, :, ::3] = 0
-    for name in ("ours", "chi-square"):
+    for name in ("matched_filter", "chi-square"):
         for one, words in ((scan, {"good", "misprint"}), (ruined, {"misprint", "not-inspected"})):
             done = Inspector.of(trained_press, name).inspect(page, one)
             assert done.verdict.verdict in words

@@ -22,8 +22,7 @@ from prooflight.inspection.scanner.placing import (
 from prooflight.inspection.scanner.tone_fit import fitted_tone, toned_lines
 from prooflight.pages.raster import Page
 from prooflight.press.artefact import Press
-from prooflight.press.scanner import scanner_press_file
-from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.press.scanner import feeder_of, scanner_press_file
 from prooflight.scans.scanner.reading import ScannedPicture
 
 WIDTH_MM, HEIGHT_MM, DPI = 100.0, 120.0, 300.0
@@ -37,7 +36,7 @@ def scanner() -> Press:
 @pytest.fixture(scope="module")
 def expected(scanner: Press, make_page: Callable[..., Page]) -> ExpectedPage:
     page = make_page(3, width_mm=WIDTH_MM, height_mm=HEIGHT_MM, dpi=300.0)
-    return ExpectedPage.of(page, scanner.press_context().predict(page), scanner, FeederPrior())
+    return ExpectedPage.of(page, scanner.press_context().predict(page), scanner, feeder_of(scanner))
 
 
 def light_of(expected: ExpectedPage, press: Press) -> NDArray[np.float32]:
@@ -95,7 +94,7 @@ def test_a_scan_of_something_else_is_not_placed(
     scanner: Press, expected: ExpectedPage, make_page: Callable[..., Page]
 ) -> None:
     page = make_page(11, width_mm=WIDTH_MM, height_mm=HEIGHT_MM, dpi=300.0)
-    other = ExpectedPage.of(page, scanner.press_context().predict(page), scanner, FeederPrior())
+    other = ExpectedPage.of(page, scanner.press_context().predict(page), scanner, feeder_of(scanner))
     picture = scanned(other, scanner)
     start = most_likely(seen_coarsely(picture, expected), expected)
     _, reason = placed(picture, expected, start, scanner)

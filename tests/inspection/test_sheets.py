@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from prooflight.detectors.disposition import Disposition, without_gate
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.sheets import (
     NEVER,
@@ -21,7 +22,6 @@ from prooflight.inspection.sheets import (
     side_verdict,
     to_review,
 )
-from prooflight.journal.records import PageRecord
 from prooflight.pages.layout.layout import Layout
 from prooflight.pages.layout.plan import SheetPlan
 
@@ -43,24 +43,30 @@ def region(x: float, y: float) -> Region:
     return Region(x_mm=x, y_mm=y, width_mm=5, height_mm=5, score=9.0, kind="spot")
 
 
-def record(at: int, word: str, plan: SheetPlan, *, row: int | None = None, **more: Any) -> PageRecord:
+@dataclass(frozen=True, kw_only=True)
+class Side:
+    """A side as it is recorded, without a gate; ``SideRow``."""
+
+    sheet: int
+    job_page: int | None
+    verdict: Verdict
+    faults: tuple[str, ...] = ()
+
+    @property
+    def disposition(self) -> Disposition:
+        return without_gate(self.verdict, self.faults)[0]
+
+
+def record(at: int, word: str, plan: SheetPlan, *, row: int | None = None, **more: Any) -> Side:
     name = plan.layout.side_name(plan.number_at(at))
     if word == GONE:
         verdict, faults = Verdict.skipped(name, "no sheet of it came"), ("missing",)
     elif word == "not-inspected":
         verdict, faults = Verdict.skipped(name, "there was no time"), ()
     else:
-        verdict = Verdict(page=name, verdict=word, detector="ours", kind="spot")  # type: ignore[arg-type]
+        verdict = Verdict(page=name, verdict=word, detector="matched_filter", kind="spot")  # type: ignore[arg-type]
         verdict, faults = replace(verdict, regions=more.pop("regions", ())), more.pop("faults", ())
-    return PageRecord(
-        sheet=at if row is None else row,
-        job_page=at,
-        verdict=verdict,
-        late=False,
-        first_line=0,
-        time_s=0.0,
-        faults=faults,
-    )
+    return Side(sheet=at if row is None else row, job_page=at, verdict=verdict, faults=faults)
 
 
 def of_run(plan: SheetPlan, words: Sequence[str]) -> tuple[list[SheetVerdict], list[SetVerdict]]:

@@ -23,7 +23,7 @@ def facts(**changes: Any) -> RunFacts:
         job_digest="j" * 64,
         press="rig",
         press_digest="p" * 64,
-        detector="ours",
+        detector="matched_filter",
         source="drum:5",
         started_s=1000.0,
         sheets=100,

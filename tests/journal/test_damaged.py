@@ -297,9 +297,9 @@ def test_what_is_kept_is_read_as_numpy_reads_it(tmp_path: Path, dtype: str, shap
 # --- evidence that is whole, and of no page ---
 
 
-@pytest.fixture(scope="module", params=["chi-square", "ours"])
+@pytest.fixture(scope="module", params=["chi-square", "matched_filter"])
 def kept(request: pytest.FixtureRequest, press: Press, page: Page) -> tuple[dict[str, Any], Press, str]:
-    of_press = request.getfixturevalue("trained_press") if request.param == "ours" else press
+    of_press = request.getfixturevalue("trained_press") if request.param == "matched_filter" else press
     inspector = Inspector.of(of_press, request.param)
     prepared = inspector.prepare(page)
     scan = scan_page(
@@ -334,7 +334,7 @@ def test_evidence_of_no_page_cannot_be_decided_again(
 
 def test_evidence_that_is_no_number_gives_no_verdict(kept: tuple[dict[str, Any], Press, str]) -> None:
     arrays, press, name = kept
-    spoilt = {"portrait": np.nan} if name == "ours" else {"tile_histogram": 0}
+    spoilt = {"page_features": np.nan} if name == "matched_filter" else {"tile_histogram": 0}
     for of, value in spoilt.items():
         with pytest.raises(RequestError):
             decided_again(arrays | {of: np.full_like(arrays[of], value)}, press, name)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.journal.journals import facts, record
 
-from prooflight.journal import lock
+from prooflight.files import lock
 from prooflight.journal.journal import Journal
 from prooflight.journal.schema import JournalError
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Code, Ink, Region, Verdict
-from prooflight.journal import lock, packs
+from prooflight.files import lock
+from prooflight.journal import packs
 from prooflight.journal.exporting import run_facts, write_csv
 from prooflight.journal.journal import Journal, content_digest
 from prooflight.journal.opening import default_journal
@@ -44,7 +45,7 @@ FULL = Verdict(
     ),
     shift_mm=(0.1, -0.2),
     milliseconds=12.5,
-    detector="ours",
+    detector="matched_filter",
     family="streak/light",
     reason="streak at x = 83 mm – “né”",
     inks={"C": Ink(gain_percent=-3.25, dot_gain_percent=1.5, register_mm=(0.03, -0.01))},

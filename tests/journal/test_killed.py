@@ -29,7 +29,13 @@ from prooflight.journal.unclaimed import unclaimed_folder
 KILLS = 20
 SEED = 9
 FACTS = RunFacts(
-    job="job", job_digest="j", press="rig", press_digest="p", detector="ours", source="drum", started_s=0.0
+    job="job",
+    job_digest="j",
+    press="rig",
+    press_digest="p",
+    detector="matched_filter",
+    source="drum",
+    started_s=0.0,
 )
 
 

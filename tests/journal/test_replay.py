@@ -49,10 +49,10 @@ def bayes_press(press: Press) -> Press:
     bad = good + rng.normal(0, [0.3, 4.0, 0.05], good.shape)
     labels = ["correct"] * 200 + ["local"] * 100 + ["global"] * 100
     network = BayesianNetwork.learn(np.vstack([good, bad]), labels, misprint_rate=0.01)
-    return replace(press, bayes=BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
+    return press.with_detector("bayes", BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
 
 
-@pytest.fixture(scope="module", params=["chi-square", "ours", "bayes"])
+@pytest.fixture(scope="module", params=["chi-square", "matched_filter", "bayes"])
 def inspector(request: pytest.FixtureRequest, press: Press, bayes_press: Press) -> Inspector:
     of_name = {"chi-square": press, "bayes": bayes_press}
     trained = of_name.get(request.param) or request.getfixturevalue("trained_press")
@@ -123,7 +123,7 @@ def test_a_scan_of_another_page_keeps_its_score(looks: Looks, inspector: Inspect
         decided_again(kept | {"wrong_page": np.array(word)}, inspector.press, inspector.detector.name)
         for word in (False, True)
     )
-    if inspector.detector.name == "ours":
+    if inspector.detector.name == "matched_filter":
         assert good.score < wrong.score == WRONG_PAGE
         assert wrong.misprint
     else:

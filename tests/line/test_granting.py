@@ -12,7 +12,7 @@ from prooflight.cli import run
 from prooflight.cli.runs import feedback
 from prooflight.errors import RequestError
 from prooflight.line import tolerances
-from prooflight.line.granting import granted, with_zone, without_zone
+from prooflight.line.granting import granted, with_zone
 from prooflight.line.tolerances import Proposal
 from prooflight.pages.files import write_tiff
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
@@ -58,10 +58,10 @@ def test_it_is_granted_once_and_leaves_the_others_as_they_were() -> None:
     both = JobZones.create(with_zone(known, entry), SIZES)
     with pytest.raises(RequestError, match="granted already"):
         with_zone(both, entry)
-    assert without_zone(both, entry.name) == (face,)
-    assert JobZones.create(without_zone(both, entry.name), SIZES).zones_digest == known.zones_digest
+    assert both.without(entry.name) == (face,)
+    assert JobZones.create(both.without(entry.name), SIZES).zones_digest == known.zones_digest
     with pytest.raises(RequestError, match="'face'"):
-        without_zone(known, "faces")
+        known.without("faces")
 
 
 def test_as_a_user_calls_it(

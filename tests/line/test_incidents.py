@@ -270,7 +270,13 @@ def test_the_journal_tells_the_same_incidents_as_the_run(tmp_path: Path) -> None
     ]
     records[50] = record(50, Verdict.skipped("p0001", "lost"), faults=("lost-lines",))
     facts = RunFacts(
-        job="j", job_digest="", press="p", press_digest="", detector="ours", source="drum", started_s=0.0
+        job="j",
+        job_digest="",
+        press="p",
+        press_digest="",
+        detector="matched_filter",
+        source="drum",
+        started_s=0.0,
     )
     with Journal.open(str(tmp_path / "j.sqlite")) as journal:
         number = journal.begin_run(facts)

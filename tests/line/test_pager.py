@@ -23,10 +23,9 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight.simulation.scans import MisprintRequest, scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import Amounts
-from prooflight_studies.soak.sheets import RepeatedJob
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from prooflight.line.pager import PageStart
     from prooflight.line.sheets.records import Fault
@@ -37,6 +36,11 @@ if TYPE_CHECKING:
 WHOLE, FORMS = 5, 3
 """Pages of their own, and forms of one template."""
 PAGES = WHOLE + FORMS
+
+
+def repeated(designs: Sequence[Thumbnail | None], sheets: int) -> tuple[Thumbnail | None, ...]:
+    """A job's thumbnails for so many sheets, from its first again after its last."""
+    return tuple(designs[sheet % len(designs)] for sheet in range(sheets))
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class Job:
     def paged(
         self, blocks: Iterable[LineBlock], *, sheets: int = PAGES, start: PageStart | None = None
     ) -> list[SeenPage | MissingPage]:
-        pager = Pager(self.press, expected=RepeatedJob(self.thumbnails, sheets), start=start)
+        pager = Pager(self.press, expected=repeated(self.thumbnails, sheets), start=start)
         found = [page for block in blocks for page in pager.push(block)]
         return found + pager.flush()
 
@@ -146,7 +150,7 @@ def test_good_prints_are_paged_in_order_and_nothing_is_said_of_them(job: Job) ->
 
 
 def test_a_rehearsal_leaves_no_trace(job: Job) -> None:
-    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES))
+    pager = Pager(job.press, expected=repeated(job.thumbnails, PAGES))
     pager.warm_up()
     drum = Drum(job.scans, press=job.press, passing=turns(PAGES, {}))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
@@ -502,7 +506,7 @@ def test_sheets_whose_gap_was_lost_are_parted_all_the_same(job: Job) -> None:
 def test_pages_that_did_not_come_are_counted_when_the_lines_have_ended(job: Job) -> None:
     """Page 3 is left out, page 5 comes behind page 6; the lines end two sheets too early."""
     faults = {2: DrumFault(kind="missing", amount=1), 4: DrumFault(kind="out-of-order")}
-    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, PAGES + 2))
+    pager = Pager(job.press, expected=repeated(job.thumbnails, PAGES + 2))
     for block in Drum(job.scans, press=job.press, passing=turns(PAGES, faults)).blocks():
         pager.push(block)
     pager.flush()
@@ -517,7 +521,7 @@ def test_repeated_designs_are_counted_through(job: Job) -> None:
 
 def test_lines_are_let_go(job: Job) -> None:
     store = LineStore(job.press, longest=500)
-    pager = Pager(job.press, expected=RepeatedJob(job.thumbnails, 5 * PAGES))
+    pager = Pager(job.press, expected=repeated(job.thumbnails, 5 * PAGES))
     pager._store = pager._finder._store = store
     most = 0
     for block in Drum(job.scans, press=job.press, passing=turns(5 * PAGES, {})).blocks():
@@ -557,7 +561,7 @@ def test_two_sensors_are_paged_as_one(two_sensor_press: Press, make_page: Callab
         )
         scans.append(made.dn)
     drum = Drum(scans, press=two_sensor_press, passing=turns(9, {4: DrumFault(kind="repeated")}))
-    pager = Pager(two_sensor_press, expected=RepeatedJob(thumbnails, 9))
+    pager = Pager(two_sensor_press, expected=repeated(thumbnails, 9))
     found = [page for block in drum.blocks() for page in pager.push(block)] + pager.flush()
     assert pages_of(found) == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8]
 
@@ -584,7 +588,7 @@ def test_lines_that_one_sensor_did_not_see_are_its_alone_and_sheets_are_found_by
             block = replace(block, lines=lines, faults=(lost,))
         kept.append(block)
     known = thumbnail_of(page, expected, press)
-    pager = Pager(press, expected=RepeatedJob([known], 6))
+    pager = Pager(press, expected=repeated([known], 6))
     found = [one for block in kept for one in pager.push(block)] + pager.flush()
     assert pages_of(found) == list(range(6))
     assert not missing_of(found)

@@ -116,12 +116,12 @@ def test_another_job_has_a_store_of_its_own(store: PreparedStore, page: Page, tm
     assert other.folder != store.folder
 
 
-def test_files_make_no_objects_but_designs(inspector: Inspector) -> None:
+def test_files_make_no_objects_but_designs() -> None:
     import io
 
     for harmful in (os.system, eval, MemoryError):
         with pytest.raises(pickle.UnpicklingError, match="is no part of a design"):
-            _Unpickler(io.BytesIO(pickle.dumps(harmful)), inspector, []).load()
+            _Unpickler(io.BytesIO(pickle.dumps(harmful)), {}, [], "prooflight").load()
 
 
 def test_the_least_recently_used_jobs_are_removed(tmp_path: Path) -> None:

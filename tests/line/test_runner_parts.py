@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.line.following import BOUND_SDS, MOST_SDS, PACE, Adapting, followed

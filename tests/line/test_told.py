@@ -27,14 +27,14 @@ WRONG = Verdict(
     score=2.0,
     threshold=1.0,
     regions=(SPOT,),
-    detector="ours",
+    detector="matched_filter",
 )
 SKIPPED = Verdict.skipped("p0001", "no time")
 SAMPLE = 0.25
 
 
 def asked(sheet: int, verdict: Verdict, probability: float | None) -> PageRecord:
-    page = record(sheet, kept=False, verdict=replace(verdict, detector="ours"))
+    page = record(sheet, kept=False, verdict=replace(verdict, detector="matched_filter"))
     return replace(page, asked=probability)
 
 
@@ -87,7 +87,7 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
         assert counts.missed is not None
         assert counts.missed.value == pytest.approx(392 / 97)
         digest = run.facts.press_digest
-        told = labelled_pages([(run, sheets)], digests={digest}, replaces=digest, rate=0.02, now_s=1000.0)
+        told = labelled_pages([(run, sheets)], replaces=digest, rate=0.02, now_s=1000.0)
         assert int(told.passed.sum()) == 96
         assert told.weight[told.passed] == pytest.approx(98 / 97 / SAMPLE)  # one did not know
         assert told.weight[~told.passed] == pytest.approx(1.0)
@@ -96,7 +96,6 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
         )  # 8 of 400 alarm, and 2 % may: a little less than all of them
         aged = labelled_pages(
             [(run, sheets)],
-            digests={digest},
             replaces=digest,
             rate=0.02,
             now_s=1000.0 + 10 * 86_400,
@@ -108,7 +107,7 @@ def test_words_on_a_journal_become_figures_and_pages_to_calibrate_by(tmp_path: P
         replay = replayed_run(run, journal.pages(run_id), sheets, threshold=2.0)
         assert (len(replay.gone), replay.gone_told, replay.come) == (8, {"good": 8}, ())
         with pytest.raises(RequestError, match="--sample"):
-            labelled_pages([(run, sheets)], digests={"another"}, replaces=digest, rate=0.02, now_s=1000.0)
+            labelled_pages([], replaces=digest, rate=0.02, now_s=1000.0)
 
 
 @pytest.mark.parametrize("judged_by", ["this press", "another press", "nobody asked"])
@@ -124,7 +123,8 @@ def test_a_run_with_zones_from_before_there_was_one_scale_is_refused(tmp_path: P
         journal.commit()
         words = LabelStore(path)
         runs = [(run, sample_of_run(journal, words, run)) for run in journal.runs()]
-    how = {"digests": {facts().press_digest}, "replaces": facts().press_digest, "rate": 0.02, "now_s": 1000.0}
+        runs = [one for one in runs if one[0].facts.press_digest == facts().press_digest]
+    how = {"replaces": facts().press_digest, "rate": 0.02, "now_s": 1000.0}
     if judged_by == "this press":
         with pytest.raises(
             RequestError, match=r"^run 2: .*older Prooflight.*; calibrate by runs watched since"

@@ -21,12 +21,12 @@ FACTS = RunFacts(
     job_digest="",
     press="rig",
     press_digest="",
-    detector="ours",
+    detector="matched_filter",
     source="drum:5",
     started_s=0.0,
     sheets=2000,
 )
-GOOD = Verdict(page="p0001", verdict="good", detector="ours", score=1.0, threshold=3.0)
+GOOD = Verdict(page="p0001", verdict="good", detector="matched_filter", score=1.0, threshold=3.0)
 STREAK = Region(x_mm=119.5, y_mm=0.0, width_mm=1.0, height_mm=297.0, score=9.0, kind="streak")
 MISPRINT = Verdict(
     page="p0002",
@@ -34,7 +34,7 @@ MISPRINT = Verdict(
     kind="streak",
     regions=(STREAK,),
     reason="streak at x = 120 mm in black",
-    detector="ours",
+    detector="matched_filter",
     score=7.5,
     threshold=3.0,
     probability=0.99,
@@ -103,7 +103,7 @@ def random_outcome(sheet: int, rng: np.random.Generator) -> Outcome:
         threshold=number(),
         probability=number() and 0.5,
         shift_mm=None if rng.random() < 0.5 else (float(rng.normal()), float(rng.normal())),
-        detector="ours" if word != "not-inspected" else "",
+        detector="matched_filter" if word != "not-inspected" else "",
     )
     faults = (("lost-lines",), (), ("missing",))[int(rng.integers(3))]
     return outcome(

@@ -28,7 +28,7 @@ from prooflight.plant.gate.handshake import State
 from prooflight.plant.gate.log import LoggedDecisions, PlantError, log_path
 from prooflight.plant.gate.reconciling import Tray, reconciled
 from prooflight.plant.simulator.server import PlcServer
-from prooflight_studies.gate.relay import Relay
+from prooflight.testing.relay import Relay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     MakePage = Callable[..., Page]
 
-DETECTORS = ("chi-square", "bayes", "ours")
+DETECTORS = ("chi-square", "bayes", "matched_filter")
 INFINITE = (np.nan, np.inf, -np.inf)
 
 
@@ -37,7 +37,9 @@ def whole(trained_press: Press) -> Press:
     statistics = np.random.default_rng(4).standard_normal((80, 3))
     labels = ["correct", "misprint"] * 40
     network = BayesianNetwork.learn(statistics, labels, misprint_rate=0.01, bins=8)
-    return replace(trained_press, bayes=BayesDetector(network=network, threshold=0.1, unit=np.ones(1)))
+    return trained_press.with_detector(
+        "bayes", BayesDetector(network=network, threshold=0.1, unit=np.ones(1))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -96,20 +98,20 @@ def with_field(source: bytes, path: str, value: Any) -> bytes:
         ("sensor0.footprint_across", -1, 1.1),
         ("sensor0.correction_near", (3, 3), 2.0),
         ("inks.model.density", (0, 0), np.nan),
-        ("ours.own", 0, np.nan),
-        ("ours.own", 0, 1e6),  # no longer rising
-        ("ours.reference", (0, 0), np.inf),
-        ("ours.values", (0, 0), np.nan),
-        ("ours.page_features", (0, 0), np.inf),
-        ("ours.tolerance.shift", 5, np.nan),
-        ("ours.tolerance.scale", 5, 0.0),
-        ("ours.tolerance.scatter.light", 0, 0.0),
-        ("ours.tolerance.sd", 5, 0.0),
-        ("ours.tolerance.family", 5, 10_000),
-        ("ours.tolerance.tail", (7, 0), 1e6),  # begins where no quantile is
-        ("ours.tolerance.baseline", (0, 0), np.nan),
-        ("bayes.log_likelihood", (0, 0, 0), 0.0),  # no distribution
-        ("bayes.unit", 0, np.nan),
+        ("detectors.matched_filter.own", 0, np.nan),
+        ("detectors.matched_filter.own", 0, 1e6),  # no longer rising
+        ("detectors.matched_filter.reference", (0, 0), np.inf),
+        ("detectors.matched_filter.values", (0, 0), np.nan),
+        ("detectors.matched_filter.page_features", (0, 0), np.inf),
+        ("detectors.matched_filter.tolerance.shift", 5, np.nan),
+        ("detectors.matched_filter.tolerance.scale", 5, 0.0),
+        ("detectors.matched_filter.tolerance.scatter.light", 0, 0.0),
+        ("detectors.matched_filter.tolerance.sd", 5, 0.0),
+        ("detectors.matched_filter.tolerance.family", 5, 10_000),
+        ("detectors.matched_filter.tolerance.tail", (7, 0), 1e6),  # begins where no quantile is
+        ("detectors.matched_filter.tolerance.baseline", (0, 0), np.nan),
+        ("detectors.bayes.log_likelihood", (0, 0, 0), 0.0),  # no distribution
+        ("detectors.bayes.unit", 0, np.nan),
     ],
 )
 def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
@@ -135,11 +137,11 @@ def test_a_wrong_value_under_a_right_digest_is_refused_and_named(
         ("clipped", [{"black": 0.0, "saturation": 0.0}] * 2),
         ("variation", {"ink": {"gain_print_percent": float("nan")}}),
         ("variation", {"ink": [[[[[[[1]]]]]]]}),
-        ("detectors.ours.false_alarm_rate", 0.0),
-        ("detectors.ours.real", 19),  # of 18 pages
-        ("detectors.ours.real", -1),
-        ("detectors.ours.tolerance.threshold", float("nan")),
-        ("detectors.ours.tolerance.names", ["fit"]),
+        ("detectors.matched_filter.false_alarm_rate", 0.0),
+        ("detectors.matched_filter.real", 19),  # of 18 pages
+        ("detectors.matched_filter.real", -1),
+        ("detectors.matched_filter.tolerance.threshold", float("nan")),
+        ("detectors.matched_filter.tolerance.names", ["fit"]),
         ("detectors.bayes.threshold", float("nan")),
         ("detectors.chi", {}),
         ("ink_facts", {"name": "a", "model": "alchemy"}),
@@ -213,9 +215,9 @@ def test_nobody_judges_by_a_press_in_which_any_number_is_not_finite(whole: Press
         for path in float_arrays(whole.sensors[0])
     ]
     spoilt_presses += [
-        replace(whole, **{name: spoilt(getattr(whole, name), path, value, rng)})
-        for name in ("ours", "bayes")
-        for path in float_arrays(getattr(whole, name))
+        whole.with_detector(name, spoilt(model, path, value, rng))
+        for name, model in whole.detectors.items()
+        for path in float_arrays(model)
     ]
     assert len(spoilt_presses) > 20
     spoilt_presses += [
@@ -228,7 +230,9 @@ def test_nobody_judges_by_a_press_in_which_any_number_is_not_finite(whole: Press
             with pytest.raises(PressError):
                 Inspector.of(press, name)
     with pytest.raises(PressError):
-        replace(Inspector.of(whole, "ours"), press=spoilt_presses[0])  # as a running press is followed
+        replace(
+            Inspector.of(whole, "matched_filter"), press=spoilt_presses[0]
+        )  # as a running press is followed
 
 
 def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
@@ -245,7 +249,7 @@ def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
             refused.append(str(error))
             continue
         judged += 1
-        names = [name for name in DETECTORS if name == "chi-square" or getattr(press, name) is not None]
+        names = [name for name in DETECTORS if name == "chi-square" or name in press.detectors]
         for name in names if judged == 1 else names[:2] if judged <= 6 else ():
             inspector = Inspector.of(press, name)
             with np.errstate(all="ignore"):

@@ -8,8 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import special
 
-from prooflight.pages.sampling import Footprint, Taps, taps, transfer
-from prooflight_studies.exact.exposure import page_taps
+from prooflight.pages.sampling import Taps, taps, transfer
 
 PITCHES_MM = st.floats(0.01, 0.5)
 CENTRES_MM = st.lists(st.floats(-8, 30), min_size=1, max_size=12).map(np.array)
@@ -147,25 +146,6 @@ def test_light_is_conserved(ratio: float) -> None:
     )
     seen = as_matrix(weights, count).sum(axis=0) * 0.1 / (20 / count)
     np.testing.assert_allclose(seen, 1, atol=1e-4)  # a raster pixel's light, in its own area
-
-
-def test_page_taps_go_across_columns_and_along_rows() -> None:
-    reach = 0.1
-    offsets = np.linspace(-reach, reach, 401)
-    footprint = Footprint(
-        reach_mm=reach,
-        across=np.clip(offsets / 0.1 + 0.5, 0, 1),  # a box of one raster pixel
-        along=np.clip(offsets / 0.2 + 0.5, 0, 1),  # and of two
-    )
-    x, y = page_taps(
-        footprint,
-        centres_x_mm=np.array([0.35]),
-        centres_y_mm=np.array([0.1, 0.2]),
-        raster_pixel_mm=0.1,
-        raster_shape=(3, 5, 4),
-    )
-    np.testing.assert_allclose(as_matrix(x, 5), [[0, 0, 0, 1, 0]], atol=1e-6)
-    np.testing.assert_allclose(as_matrix(y, 3), [[0.5, 0.5, 0], [0, 0.5, 0.5]], atol=1e-6)
 
 
 def test_transfer_of_a_box_is_a_sinc() -> None:

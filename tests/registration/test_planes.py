@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of

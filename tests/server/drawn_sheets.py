@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
-from tests.server.consoles import facts, good
+from tests.journal.sample_rows import facts, good
 
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import evidence_to_store

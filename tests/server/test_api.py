@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from tests.server.consoles import Served, good, misprint, served, write_run
+from tests.journal.sample_rows import good, misprint
+from tests.server.consoles import Served, served, write_run
 
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import RunEnd

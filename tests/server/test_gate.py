@@ -8,7 +8,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.server.consoles import good
+from tests.journal.sample_rows import good
 
 from prooflight.cli import run
 from prooflight.journal.journal import Journal

@@ -12,7 +12,8 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.server.consoles import facts, good, misprint, served
+from tests.journal.sample_rows import facts, good, misprint
+from tests.server.consoles import served
 
 from prooflight.cli import run
 from prooflight.detectors.verdict import Verdict

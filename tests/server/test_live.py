@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 import uvicorn
-from tests.server.consoles import PASSWORD, Served, facts, good, misprint, served
+from tests.journal.sample_rows import facts, good, misprint
+from tests.server.consoles import PASSWORD, Served, served
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.journal import Journal

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.server.consoles import Served, facts, good, misprint, served, write_run
+from tests.journal.sample_rows import facts, good, misprint
+from tests.server.consoles import Served, served, write_run
 
 from prooflight.journal.journal import Journal
 from prooflight.server.accounts.roles import Role

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.server.consoles import PASSWORD, Served, good, served, write_run
+from tests.journal.sample_rows import good
+from tests.server.consoles import PASSWORD, Served, served, write_run
 
 from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.journal.journal import Journal

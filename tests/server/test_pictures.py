@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from tests.server.consoles import CUT_MM, facts, misprint, served
+from tests.journal.sample_rows import CUT_MM, facts, misprint
+from tests.server.consoles import served
 from tests.server.drawn_sheets import MIDDLE, write_drawn
 
 from prooflight.inspection.inspector import Inspector

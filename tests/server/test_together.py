@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.server.consoles import facts, good, misprint, served
+from tests.journal.sample_rows import facts, good, misprint
+from tests.server.consoles import served
 
 from prooflight.journal.journal import Journal
 from prooflight.journal.records import RunEnd

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.server.consoles import facts, good, misprint
+from tests.journal.sample_rows import facts, good, misprint
 from tests.server.test_zones import ended, job_of, zones
 from tests.server.zone_prices import priced_by, quick
 

@@ -21,6 +21,8 @@ from prooflight.files.user_folders import user_folder
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+PACKAGES: Final = ("prooflight",)
+"""Packages whose log records are printed."""
 LOG_BYTES: Final = 1_000_000
 """Size of the log file, and of the one before it: some 300 tracebacks."""
 
@@ -66,10 +68,12 @@ class FaultLog(logging.Handler):
 
 @contextlib.contextmanager
 def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
-    """Print log records of this package as lines, and give the logger for unexpected errors."""
-    logger, handler = logging.getLogger("prooflight"), FaultLog(arguments)
-    logger.addHandler(handler)
+    """Print log records of ``PACKAGES`` as lines, and give the logger for unexpected errors."""
+    loggers, handler = [logging.getLogger(name) for name in PACKAGES], FaultLog(arguments)
+    for one in loggers:
+        one.addHandler(handler)
     try:
-        yield logger
+        yield loggers[0]
     finally:
-        logger.removeHandler(handler)
+        for one in loggers:
+            one.removeHandler(handler)

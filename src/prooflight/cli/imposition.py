@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
 from prooflight.cli import faults, show
-from prooflight.errors import RequestError, visible
+from prooflight.errors import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from prooflight.detectors.disposition import Disposition
     from prooflight.detectors.verdict import Verdict
-    from prooflight.inspection.sheets import Counts, ReviewList, SetVerdict, SheetVerdict
-    from prooflight.journal.journal import Journal
-    from prooflight.journal.reading import Damaged
-    from prooflight.journal.records import RunRow
+    from prooflight.inspection.sheets import Counts, SetVerdict, SheetVerdict
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.scans.geometry import ScanGeometry
@@ -48,18 +46,32 @@ def imposed(
     return replace(job, layout=plan.layout), plan
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Side:
+    """Side of a job that was inspected once; ``inspection.sheets.SideRow``."""
+
+    sheet: int
+    job_page: int
+    verdict: Verdict
+    faults: tuple[str, ...] = ()
+
+    @property
+    def disposition(self) -> Disposition:
+        """Disposition of the sheet: no gate decides."""
+        from prooflight.detectors.disposition import without_gate
+
+        return without_gate(self.verdict, self.faults)[0]
+
+
 def of_job(plan: SheetPlan, verdicts: Sequence[Verdict]) -> list[SheetVerdict | SetVerdict]:
     """Return the sheets and sets of a job that was inspected once, from the verdicts on its sides in their order."""
     from prooflight.inspection.sheets import Assembling
-    from prooflight.journal.records import PageRecord
 
     assembling, parts = Assembling(plan), list["SheetVerdict | SetVerdict"]()
     for position in range(plan.passings):
         side = plan.side_at(position)
         verdict = verdicts[side]
-        parts += assembling.add(
-            PageRecord(sheet=side, job_page=position, verdict=verdict, late=False, first_line=0, time_s=0.0)
-        )
+        parts += assembling.add(_Side(sheet=side, job_page=position, verdict=verdict))
     return parts + assembling.end()
 
 
@@ -72,37 +84,6 @@ def print_job(parts: Sequence[SheetVerdict | SetVerdict], *, json: bool) -> None
         return
     for one in parts:
         show.print_json(sheet_facts(one))
-
-
-def of_run(journal: Journal, run: RunRow, *, damaged: Damaged) -> ReviewList | None:
-    """Return a run's sheets and sets that a person should examine, from its rows; None if it has none."""
-    from prooflight.inspection.sheets import to_review
-    from prooflight.pages.layout.plan import facts_plan
-
-    plan = facts_plan(run.facts.settings)
-    if plan is None:
-        return None
-    passed, rows = 0, []
-    for page in journal.pages(run.id, damaged=damaged):
-        passed = max(passed, 0 if page.job_page is None else page.job_page + 1)
-        if page.verdict.verdict != "good" or page.faults:
-            rows.append(page)
-    return to_review(plan, rows, passed=passed, ended=run.state != "running")
-
-
-def run_facts(journal: Journal, run: RunRow, *, damaged: Damaged) -> None:
-    """Print all sheets and sets of a run for programs; RequestError if it has none."""
-    from prooflight.inspection.sheets import SheetVerdict, assembled
-    from prooflight.pages.layout.plan import facts_plan
-
-    plan = facts_plan(run.facts.settings)
-    if plan is None:
-        what = f"run {run.id} was watched without --layout"
-        raise RequestError("sheets", what, remedy="leave out --sheets: every page is a sheet of its own")
-    parts = list(assembled(plan, journal.pages(run.id, damaged=damaged)))
-    sheets = [sheet_facts(one)["sheet_verdict"] for one in parts if isinstance(one, SheetVerdict)]
-    sets = [sheet_facts(one)["set_verdict"] for one in parts if not isinstance(one, SheetVerdict)]
-    show.print_json({"run": run.id, "layout": plan.layout.text, "sheets": sheets, "sets": sets})
 
 
 def sheet_facts(part: SheetVerdict | SetVerdict) -> dict[str, Any]:

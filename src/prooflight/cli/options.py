@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from prooflight.inspection.registry import names
+from prooflight.detectors.registry import names
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Profile = Annotated[
@@ -28,16 +28,16 @@ Detector = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Detector. ours: the matched filter; bayes and chi-square: the paper's learned and statistical ones; "
-        "packages may register others. "
-        f"Available: {', '.join(names())}. Default: ours if the press was trained for it, else chi-square.",
+        help="Detector: matched_filter; the paper's learned one, bayes, or its statistical one, chi-square; golden, by "
+        "--golden; packages may register others. "
+        f"Available: {', '.join(names())}. Default: matched_filter if the press was trained with it, else chi-square.",
     ),
 ]
 OnDevice = Annotated[
     Literal["cpu", "gpu"],  # detectors.base.Device, which would load numpy for --help
     typer.Option(
         "--device",
-        help="Where our detector computes the images of a scan: cpu, or gpu, an NVIDIA card (prooflight[gpu]).",
+        help="Where the matched filter computes the images of a scan: cpu, or gpu, an NVIDIA card (prooflight[gpu]).",
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**32 - 1)]

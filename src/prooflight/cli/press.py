@@ -17,12 +17,12 @@ from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import PressFileError, RequestError
+from prooflight.files.given import shortly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.commissioning.training.learned_variation import StatedAndLearned
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.press.artefact import Press
 
 app = typer.Typer(help="Build a press artefact, show its content, train its detectors.", no_args_is_help=True)
@@ -31,8 +31,10 @@ feedback.register_of_presses(app)
 rip_model.register(app)
 
 FULL = 160
-TRAINING = {"none": 0, "quick": DESIGNS, "full": FULL}
-"""Number of designs that each way of training prints."""
+TRAINING = {"full": FULL}
+"""Number of designs that ways of training print where it is not ``DESIGNS``."""
+TRAINED = {"none": (), "quick": ("matched_filter",), "full": ("matched_filter", "bayes")}
+"""Detectors that each way of training trains."""
 
 OWN_RIP_IS_BEST = (
     'For jobs of PDFs the press\'s own RIP is the best answer, by [rip] engine = "command", or its rasters as the job; '
@@ -54,8 +56,9 @@ def build(
     detector: Annotated[
         str,
         typer.Option(
-            metavar="none|quick|full",
-            help="Detectors trained by simulation. quick: the matched filter; full: the paper's learned one too.",
+            metavar="none|quick|full|NAME",
+            help="Detectors trained by simulation. quick: the matched filter; full: the paper's learned one too; NAME: "
+            "this detector alone.",
         ),
     ] = "quick",
     designs: Annotated[
@@ -78,18 +81,22 @@ def build(
     """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
     from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.line_camera.wizard import measured_columns
+    from prooflight.commissioning.measured_columns import measured_columns
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
-    from prooflight.inspection.registry import promises
+    from prooflight.detectors.entry import Training
+    from prooflight.detectors.optional import StatesTrials
+    from prooflight.detectors.registry import names, present, promises, training_functions
     from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
-    if detector not in TRAINING:
-        what = f"there is no {detector!r}"
-        raise RequestError("detector", what, remedy=f"choose of {', '.join(TRAINING)}")
-    if detector != "none":
-        Plan.of(designs or TRAINING[detector])  # too few end before any work
+    if detector not in TRAINED and present(detector) not in names():
+        remedy = f"choose of {', '.join((*TRAINED, *names()))}"
+        raise RequestError("detector", f"there is no {shortly(detector)!r}", remedy=remedy)
+    wanted = TRAINED.get(detector, (present(detector),))
+    functions = training_functions(wanted)
+    if wanted:
+        Plan.of(designs or TRAINING.get(detector, DESIGNS))  # too few end before any work
     started = time.perf_counter()
     settings = PressFile.read(press_file)
     if settings.rip_engine.missing:
@@ -103,10 +110,16 @@ def build(
     accuracy = table_accuracy(
         settings.camera(), settings.inks(), press.sensors, stream(seed, "trial-recipes")
     )
-    if detector != "none":
-        rate = 1 / settings.good_pages_per_false_alarm if settings.states_rate else DEFAULT_RATE
-        training_designs = designs or TRAINING[detector]
-        press = _trained(press, training_designs, rate=rate, full=detector == "full", seed=seed, quiet=json)
+    training = Training(
+        designs=designs or TRAINING.get(detector, DESIGNS),
+        seed=seed,
+        false_alarm_rate=1 / settings.good_pages_per_false_alarm if settings.states_rate else DEFAULT_RATE,
+        progress=show.steps(quiet=json),
+        shown=lambda days, total, what: iter(days) if json else show.progress(days, total=total, what=what),
+    )
+    for train, of in functions.items():
+        for name, model in train(press, of, training).items():
+            press = press.with_detector(name, model)
     differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)
@@ -124,8 +137,9 @@ def build(
         )
     for name, promise in promises(press).items():
         show.people.print(f"detector {name}: {promise}")
-    if press.ours is not None:
-        show.people.print(catches(press.ours))
+    for model in press.detectors.values():
+        if isinstance(model, StatesTrials):
+            show.people.print(model.trials)
     show.people.print(_rip_sentence(press, differing))
 
 
@@ -149,33 +163,6 @@ def _rip_sentence(press: Press, differing: tuple[str, ...] | None) -> str:
     if differing is None:
         return f"RIP {press.rip_engine.name}: not checked, since PyMuPDF, which reads PDFs, is not installed"
     return sentence(press.rip_engine, drawn_dpi(press), differing)
-
-
-def catches(detector: CalibratedDetector) -> str:
-    """Return, in one line, the share of trial misprints that the ranking caught at this press's threshold."""
-    from prooflight.detectors.matched_filter.shipped import shipped_ranking
-
-    ranking = shipped_ranking()
-    share = ranking.caught(detector.threshold)
-    count = len(ranking.misprints)
-    return (
-        f"In its trials the ranking caught {share:.0%} of {count:,} simulated misprints at this threshold, barely "
-        "visible ones included; a press may catch less: docs/results/detector/stress.md."
-    )
-
-
-def _trained(press: Press, designs: int, *, rate: float, full: bool, seed: int, quiet: bool) -> Press:
-    from prooflight.commissioning.training.cache import trained_once
-
-    return trained_once(
-        press,
-        designs=designs,
-        seed=seed,
-        false_alarm_rate=rate,
-        paper=full,
-        progress=show.steps(quiet=quiet),
-        shown=lambda days, total, what: iter(days) if quiet else show.progress(days, total=total, what=what),
-    )
 
 
 @app.command()
@@ -239,17 +226,17 @@ def _alone(artefact: Path) -> Iterator[None]:
 
     RequestError: another one does.
     """
-    from prooflight.journal.lock import WriterLock
-    from prooflight.journal.schema import JournalError
+    from prooflight.files.lock import WriterLock
 
     if not artefact.is_file():  # the press is read next, and says so
         yield
         return
-    try:
-        lock = WriterLock.take(artefact)
-    except JournalError as error:
-        remedy = "wait until the other call has ended, then give these pages again"
-        raise RequestError(artefact, error.what, remedy=remedy) from error
+    lock = WriterLock.take(
+        artefact,
+        error=RequestError,
+        wait="wait until the other call has ended, then give these pages again",
+        elsewhere="give an artefact in a folder where files can be written",
+    )
     try:
         yield
     finally:
@@ -274,7 +261,7 @@ def _learn(
     from prooflight.press.pages import job_source
 
     press = Press.load(artefact)
-    inspector = Inspector.of(press, "ours")
+    inspector = Inspector.of(press)
     source = job_source(job, press, profile=profile)
     with source.open() as opened:
         pairs = [
@@ -285,26 +272,21 @@ def _learn(
     work = ScanPage(InspectPage(job=source, inspector=inspector))
     rows = in_order(work, pairs)
     seen = list(rows if json else show.progress(rows, total=len(pairs), what="looking at good pages"))
-    rate = press.ours.guarantee.requested_rate if press.ours else 1 / press.good_pages_per_false_alarm
     done = learn_pages(
         artefact,
         press,
         seen,
-        false_alarm_rate=1 / guaranteed_pages if guaranteed_pages else rate,
+        false_alarm_rate=1 / guaranteed_pages if guaranteed_pages else None,
         out=out or artefact,
     )
-    detector = done.press.ours
-    assert press.ours is not None
-    assert detector is not None
-    alarms = sum(page.score > press.ours.threshold for page in seen)
     facts = {
         "press": str(artefact if done.waiting else out or artefact),
         "digest": done.press.digest,
         "pages": len(seen),
         "new": done.new,
-        "alarms_before": alarms,
-        "threshold": detector.threshold,
-        "promise": str(detector.guarantee),
+        "alarms_before": done.alarms_before,
+        "threshold": done.threshold,
+        "promise": done.guarantee,
         "learned": 0 if done.waiting else len(done.designs),
         "waiting": len(done.designs) if done.waiting else 0,
         "needed": FEWEST_REAL,
@@ -315,7 +297,8 @@ def _learn(
         show.print_json(facts)
         return
     show.people.print(
-        f"{len(seen)} good pages, {done.new} of them new; {alarms} would have alarmed before. {done.sentence}."
+        f"{len(seen)} good pages, {done.new} of them new; {done.alarms_before} would have alarmed before. "
+        f"{done.sentence}."
     )
     if done.waiting:
         show.people.print(show.strong(artefact), "is as it was; the pages wait next to it.")
@@ -413,8 +396,8 @@ def _in_lines(value: Any) -> str:
 
 
 def _facts(press: Press) -> dict[str, Any]:
-    from prooflight.detectors.matched_filter.visibility import floor_text
-    from prooflight.inspection.registry import promises
+    from prooflight.detectors.cost import floor_text
+    from prooflight.detectors.registry import promises
 
     geometry = press.geometry
     return {

@@ -11,7 +11,7 @@ from prooflight.cli import show
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -39,7 +39,10 @@ def rip_model(
         Path | None,
         typer.Option(metavar="PAGES", help="CMYK TIFFs of its pages, as the press's front end makes them."),
     ] = None,
-    scans: Annotated[Path | None, typer.Option(metavar="SCANS", help="Scans of good prints of it.")] = None,
+    scans: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="SCANS", help="Scans of good prints of it; again for each further copy."),
+    ] = None,
     press: Annotated[
         Path | None, typer.Option(metavar="X.press", help="With --scans: the press that they are of.")
     ] = None,
@@ -67,17 +70,18 @@ def rip_model(
             show.strong(test_page), "written: have the press rip or print it, then give it as the job"
         )
         return
-    if press_file is None or job is None or (rasters is None) == (scans is None):
+    if press_file is None or job is None or (rasters is None) == (not scans):
         what = "needs a press file, a PDF, and either its rasters or scans of it"
         raise RequestError(
             "rip-model", what, remedy="give PRESS.toml JOB.pdf --rasters PAGES, or --scans SCANS --press X"
         )
+    from prooflight.pages.pdf.rip_model import UNSTATED
     from prooflight.press.press_file import PressFile
 
     settings = PressFile.read(press_file)
     if rasters is not None:
         identified = _from_rasters(settings, job, rasters)
-    elif press is not None and scans is not None:
+    elif press is not None and scans:
         identified = _from_scans(job, scans, press)
     else:
         raise RequestError(
@@ -86,6 +90,9 @@ def rip_model(
     for sentence in identified.sentences:
         show.people.print(sentence)
     if out is not None:
+        if identified.model == UNSTATED:
+            what = "has no edges by which anything could be identified"
+            raise RequestError(job, what, remedy="take the page that --test-page writes")
         _write(settings, identified.model, out)
         show.people.print(show.strong(out), "written: build the press from it")
 
@@ -132,7 +139,7 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
         return identified_from_rasters(pages, drawn, dpi=dpi, is_own_engine=engine is None)
 
 
-def _from_scans(job: Path, scans: Path, press_path: Path) -> Identified:
+def _from_scans(job: Path, copies: Sequence[Path], press_path: Path) -> Identified:
     from prooflight.commissioning.rip_scans import identified_from_scans
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import pair
@@ -144,16 +151,17 @@ def _from_scans(job: Path, scans: Path, press_path: Path) -> Identified:
     with open_job(job, press) as pages:
 
         def inspected() -> Iterator[tuple[Page, Inspection]]:
-            for page, scan in pair(pages, scans, partly=True):
-                step(f"measuring edges of {page.name}")
-                yield page, inspector.inspect(page, scan)
+            for scans in copies:
+                for page, scan in pair(pages, scans, partly=True):
+                    step(f"measuring edges of {page.name} in {scans}")
+                    yield page, inspector.inspect(page, scan)
 
         return identified_from_scans(inspected(), press)
 
 
 def _write(settings: PressFile, model: RipModel, out: Path) -> None:
     """Write the press file with these parameters in ``[rip]``; PressFileError: it would be invalid."""
-    from prooflight.commissioning.line_camera.file_edit import Edit, edited
+    from prooflight.commissioning.file_edit import Edit, edited
     from prooflight.files.atomic import whole_file
     from prooflight.pages.pdf.rip_model import UNSTATED
     from prooflight.press.press_file import PressFile

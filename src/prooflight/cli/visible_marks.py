@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from prooflight.detectors.matched_filter.visibility import PlaceRow
+    from prooflight.detectors.visible_marks import PlaceRow
     from prooflight.press.artefact import Press
 
 TINTS: Final = {"bare paper": 0.0, "40 % black": 0.4}
@@ -30,14 +30,16 @@ class OnTint:
 
 
 def on_tints(press: Press) -> list[OnTint]:
-    """Return a row for each of ``TINTS``; none if the press lacks the matched-filter detector."""
-    from prooflight.detectors.matched_filter.visibility import on_tint
+    """Return a row for each of ``TINTS``; none if the press's detector does not state what it would catch."""
+    from prooflight.detectors.optional import ShowsVisibleMarks
+    from prooflight.detectors.registry import detector
 
-    if press.ours is None:
+    own = detector(None, press)
+    if not isinstance(own, ShowsVisibleMarks):
         return []
     rows = []
     for place, black in TINTS.items():
-        spot_mm, hair_mm = on_tint(press.ours, press.press_context(), black)
+        spot_mm, hair_mm = own.visible_on_tint(black)
         rows.append(OnTint(place=place, spot_mm=spot_mm, hair_mm=hair_mm))
     return rows
 
@@ -58,19 +60,22 @@ def on_page(
     """Return the marks that would be caught on a page of a job, by class of place; ``picture`` is the file of
     its map.
 
-    RequestError: the press was not trained for the matched-filter detector, or the job has no such page.
+    RequestError: the press's detector does not state them, or the job has no such page.
     """
-    from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-    from prooflight.detectors.matched_filter.visibility import VisibleMarks
+    from prooflight.detectors.optional import ShowsVisibleMarks
     from prooflight.inspection.inspector import Inspector
     from prooflight.press.pages import open_job
     from prooflight.reporting.visibility_picture import draw_visibility
 
-    inspector = Inspector.of(press, "ours")
-    assert isinstance(inspector.detector, MatchedFilterDetector)
+    inspector = Inspector.of(press)
+    if not isinstance(inspector.detector, ShowsVisibleMarks):
+        what = f"{inspector.detector.name!r} of press {press.name} does not state what it would catch"
+        raise RequestError(
+            "--job", what, remedy="build the press with `prooflight press build --detector quick`"
+        )
     with open_job(job, press, profile=profile) as opened:
         page = opened.page(number)
-    marks = VisibleMarks.of(inspector.detector.prepare(inspector.planned(page)))
+    marks = inspector.detector.visible_marks(inspector.planned(page))
     if picture is not None:
         draw_visibility(picture, marks, page, press)
     return marks.rows()

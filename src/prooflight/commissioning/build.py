@@ -59,7 +59,7 @@ def build_press(
 ) -> Press:
     """Build a press from its press file.
 
-    columns: of the real camera, one a sensor (``line_camera.dialogue.measured_columns``); None: a simulated
+    columns: of the real camera, one a sensor (``measured_columns``); None: a simulated
     specimen's. seed: of the simulated specimen's fixed pattern and of its calibration exposures. pixels:
     longer line sensors than the file's, for jobs wider than its field. PressFileError if white paper would
     saturate the sensor.

@@ -33,6 +33,8 @@ ENOUGH: Final = 40_000
 """Edges of one ink after which no more are sought."""
 FEWEST_TILES: Final = 12
 """Fewest tiles by which an ink's growth is stated."""
+ALL_TILES: Final = 10**9
+"""Side of a cell that holds all tiles of all pages. [tiles]"""
 LEAST_STEP: Final = 0.25
 """Least step of an edge, as a share of the range."""
 PLATEAU: Final = 0.1
@@ -50,8 +52,7 @@ class InkEdges:
     growth_pixels: float
     growth_sd: float
     offset_pixels: tuple[float, float]
-    """To the right and down."""
-    offset_sd: float
+    """To the right and down, on average."""
     edge_sd: float
     """Standard deviation of a tile's edges after growth and offset. [pixels]"""
     tiles: int
@@ -72,6 +73,7 @@ def ink_edges(
     span: float,
     half: int = HALF,
     alone: Sequence[NDArray[np.bool_]] | None = None,
+    cell_tiles: int = ALL_TILES,
 ) -> InkEdges | None:
     """Return how the edges of one ink lie in pages as they were printed, beside pages as expected.
 
@@ -85,6 +87,9 @@ def ink_edges(
         Pixels that are looked at to either side of an edge.
     alone
         Where the ink is alone (rows, columns); None: everywhere.
+    cell_tiles
+        Side of the cells that have an offset each: a RIP has one, a print is moved by paper and planes from place to
+        place. [tiles]
 
     Returns
     -------
@@ -107,7 +112,7 @@ def ink_edges(
                 one[:, 0] += top
                 one[:, 0] = page * 1e6 + one[:, 0] // TILE
                 estimates.append(one)
-    return _fitted(np.concatenate(estimates)) if estimates else None
+    return _fitted(np.concatenate(estimates), cell_tiles) if estimates else None
 
 
 def _edges(
@@ -161,27 +166,43 @@ def _edges(
     return np.column_stack([lines, at // TILE, towards, none, moved])
 
 
-def _fitted(edges: NDArray[np.float64]) -> InkEdges | None:
-    """Fit growth and offset to the means of tiles; None: too few, or none of opposite directions."""
+def _fitted(edges: NDArray[np.float64], cell_tiles: int) -> InkEdges | None:
+    """Fit growth, and an offset for each cell and direction, to means of tiles; None: too few opposite edges.
+
+    The standard error is robust against what edges have in common: those of a row of tiles, or of a column, may lie on
+    one row or column of the device's pixels, and are rounded alike; in copies of a page they are the same edges.
+    """
     if not len(edges):
         return None
     keys, of = np.unique(edges[:, :4], axis=0, return_inverse=True)
     of = of.ravel()
     means = np.bincount(of, edges[:, 4]) / np.bincount(of)
-    if len(means) < FEWEST_TILES or len(np.unique(keys[:, 2:], axis=0)) < 2:
+    down, sign = keys[:, 3] != 0, keys[:, 2] + keys[:, 3]
+    _, group = np.unique(np.column_stack([keys[:, :2] // cell_tiles, down]), axis=0, return_inverse=True)
+    group = group.ravel()
+    count = np.bincount(group)
+
+    def besides_offset(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return values - sign * (np.bincount(group, sign * values) / count)[group]
+
+    grows = besides_offset(np.ones(len(means)))
+    weight = float(grows @ grows)
+    freedom = len(means) - len(count) - 1
+    if weight < FEWEST_TILES or freedom < 1:
         return None
-    design = np.column_stack([np.ones(len(means)), keys[:, 2], keys[:, 3]])
-    inverse = np.linalg.pinv(design.T @ design)
-    amounts = inverse @ design.T @ means
-    left = means - design @ amounts
-    variance = float((left**2).sum() / max(len(means) - 3, 1))
-    sd = np.sqrt(variance * np.diag(inverse))
+    growth = float(grows @ means) / weight
+    left = besides_offset(means) - growth * grows
+    shared = np.column_stack([np.where(down, keys[:, 0] % 1e6, 0), ~down * keys[:, 1], down])
+    _, cluster = np.unique(shared, axis=0, return_inverse=True)
+    sums = np.bincount(cluster.ravel(), grows * left)
+    across, along = (
+        float((sign * (means - growth))[one].mean()) if one.any() else 0.0 for one in (~down, down)
+    )
     return InkEdges(
-        growth_pixels=float(amounts[0]),
-        growth_sd=float(sd[0]),
-        offset_pixels=(float(amounts[1]), float(amounts[2])),
-        offset_sd=float(max(sd[1:])),
-        edge_sd=float(np.sqrt(variance)),
+        growth_pixels=growth,
+        growth_sd=float(np.sqrt((sums @ sums) * len(means) / freedom)) / weight,
+        offset_pixels=(across, along),
+        edge_sd=float(np.sqrt((left @ left) / freedom)),
         tiles=len(means),
     )
 

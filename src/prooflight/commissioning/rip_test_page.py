@@ -11,6 +11,8 @@ SIDE_POINTS: Final = (420.0, 320.0)
 PITCH_POINTS: Final = 24.37
 """Pitch of the squares: no multiple of a pixel of any usual resolution, so that edges lie at all parts of pixels."""
 SQUARE_POINTS: Final = 11.13
+STAGGER_POINTS: Final = 0.173
+"""Steps by which neighbours lie further down, so that no two edges of a row are rounded alike."""
 SQUARES: Final = (8, 2)
 """Squares of each ink, across and down."""
 HAIRLINES_POINTS: Final = (0.0, 0.06, 0.12, 0.25, 0.5)
@@ -25,9 +27,10 @@ def test_pdf() -> bytes:
         paints.append(_colour(ink, 1.0))
         for row in range(SQUARES[1]):
             for column in range(SQUARES[0]):
-                x, y = 12.31 + PITCH_POINTS * column, top - 25.43 * row - SQUARE_POINTS
+                x = 12.31 + PITCH_POINTS * column + STAGGER_POINTS * row
+                y = top - 25.43 * row - SQUARE_POINTS - STAGGER_POINTS * column
                 paints.append(
-                    f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS:.3f} re f"
+                    f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS + 0.029 * column:.3f} re f"
                 )
                 # A triangle beside it, whose edges cut pixels at all angles.
                 paints.append(

@@ -2,7 +2,7 @@
 
 Any class that meets ``Detector`` and ``PreparedPage`` is used by `inspect`, `watch`, the journal and the
 studies like those that come with Prooflight. ``ContextDetector`` and ``PreparedOnly`` leave ``prepare`` and
-``inspect`` to write.
+``inspect`` to write. What a detector may do besides is in ``optional``, how it is registered in ``entry``.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 import numpy as np
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
     from prooflight.pages.screen import Screen
-    from prooflight.pages.zones.zone import PageZones
+    from prooflight.pages.zones.zone import Kind, PageZones
     from prooflight.prediction.predict import Prediction
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
@@ -119,9 +119,9 @@ class Inspection(Shown):
     """State of the print, for the run's control charts."""
     summary: NDArray[np.float64] | None = None
     """Summary by which ``RunTest`` ranks the page, (groups,); None: it shows another page, or its detector
-    has no such test."""
+    has no such test. A running press counts it where ``verdict.shift_mm`` says where the page lies."""
     variation: Callable[[], NDArray[np.float32]] | None = None
-    """How good prints vary, as determined from the page (``matched_filter.variation``); None: its detector
+    """How good prints vary, as determined from the page; None: its detector
     does not measure it."""
     planned: PlannedPage | None = None
     """The page as it entered the press; None: a detector was called without an ``Inspector``, which sets
@@ -178,8 +178,21 @@ class Detector(Protocol):
         """Compute everything that needs no scan."""
         ...
 
+    @property
+    def false_alarm_rate(self) -> float | None:
+        """The rate that ``guarantee`` guarantees; None: none. [-]"""
+        ...
+
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """Kinds of zones that it knows; pages with others are refused."""
+        ...
+
     def at(self, press_context: PressContext) -> Self:
-        """Return the detector for a slightly changed press, or another number of threads."""
+        """Return the detector for a slightly changed press, another number of threads or another device.
+
+        RequestError: it cannot compute on that device.
+        """
         ...
 
     def decided_again(self, stored: StoredArrays) -> Decision:
@@ -210,28 +223,6 @@ class RunTest(Protocol):
         ...
 
 
-@runtime_checkable
-class ChecksRuns(Protocol):
-    """A detector that stores the good pages of its press, and detects when a run's are not like them."""
-
-    def run_test(self, *, seed: int) -> RunTest | None:
-        """Start the test of a run; seed: of what is drawn at random."""
-        ...
-
-
-@runtime_checkable
-class LeavesLostLinesOut(Protocol):
-    """A prepared page that does not use missing lines (``Scan.unseen``).
-
-    Any other is given a scan with its page's own prediction in their place (``inspection.lost_lines``).
-    """
-
-    @property
-    def leaves_lost_lines_out(self) -> bool:
-        """Whether it does not use them."""
-        ...
-
-
 class PreparedOnly:
     """A prepared page that cannot follow the light: it is prepared again."""
 
@@ -246,8 +237,21 @@ class ContextDetector:
 
     press_context: PressContext
 
+    @property
+    def false_alarm_rate(self) -> float | None:
+        """See ``Detector``; none is guaranteed."""
+        return None
+
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """See ``Detector``; it knows no zones."""
+        return frozenset()
+
     def at(self, press_context: PressContext) -> Self:
-        """See ``Detector``."""
+        """See ``Detector``; it computes on the processor alone."""
+        if press_context.device != "cpu":
+            what = f"{getattr(self, 'name', 'the detector')!r} computes on the processor alone"
+            raise RequestError("--device gpu", what, remedy="leave it out, or inspect by the matched filter")
         return replace(self, press_context=press_context)
 
     def decided_again(self, stored: StoredArrays) -> Decision:

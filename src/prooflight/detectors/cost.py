@@ -8,6 +8,10 @@ from typing import Final
 FLOOR_SHARE: Final = 0.1
 """Difference from the expected light of a flat place, as a share of paper white, that is always a misprint.
 (assumed: a person sees it at once over 0.1 mm2)"""
+FLOOR_AREA_MM2: Final = 0.1
+"""Minimum area of a difference beyond the floor: a spot of 0.36 mm. One more pixel is required, because a
+region's outline may be anywhere within its pixels: the darkest specks of good paper reach two pixels of 0.25
+mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,3 +64,13 @@ class RunningCosts:
         """Return whether stopping costs less than letting pass, at this probability of a misprint."""
         cents = self.expected_cents(probability)
         return cents["stop"] < cents["accept"]
+
+
+def floor_text(floor_share: float) -> str:
+    """Return a description of what is always a misprint; empty: there is no floor."""
+    if not floor_share:
+        return ""
+    return (
+        f"A flat place over {FLOOR_AREA_MM2:g} mm² that differs by more than {100 * floor_share:g} % of paper white is "
+        "always a misprint, whatever was learned, unless it is no more than a benign speck of the paper."
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from functools import cache
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
@@ -13,9 +14,9 @@ CALCULATING: Final = ("numpy", "scipy", "numba", "opencv-python-headless")
 
 
 @cache
-def program_digest() -> str:
-    """Return the SHA-256 of this program's files and of the versions of the libraries that it calculates with."""
-    root = Path(__file__).resolve().parents[1]
+def program_digest(package: str = "prooflight") -> str:
+    """Return the SHA-256 of a package's files and of the versions of the libraries that it calculates with."""
+    root = Path(str(files(package)))
     sha = hashlib.sha256("".join(f"{name} {version(name)}\n" for name in CALCULATING).encode())
     for path in sorted(root.rglob("*")):
         if path.is_file() and path.suffix in {".py", ".toml", ".safetensors", ".json"}:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from prooflight.detectors.base import Inspection
-from prooflight.detectors.golden.detector import GoldenSheet, evened
+from prooflight.detectors.base import Inspection, PressContext
+from prooflight.detectors.cost import RunningCosts
+from prooflight.detectors.golden.detector import NAME, ZONES, Golden, GoldenDetector, evened
 from prooflight.detectors.golden.several import mean_and_spread
+from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import refuse_other_camera
@@ -22,6 +24,7 @@ from prooflight.pages.files import page_name
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.zones.zone import PageZones
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
+from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.pictures import PictureFile, picture_files
 from prooflight.scans.scan import Scan
 
@@ -164,23 +167,33 @@ class GoldenInspector:
             for picture, file in (*((_read(one), one) for one in page.goldens), (scan, page.scan)):
                 refuse_other_camera(file.path, picture.light, self.press)
         light, spread = _combined(page.goldens, sensors)
-        sheet = GoldenSheet(
-            page=page.name,
-            golden=page.goldens[0].path.name,
-            light=light,
-            spread=spread,
-            ignored=_ignored(page.zones, light.shape, pitch_mm),
-            pitch_mm=pitch_mm,
-            left_mm=page.left_mm,
-            lead_in_mm=0.0 if self.press is None else self.press.geometry.lead_in_mm,
-            sensors=sensors,
-        )
+        golden = Golden(name=page.goldens[0].path.name, light=light, spread=spread)
+        zones = PageZones(zones=page.zones, careful_share=CAREFUL_SHARE) if page.zones else None
+        detector = replace(self._detector(golden, pitch_mm), goldens={page.name: golden})
+        sheet = detector.sheet(page.name, left_mm=page.left_mm, zones=zones)
         try:
             done = sheet.inspect(Scan(dn=scan.light, name=page.scan.path.name))
         except ScanError as error:
             raise ScanError(page.scan.path, error.what, remedy=error.remedy) from error
         milliseconds = round((time.perf_counter() - started) * 1e3, 1)
         return replace(done, verdict=replace(done.verdict, milliseconds=milliseconds))
+
+    def _detector(self, golden: Golden, pitch_mm: tuple[float, float]) -> GoldenDetector:
+        """Return the registered detector on the press, or on a scanner of which only the pixels are known."""
+        if self.press is not None:
+            detector = detector_of(NAME, self.press)
+            assert isinstance(detector, GoldenDetector)
+            return detector
+        geometry = ScanGeometry(
+            pixels=golden.light.shape[2],
+            pixel_pitch_mm=pitch_mm[0],
+            line_pitch_mm=pitch_mm[1],
+            lead_in_mm=0.0,
+            lead_out_mm=0.0,
+        )
+        return GoldenDetector(
+            press_context=PressContext(name="scanner", sensors=(), geometry=geometry, costs=RunningCosts())
+        )
 
     def pitch_mm(self, page: GoldenPage) -> tuple[float, float]:
         """Return the pitch of a page's pixels, across and along."""
@@ -198,7 +211,7 @@ class GoldenInspector:
             _, lines, pixels = golden.light.shape
             sizes_mm.append((pixels * across_mm, lines * along_mm))
         zones = JobZones.read(path, sizes_mm)
-        if any(entry.kind == "careful" for entry in zones.document.zones):
+        if zones.kinds - ZONES:
             what = "holds careful zones, which a golden scan does not know"
             raise RequestError(path, what, remedy="leave them out, or inspect by the job's raster")
         return [
@@ -214,18 +227,6 @@ class GoldenInspector:
                 golden.path, "states no resolution, so that nothing has a place in mm", remedy=remedy
             )
         return MM_PER_INCH / picture.dpi[0], MM_PER_INCH / picture.dpi[1]
-
-
-def _ignored(
-    zones: tuple[Zone, ...], shape: tuple[int, ...], pitch_mm: tuple[float, float]
-) -> NDArray[np.bool_] | None:
-    """Return the pixels of a golden (channels, lines, pixels) that its zones ignore; None: it has no zones."""
-    if not zones:
-        return None
-    across, along = (
-        (np.arange(count) + 0.5) * pitch for count, pitch in zip(shape[:0:-1], pitch_mm, strict=True)
-    )
-    return PageZones(zones=zones, careful_share=CAREFUL_SHARE).holds("ignore", across, along)
 
 
 def _combined(

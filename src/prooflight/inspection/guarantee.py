@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Self
 
-from prooflight.detectors.base import ChecksRuns
+from prooflight.detectors.optional import ChecksRuns
 from prooflight.inspection.common_cause import CommonCause
 
 if TYPE_CHECKING:

@@ -8,17 +8,14 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.golden.drawn import DrawnDetector
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.devices import engine_name, refuse_without_card
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+from prooflight.detectors.devices import engine_name
+from prooflight.detectors.registry import detector as detector_of
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.codes.finding import page_codes
 from prooflight.inspection.codes.reading import with_codes
 from prooflight.inspection.light import wrong_light
 from prooflight.inspection.light_level import light_levels, lit_squares
-from prooflight.inspection.registry import default_detector, detector
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
@@ -60,21 +57,22 @@ class Inspector:
         """Use the given detector; None: the matched-filter detector if the press was trained with it, else chi-square.
 
         zones: of the job's pages, priced on this press (``JobZones.refuse_unpriced``). PressError: the press,
-        or its light as it has been followed, holds a value that none may. RequestError: zones are for the
-        matched-filter detector and the drawn one alone.
+        or its light as it has been followed, holds a value that none may. RequestError: the detector does not
+        know zones of these kinds.
         """
         _sound(press)
         object.__setattr__(self, "press", press)
-        object.__setattr__(self, "detector", default_detector(press) if detector is None else detector)
+        object.__setattr__(self, "detector", detector_of(None, press) if detector is None else detector)
         object.__setattr__(self, "zones", zones)
-        if zones is not None and not isinstance(self.detector, MatchedFilterDetector | DrawnDetector):
-            what = f"{self.detector.name!r} knows no zones"
-            raise RequestError("zones", what, remedy="leave them out, or inspect by our detector")
+        if zones is not None and (unknown := zones.kinds - self.detector.zone_kinds):
+            kind = f"{min(unknown)} zones" if self.detector.zone_kinds else "zones"
+            what = f"{self.detector.name!r} knows no {kind}"
+            raise RequestError("zones", what, remedy="leave them out, or inspect by the matched filter")
 
     @classmethod
     def of(cls, press: Press, name: str | None = None, *, zones: JobZones | None = None) -> Self:
         """Create an inspector with the detector of the user's ``name``; see ``registry.detector``."""
-        return cls(press, detector(name, press), zones=zones)
+        return cls(press, detector_of(name, press), zones=zones)
 
     @property
     def guarantee(self) -> str:
@@ -93,13 +91,8 @@ class Inspector:
     def on(self, device: Device) -> Self:
         """Return the same inspector with images of scans computed on the processor or on a graphics card.
 
-        RequestError: there is no card, or the detector is not ours, which alone can use one.
+        RequestError: there is no card, or the detector cannot use one.
         """
-        if device == "gpu":
-            if not isinstance(self.detector, MatchedFilterDetector):
-                what = f"{self.detector.name!r} computes on the processor alone"
-                raise RequestError("--device gpu", what, remedy="leave it out, or inspect by our detector")
-            refuse_without_card()
         press_context = replace(self._press_context(self.press), device=device)
         return replace(self, detector=self.detector.at(press_context))
 
@@ -180,11 +173,11 @@ class Inspector:
 
     def _under_its_light(self, verdict: Verdict, prepared: Prepared, scan: Scan) -> Verdict:
         """Return the verdict, or one of not-inspected with the reason where the light is wrong."""
-        sensors, calibrated = self.press.sensors, self.press.ours
+        sensors = self.press.sensors
         wrong = wrong_light(
             light_levels(prepared.lit, scan.dn, sensors, lost=scan.lost),
             sensors,
-            prior=PrintPrior() if calibrated is None else calibrated.model.prior,
+            prior=self.press.print_prior,
         )
         if wrong is None or (wrong.of_sheet and verdict.verdict == "misprint"):
             return verdict

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.calibrated import ScannedPage
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
+from prooflight.detectors.optional import LearnsPages, ScannedPage
 from prooflight.detectors.verdict import Verdict
-from prooflight.errors import ProoflightError, ScanError
+from prooflight.errors import ProoflightError, RequestError, ScanError
 from prooflight.inspection.guarantee import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.job import opened
@@ -208,31 +207,26 @@ class InspectPage:
 
 @dataclass(frozen=True, slots=True)
 class ScanPage:
-    """``InspectPage`` by the matched-filter detector that returns the scan's evidence, and the scan's digest."""
+    """``InspectPage`` that returns a page to learn from; its inspector's detector ``LearnsPages``."""
 
     work: InspectPage
 
     def __call__(self, scanned: tuple[int, RecordedScan]) -> ScannedPage:
         """Inspect a page, by its number, in its scan.
 
-        ScanError: it was made under other light than the press knows.
+        ScanError: it was made under other light than the press knows. RequestError: the detector learns from no page.
         """
         number, scan = scanned
-        page, inspector = self.work.page(number), in_full(self.work.inspector)
+        page, inspector = self.work.page(number), for_learning(self.work.inspector)
         read = read_scan(scan, page, inspector.press)
         inspection = inspector.inspect(page, read)
-        score = inspection.verdict.score
-        if score is None or inspection.variation is None:
+        if inspection.verdict.score is None or inspection.variation is None:
             remedy = "give scans of good pages, made by the press as it was calibrated"
             raise ScanError(scan.path, inspection.verdict.reason, remedy=remedy)
         return ScannedPage(
             name=page.name,
-            score=score,
-            values=inspection.stored_arrays["values"],
-            page_features=inspection.stored_arrays["portrait"],
-            another=bool(inspection.stored_arrays["wrong_page"]),
-            glyphs=float(inspection.stored_arrays["glyphs"]),
-            floor_mm2=float(inspection.stored_arrays["floor_mm2"]),
+            score=inspection.verdict.score,
+            evidence=inspection.stored_arrays,
             variation=inspection.variation(),
             digest=_digest(read.dn),
             design=_digest(page.cmyk),
@@ -243,8 +237,12 @@ def _digest(array: NDArray[np.generic]) -> str:
     return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()[:DIGEST_DIGITS]
 
 
-def in_full(inspector: Inspector) -> Inspector:
-    """Return an inspector whose matched-filter detector computes all statistics of every page."""
-    matched_filter = inspector.detector
-    assert isinstance(matched_filter, MatchedFilterDetector)
-    return type(inspector)(inspector.press, replace(matched_filter, in_full=True))
+def for_learning(inspector: Inspector) -> Inspector:
+    """Return an inspector whose detector keeps all that it learns from; RequestError: it learns from no page."""
+    detector = inspector.detector
+    if not isinstance(detector, LearnsPages):
+        what = f"{detector.name!r} of press {inspector.press.name} learns from no real page"
+        raise RequestError(
+            "learn", what, remedy="build the press with `prooflight press build --detector quick`"
+        )
+    return type(inspector)(inspector.press, detector.for_learning())

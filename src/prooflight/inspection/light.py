@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+    from prooflight.detectors.print_prior import PrintPrior
     from prooflight.inspection.light_level import LightLevel
     from prooflight.prediction.tables import SensorModel
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from prooflight.detectors.base import LeavesLostLinesOut
+from prooflight.detectors.optional import LeavesLostLinesOut
 from prooflight.detectors.verdict import Verdict
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from prooflight.detectors.base import StoredArrays
+from prooflight.detectors.registry import detector
 from prooflight.errors import RequestError
 from prooflight.inspection.codes.reading import failed_again
-from prooflight.inspection.registry import detector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

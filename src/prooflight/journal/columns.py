@@ -8,11 +8,22 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from typing import Annotated, Any, Final, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    Json,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from prooflight.detectors.disposition import DecidedBy, Disposition, without_gate
+from prooflight.detectors.registry import present
 from prooflight.detectors.verdict import Verdict
 from prooflight.journal.records import Ending
 from prooflight.journal.schema import MOST_TEXT
@@ -66,7 +77,7 @@ class RunColumns(Columns):
     job_digest: Text
     press: Text
     press_digest: Text
-    detector: Text
+    detector: Annotated[Text, AfterValidator(present)]
     source: Text
     started_s: Moment
     sheets: Number | None
@@ -140,6 +151,13 @@ class PageColumns(Columns):
                 costly = (fields.get("verdict"), fields.pop("action")) == ("misprint", "accept")
                 return json.dumps(fields | {"stopping_costs_more": costly})
         return text
+
+    @field_validator("whole_verdict", mode="after")
+    @classmethod
+    def _by_the_present_name(cls, verdict: Verdict) -> Verdict:
+        """Name the detector as it is named today; its stored evidence is read likewise."""
+        name = present(verdict.detector)
+        return verdict if name == verdict.detector else replace(verdict, detector=name)
 
     @model_validator(mode="after")
     def _is_consistent(self) -> PageColumns:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import case, func, literal_column, select
 
+from prooflight.files.lock import writer_lives
 from prooflight.journal import rows
-from prooflight.journal.lock import writer_lives
 from prooflight.journal.reading import JournalReader, refuse
 from prooflight.journal.records import COUNTED
 from prooflight.journal.schema import JournalError, stored_pages, stored_runs

@@ -17,10 +17,10 @@ from sqlalchemy import delete, exists, func, select
 from sqlalchemy.exc import DBAPIError
 
 from prooflight import __version__
+from prooflight.files.lock import WriterLock
 from prooflight.journal import rows
 from prooflight.journal.aside import Refusals, aside_file
 from prooflight.journal.columns import complaint
-from prooflight.journal.lock import WriterLock
 from prooflight.journal.opening import ANOTHER, examine, journal_path, open_database, why, writing
 from prooflight.journal.queue import JournalQueue
 from prooflight.journal.reading import JournalReader
@@ -69,7 +69,13 @@ class Journal(JournalReader):
         """
         path = journal_path(url)
         examine(path, read_only=read_only)
-        lock = None if read_only else WriterLock.take(path)
+        lock = (
+            None
+            if read_only
+            else WriterLock.take(
+                path, error=JournalError, wait="give this one its own with --journal", elsewhere=ANOTHER
+            )
+        )
         try:
             engine = open_database(path, read_only=read_only, version=__version__)
             journal = cls(path, engine, lock, announce)

@@ -12,9 +12,9 @@ import stat
 import zipfile
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.files.lock import PLAIN
 from prooflight.journal.arrays import read_arrays, write_arrays
 from prooflight.journal.columns import PACK_NAME
-from prooflight.journal.lock import PLAIN
 from prooflight.journal.schema import JournalError
 
 if TYPE_CHECKING:

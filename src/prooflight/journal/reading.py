@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import func, select
 
+from prooflight.files.lock import WriterLock, writer_lives
 from prooflight.journal import packs, rows
 from prooflight.journal.columns import PackColumns, complaint
-from prooflight.journal.lock import WriterLock, writer_lives
 from prooflight.journal.opening import UNREADABLE, why
 from prooflight.journal.retention import used_bytes
 from prooflight.journal.schema import JournalError, stored_packs, stored_pages, stored_runs

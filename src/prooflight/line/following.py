@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,16 +57,14 @@ class Adapting:
     @classmethod
     def begin(cls, press: Press) -> Self:
         """Return the state before the first page: all levels are 0."""
-        prior = PrintPrior() if press.ours is None else press.ours.model.prior
-        waves = np.arange(1, LAMP_WAVES + 1)
-        power = np.exp(-((np.pi * prior.lamp_length * waves) ** 2) / 4)
-        lamp = prior.lamp * np.sqrt(power / (0.5 * power.sum() + 0.5))
-        names = [f"light-{sensor.name}" for sensor in press.sensors] + [f"lamp-{k}" for k in waves]
+        prior = press.print_prior
+        names = [f"light-{sensor.name}" for sensor in press.sensors]
+        names += [f"lamp-{k}" for k in range(1, LAMP_WAVES + 1)]
         white = float(np.hypot(prior.white, prior.common))
         zeros = np.zeros(len(names))
         return cls(
             names=tuple(names),
-            sd=np.concatenate([np.full(len(press.sensors), white), lamp]),
+            sd=np.concatenate([np.full(len(press.sensors), white), prior.lamp_sd]),
             level=zeros,
             used=zeros.copy(),
             reported=np.zeros(len(names), bool),

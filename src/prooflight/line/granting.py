@@ -55,15 +55,6 @@ def is_tolerance(entry: ZoneEntry) -> bool:
     return entry.kind == "ignore" and entry.name.startswith(f"{NAME}: ")
 
 
-def without_zone(job_zones: JobZones, name: str) -> tuple[ZoneEntry, ...]:
-    """Return the zones of a file except the one of this name; RequestError: there is none."""
-    left = tuple(one for one in job_zones.document.zones if one.name != name)
-    if len(left) == len(job_zones.document.zones):
-        names = ", ".join(repr(one.name) for one in job_zones.document.zones[:5])
-        raise RequestError("zones", f"none is called {name!r}", remedy=f"name one of {names}")
-    return left
-
-
 def _number(name: str, pages: int) -> int:
     match = PAGE.fullmatch(name)
     if match is None or not 1 <= int(match[1]) <= pages:

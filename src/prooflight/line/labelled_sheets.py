@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,15 +19,12 @@ from prooflight.journal.records import SECONDS_A_DAY
 from prooflight.line.incidents import Incidents
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from prooflight.journal.labels import Label, LabelStore
     from prooflight.journal.reading import JournalReader
     from prooflight.journal.records import PageRecord, RunRow
     from prooflight.line.incidents import Incident
-
-OURS: Final = "ours"
-"""The detector whose scores are calibrated by labels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,7 +111,6 @@ def counts_of(run: RunRow, sampled: Sequence[SampledSheet]) -> SampleCounts:
 def labelled_pages(
     runs: Sequence[tuple[RunRow, Sequence[SampledSheet]]],
     *,
-    digests: Collection[str],
     replaces: str,
     rate: float,
     now_s: float,
@@ -123,9 +119,9 @@ def labelled_pages(
 ) -> LabelledPages:
     """Return the good pages from which a press is recalibrated.
 
-    They are those of runs that a press artefact among ``digests`` judged by the matched-filter detector. A sheet
-    represents 1 / probability others, and those of its run that were up for review and are not labelled: alarms
-    represent alarms, passed sheets represent passed ones. now_s: Unix time. [s] RequestError: no run is of this
+    runs: those that the press judged by the detector. A sheet represents 1 / probability others, and those of
+    its run that were up for review and are not labelled: alarms represent alarms, passed sheets represent passed
+    ones. now_s: Unix time. [s] RequestError: no run is of this
     press, or scores of one are on another scale.
     """
     scores: list[float] = []
@@ -136,8 +132,6 @@ def labelled_pages(
     zones: set[str] = set()
     passed_weight, alarms_from = 1.0, -math.inf
     for run, sampled in runs:
-        if run.facts.press_digest not in digests or run.facts.detector != OURS:
-            continue
         if sampled:
             _refuse_other_scale(run)
         days = max(now_s - run.facts.started_s, 0.0) / SECONDS_A_DAY
@@ -230,7 +224,7 @@ def replayed_run(
     added: list[int] = []
     for record in records:
         verdict = record.verdict
-        if verdict.detector != OURS or not _scored(record):
+        if verdict.detector != run.facts.detector or not _scored(record):
             continue
         assert verdict.score is not None
         assert verdict.threshold is not None

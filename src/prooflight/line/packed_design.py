@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+from prooflight.cmyk import INKS
+from prooflight.detectors.optional import PacksArrays
 from prooflight.kernels.memory import unset
 from prooflight.kernels.run_lengths import Runs, count_runs, keep_runs, write_runs
 from prooflight.line.prefetch import size_bytes
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 CELL_BYTES: Final = 4
 RUN_BYTES: Final = 5
 """Room of one run: a cell and its length."""
-NO_RASTER: Final = np.zeros((1, 1, 4), np.uint8)
+RASTER: Final = "raster"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,30 +111,16 @@ class PackedDesign:
 
     @classmethod
     def of(cls, ready: ReadyPage) -> Self:
-        """Pack a design; those of a graphics card stay as they are, since it keeps their images."""
+        """Pack a design of a detector that ``PacksArrays``; any other is kept as it is."""
         page = ready.prepared.prepared_page
-        if not isinstance(page, MatchedFilterPage) or page.detector.press_context.device != "cpu":
+        bare, large = page.without_arrays() if isinstance(page, PacksArrays) else (page, {})
+        if not large:
             return cls(bare=ready)
-        design = page.prepared_page
-        large: dict[str, NDArray[Any] | None] = {
-            "raster": design.page.cmyk,
-            "levels": design.images.levels,
-            "windows": design.landmarks.windows,
-            "hidden": design.hidden,
-            "unresolved": design.unresolved,
-        }
-        arrays = {name: PackedArray.of(one) for name, one in large.items() if one is not None}
-        nothing = np.zeros(0, np.float32)
-        bare = replace(
-            design,
-            page=replace(design.page, cmyk=NO_RASTER),
-            images=replace(design.images, levels=np.zeros((0, 0, 0), np.uint16)),
-            landmarks=replace(design.landmarks, windows=nothing),
-            hidden=None,
-            unresolved=None,
-        )
-        prepared = replace(ready.prepared, page=bare.page, prepared_page=replace(page, prepared_page=bare))
-        return cls(bare=replace(ready, prepared=prepared), arrays=arrays)
+        raster = ready.prepared.page
+        packed = {name: PackedArray.of(one) for name, one in (*large.items(), (RASTER, raster.cmyk))}
+        nothing = replace(raster, cmyk=np.zeros((1, 1, INKS), np.uint8))
+        prepared = replace(ready.prepared, page=nothing, prepared_page=bare)
+        return cls(bare=replace(ready, prepared=prepared), arrays=packed)
 
     @property
     def thumbnail(self) -> Thumbnail:
@@ -144,28 +131,15 @@ class PackedDesign:
     def nbytes(self) -> int:
         """Memory that it takes beside that of its press. [bytes]"""
         page = self.bare.prepared.prepared_page
-        own = (
-            (page.detector, page.prepared_page.binned_sensors)
-            if isinstance(page, MatchedFilterPage)
-            else None
-        )
-        return size_bytes((self.bare, list(self.arrays.values())), shared=own)
+        shared = page.of_press if isinstance(page, PacksArrays) else None
+        return size_bytes((self.bare, list(self.arrays.values())), shared=shared)
 
     def unpacked(self, *, threads: int = 1) -> ReadyPage:
         """Return the design as it was prepared."""
-        if not self.arrays:
+        page = self.bare.prepared.prepared_page
+        if not self.arrays or not isinstance(page, PacksArrays):
             return self.bare
         there = {name: one.written(threads=threads) for name, one in self.arrays.items()}
-        page: Any = self.bare.prepared.prepared_page
-        design = page.prepared_page
-        raster = replace(design.page, cmyk=there["raster"])
-        whole = replace(
-            design,
-            page=raster,
-            images=replace(design.images, levels=there["levels"]),
-            landmarks=replace(design.landmarks, windows=there["windows"]),
-            hidden=there.get("hidden"),
-            unresolved=there.get("unresolved"),
-        )
-        prepared = replace(self.bare.prepared, page=raster, prepared_page=replace(page, prepared_page=whole))
+        raster = replace(self.bare.prepared.page, cmyk=there.pop(RASTER))
+        prepared = replace(self.bare.prepared, page=raster, prepared_page=page.with_arrays(raster, there))
         return replace(self.bare, prepared=prepared)

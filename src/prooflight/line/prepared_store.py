@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.analysis import mode_sensors
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
+from prooflight.detectors.optional import StoresPages
 from prooflight.files.atomic import whole_file
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
@@ -31,6 +30,8 @@ from prooflight.line.packed_design import PackedDesign, ReadyPage
 from prooflight.prediction.tables import SensorModel
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.job import JobSource
 
@@ -68,12 +69,12 @@ class PreparedStore:
     def of(cls, inspector: Inspector, job: JobSource, *, folder: Path | None = None) -> Self | None:
         """Return the store of a job; None if nothing can be stored.
 
-        That is so of pages with zones, of another detector than ours, and of a press whose own RIP draws, since
-        nothing here tells its versions apart.
+        That is so of pages with zones, of a detector that does not store pages, and of a press whose own RIP draws,
+        since nothing here tells its versions apart.
 
         folder: of all jobs; None: in the user's cache.
         """
-        if not isinstance(inspector.detector, MatchedFilterDetector) or inspector.zones is not None:
+        if not isinstance(inspector.detector, StoresPages) or inspector.zones is not None:
             return None
         if job.engine is not None and job.engine.program:
             return None
@@ -81,6 +82,7 @@ class PreparedStore:
             program_digest(),
             *(f"{name} {_version(name)}" for name in READING),
             inspector.press.digest,
+            inspector.detector.name,
             content_digest(job.path),
             "" if job.profile is None else content_digest(job.profile),
             repr((job.dpi, job.drawn_dpi, job.layout)),
@@ -118,18 +120,21 @@ class PreparedStore:
                 digest.update(piece)
             file.writelines([MAGIC, digest.digest(), *pieces])
 
+    @property
+    def _detector(self) -> StoresPages:
+        detector = self.inspector.detector
+        assert isinstance(detector, StoresPages)  # see ``of``
+        return detector
+
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
 
     def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
-        page, file = packed.bare.prepared.prepared_page, io.BytesIO()
-        if not isinstance(page, MatchedFilterPage):
-            raise TypeError(f"{type(page).__name__} cannot be stored")
-        arrays: list[bytes | memoryview] = []
-        prepared: Any = replace(packed.bare.prepared, prepared_page=None)  # type: ignore[arg-type]
-        _Pickler(file, self.inspector, page.prepared_page, arrays).dump(
-            (prepared, packed.bare.thumbnail, page.prepared_page, page.inks, page.widening, packed.arrays)
-        )
+        file, arrays = io.BytesIO(), list[bytes | memoryview]()
+        stored, shared = self._detector.stored(packed.bare.prepared.prepared_page)
+        prepared: Any = replace(packed.bare.prepared, prepared_page=None)  # type: ignore[arg-type] # it is restored
+        pickler = _Pickler(file, {**shared, "own": self.inspector.detector.press_context.sensors}, arrays)
+        pickler.dump((prepared, packed.thumbnail, stored, packed.arrays))
         pieces = [file.getvalue(), *arrays]
         sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
         return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
@@ -144,21 +149,11 @@ class PreparedStore:
         room = -(-np.array([8 + 8 * count, *sizes]) // ALIGNED) * ALIGNED
         begins = np.cumsum(room)[:-1].tolist()
         pieces = [content[begin : begin + size] for begin, size in zip(begins, sizes.tolist(), strict=True)]
-        return self._restored(*_Unpickler(io.BytesIO(pieces[0]), self.inspector, pieces[1:]).load())
-
-    def _restored(
-        self, prepared: Any, thumbnail: Any, ready: Any, inks: Any, widening: Any, arrays: Any
-    ) -> PackedDesign:
-        """Return a design with what is not stored of it."""
-        detector = self.inspector.detector
-        assert isinstance(detector, MatchedFilterDetector)  # see ``of``
-        page = MatchedFilterPage(
-            detector=detector,
-            prepared_page=ready,
-            inks=inks,
-            model=detector.calibrated.model.widened(widening),
-            widening=widening,
-        )
+        parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
+        package = type(self.inspector.detector).__module__.partition(".")[0]
+        unpickler = _Unpickler(io.BytesIO(pieces[0]), parts, pieces[1:], package)
+        prepared, thumbnail, stored, arrays = unpickler.load()
+        page = self._detector.restored(stored)
         bare = ReadyPage(prepared=replace(prepared, prepared_page=page), thumbnail=thumbnail)
         return PackedDesign(bare=bare, arrays=arrays)
 
@@ -201,18 +196,15 @@ class _Pickler(pickle.Pickler):
     """Writes a design without what its press holds, and large arrays apart."""
 
     def __init__(
-        self, file: io.BytesIO, inspector: Inspector, bare: Any, arrays: list[bytes | memoryview]
+        self, file: io.BytesIO, shared: Mapping[str, Sequence[SensorModel]], arrays: list[bytes | memoryview]
     ) -> None:
         super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw()))
-        own = inspector.detector.press_context.sensors
-        self._held = {id(one): ("camera", index) for index, one in enumerate(own)}
-        self._held |= {id(one): ("camera", index) for index, one in enumerate(bare.landmarks.sensors)}
-        self._held |= {id(one): ("binned", index) for index, one in enumerate(bare.binned_sensors)}
+        self._shared = {id(one): (kind, at) for kind, each in shared.items() for at, one in enumerate(each)}
 
     def persistent_id(self, one: Any) -> tuple[str, int] | None:
         """Return which of the press's parts an object is; None: none."""
-        if id(one) in self._held:
-            return self._held[id(one)]
+        if id(one) in self._shared:
+            return self._shared[id(one)]
         if isinstance(one, SensorModel):
             raise TypeError("a sensor that the press does not hold")
         return None
@@ -221,13 +213,15 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Reads designs, and makes no other objects than a design consists of."""
 
-    def __init__(self, file: io.BytesIO, inspector: Inspector, arrays: list[memoryview]) -> None:
+    def __init__(
+        self,
+        file: io.BytesIO,
+        parts: Mapping[str, Sequence[SensorModel]],
+        arrays: list[memoryview],
+        package: str,
+    ) -> None:
         super().__init__(file, buffers=arrays)
-        press_context = inspector.detector.press_context
-        self._parts = {
-            "camera": press_context.sensors,
-            "binned": mode_sensors(press_context.sensors, press_context.geometry),
-        }
+        self._parts, self._packages = parts, {"prooflight", __name__.partition(".")[0], package}
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""
@@ -238,7 +232,7 @@ class _Unpickler(pickle.Unpickler):
         """Return a class of which designs consist; UnpicklingError: it is no such class."""
         if (module, name) in OF_NUMPY:
             return super().find_class(module, name)
-        if module.startswith("prooflight."):
+        if module.partition(".")[0] in self._packages:
             loaded = super().find_class(module, name)
             if isinstance(loaded, type) and (is_dataclass(loaded) or issubclass(loaded, tuple)):
                 return loaded

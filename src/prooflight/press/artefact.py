@@ -19,13 +19,16 @@
   not fit these.
 - 10: in the matched-filter detector, statistics of small windows by class of place (``statistics.marks``), and a screen
   that decides alone; and ``floor_share``.
+- 11: the same under other names (``press.former``): any detector's model is stored under the detector's name
+  (tensors ``detectors.NAME.*``), the matched-filter detector is ``matched_filter``, and its recalibrations are
+  ``labelled``. Files of schema 10 are read, and keep their digest.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -35,8 +38,9 @@ from safetensors.numpy import save
 from prooflight.artefact import Damaged, Tensors
 from prooflight.detectors.base import PressContext
 from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
-from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-from prooflight.detectors.paper.bayes import BayesDetector
+from prooflight.detectors.optional import StatesPrintPrior
+from prooflight.detectors.print_prior import PrintPrior
+from prooflight.detectors.registry import entry
 from prooflight.errors import PressError
 from prooflight.files.atomic import whole_file
 from prooflight.files.schema import Misfit, part_of
@@ -46,7 +50,8 @@ from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.sampling import Footprint
 from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import SensorModel, node_fractions
-from prooflight.press.schema import check_press
+from prooflight.press import former
+from prooflight.press.schema import MODELS, check_press
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.shown import Shown
 
@@ -55,19 +60,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.entry import TrainedModel
     from prooflight.pages.pdf.area_averages import InkLight
 
-SCHEMA = 10
+SCHEMA = 11
 KIND = "prooflight press"
 TEXTS = frozenset({"kind", "schema", "digest", "document"})
 TABLES = ("mean_dn", "variance_dn2", "column_offset_dn", "column_gain")
 NUMBERS = ("name", "dark_variance_dn2", "backing_dn", "backing_variance_dn2", "top_code_dn")
 CORRECTION = ("near", "far", "farther")
 INK_ARRAYS = "inks."
-DETECTORS: dict[str, type[CalibratedDetector] | type[BayesDetector]] = {
-    "ours": CalibratedDetector,
-    "bayes": BayesDetector,
-}
 REBUILD = "build it again with `prooflight press build`"
 
 MUPDF: Final = RipEngine()
@@ -133,10 +135,8 @@ class Press(Shown):
     """Parameters of the press's RIP, by which PDFs are drawn in its place."""
     screen: Screen | None = None
     """Screen by which the press prints tints; None: unknown."""
-    ours: CalibratedDetector | None = None
-    """Matched-filter detector, trained for this press; None: not yet trained."""
-    bayes: BayesDetector | None = None
-    """The paper's learned detector, trained for this press; None: not yet trained."""
+    detectors: Mapping[str, TrainedModel] = field(default_factory=dict)
+    """Models of the detectors that were trained for this press, by the detector's name."""
 
     @property
     def dpi(self) -> float:
@@ -174,10 +174,26 @@ class Press(Shown):
         )
 
     @property
+    def print_prior(self) -> PrintPrior:
+        """Return how good prints vary: as a detector's model states it, else as those of an office-class press do."""
+        models = self.detectors.values()
+        return next((one.print_prior for one in models if isinstance(one, StatesPrintPrior)), PrintPrior())
+
+    def with_detector(self, name: str, model: TrainedModel) -> Self:
+        """Return the press with this model of a detector."""
+        return replace(self, detectors={**self.detectors, name: model})
+
+    @property
     def digest(self) -> str:
         """Return the SHA-256 of everything in it; equal digests, equal verdicts."""
         arrays, document = self._parts()
         return _digest(arrays, document)
+
+    @property
+    def digests(self) -> frozenset[str]:
+        """Return its digest, and that of when presses had schema 10: runs and zones of then name that."""
+        arrays, document = self._parts()
+        return frozenset((_digest(arrays, document), _digest(*former.as_schema_10(arrays, document))))
 
     def check(self) -> None:
         """Raise PressError, with the field's name, if it holds a value that no artefact may hold."""
@@ -218,12 +234,9 @@ class Press(Shown):
     def _parts(self) -> tuple[dict[str, NDArray[Any]], str]:
         arrays: dict[str, NDArray[Any]] = {"appearance_srgb": self.appearance_srgb}
         arrays |= {INK_ARRAYS + name: np.ascontiguousarray(array) for name, array in self.ink_arrays.items()}
-        detectors: dict[str, Any] = {}
-        for name in DETECTORS:
-            trained: CalibratedDetector | BayesDetector | None = getattr(self, name)
-            if trained is not None:
-                detectors[name] = trained.facts()
-                arrays |= {f"{name}.{of}": np.ascontiguousarray(a) for of, a in trained.arrays().items()}
+        for name, model in self.detectors.items():
+            under = f"{MODELS}{name}."
+            arrays |= {under + of: np.ascontiguousarray(array) for of, array in model.arrays().items()}
         sensors = []
         for index, sensor in enumerate(self.sensors):
             for name in TABLES:
@@ -246,7 +259,7 @@ class Press(Shown):
             "ink_facts": dict(self.ink_facts),
             "clipped": [asdict(share) for share in self.clipped],
             "variation": dict(self.variation),
-            "detectors": detectors,
+            "detectors": {name: model.facts() for name, model in self.detectors.items()},
         }
         if self.fringes:  # a press that does without is what it was before there was this
             document["fringes"] = True
@@ -275,10 +288,11 @@ class Press(Shown):
                 **{name: arrays[f"{of_sensor}correction_{name}"] for name in CORRECTION}
             )
             sensors.append(SensorModel(footprint=footprint, correction=correction, **tables, **scalars))
-        detectors: dict[str, Any] = {
-            name: DETECTORS[name].from_parts(part_of(arrays, f"{name}."), facts)
-            for name, facts in document["detectors"].items()
-        }
+        detectors: dict[str, TrainedModel] = {}
+        for name, facts in document["detectors"].items():
+            model = entry(name).model
+            assert model is not None  # ``check_press`` refuses it
+            detectors[name] = model.from_parts(part_of(arrays, f"{MODELS}{name}."), facts)
         return cls(
             name=document["name"],
             geometry=ScanGeometry(**document["geometry"]),
@@ -298,7 +312,7 @@ class Press(Shown):
             rip_engine=_engine(document.get("rip_engine")),
             rip_model=RipModel(**_values(document.get("rip_model") or {})),
             screen=Screen(**_values(document["screen"])) if document.get("screen") else None,
-            **detectors,
+            detectors=detectors,
         )
 
 
@@ -316,14 +330,17 @@ def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
     file = Tensors(path)
     if file.texts.get("kind") != KIND:
         raise PressError(path, "is not a press artefact", remedy=REBUILD)
-    if (schema := file.texts.get("schema")) != str(SCHEMA):
-        what = f"has schema {schema}, this version reads schema {SCHEMA}"
+    schema = file.texts.get("schema")
+    if schema not in (str(SCHEMA), former.SCHEMA):
+        what = f"has schema {schema}, this version reads schemas {former.SCHEMA} and {SCHEMA}"
         raise PressError(path, what, remedy=REBUILD)
     if unknown := sorted(set(file.texts) - TEXTS):
         raise Misfit(unknown[0], "is not known here")
     arrays, document = file.arrays(), file.texts.get("document", "")
     if _digest(arrays, document) != file.texts.get("digest"):
         raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
+    if schema == former.SCHEMA:
+        arrays, document = former.from_schema_10(arrays, document)
     return document, arrays
 
 

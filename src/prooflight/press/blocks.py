@@ -24,7 +24,6 @@ from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen
 from prooflight.press.outlets import PlantBlock
-from prooflight.scans.scanner.feeder import FeederPrior
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -292,12 +291,12 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
-class ScannerBlock(_Block):
-    """``[scanner]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
+class GeometryBlock(_Block):
+    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
 
-    shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)] = FeederPrior().shift_mm
-    skew_deg: Annotated[float, Field(strict=True, ge=0, le=1)] = FeederPrior().skew_deg
-    stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)] = FeederPrior().stretch_percent
+    shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)]
+    skew_deg: Annotated[float, Field(strict=True, ge=0, le=1)]
+    stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)]
 
 
 ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
@@ -393,7 +392,7 @@ class Document(_Block):
     decision: DecisionBlock = DecisionBlock()
     inspection: InspectionBlock = InspectionBlock()
     variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
-    scanner: ScannerBlock | None = None
+    geometry: GeometryBlock | None = None
     gate: GateBlock | None = None
     plant: PlantBlock = PlantBlock()
 

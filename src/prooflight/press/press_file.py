@@ -29,7 +29,7 @@ from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
 from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.press.limits import refuse_unworkable
 from prooflight.scans.alignment import SensorOffset
-from prooflight.scans.cameras.setting_up import NAMES, CameraSettings
+from prooflight.scans.camera_settings import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.scanner.feeder import FeederPrior
 
@@ -197,8 +197,8 @@ class PressFile:
 
     @property
     def feeder(self) -> FeederPrior | None:
-        """Return the feeder of ``[scanner]``; None: the press is not seen by an office scanner."""
-        block = self._document.scanner
+        """Return the feeder of ``[geometry]``; None: the press is not seen by an office scanner."""
+        block = self._document.geometry
         return None if block is None else FeederPrior(**block.model_dump())
 
     @property

@@ -14,6 +14,9 @@ from prooflight.press.press_file import PressFile
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from prooflight.press.artefact import Press
+    from prooflight.scans.scanner.feeder import FeederPrior
+
 PRESET: Final = "scanner.toml"
 PRESET_DPI: Final = 150.0
 """Resolution of the preset. Finer scans are averaged over whole pixels down to it: what a device sharpens, and a
@@ -73,3 +76,12 @@ def scanner_press_text(*, dpi: float = PRESET_DPI, grey: bool = False, width_mm:
 def scanner_press_file(*, dpi: float, grey: bool, width_mm: float) -> PressFile:
     """Return the press file of an office scanner; see ``scanner_press_text``."""
     return PressFile(Path(PRESET), scanner_press_text(dpi=dpi, grey=grey, width_mm=width_mm))
+
+
+def feeder_of(press: Press) -> FeederPrior:
+    """Return the feeder that the press's file states, or that of the preset."""
+    text = press.origin.get("press_file", "")
+    stated = PressFile(Path(press.name), text).feeder if text else None
+    feeder = stated or PressFile.preset(PRESET).feeder
+    assert feeder is not None
+    return feeder

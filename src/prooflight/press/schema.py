@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-from prooflight.detectors.paper.bayes import BayesDetector
+from prooflight.detectors.registry import entry
+from prooflight.errors import RequestError
 from prooflight.files.ink_schema import check_inks, check_score
 from prooflight.files.schema import (
     ArraySpec,
@@ -53,6 +53,10 @@ MOST_CODE: Final = 65535
 EVEN: Final = 1e-3
 """Tolerance of weights that sum to 1: rounding of float32 comes to 1e-6."""
 
+MODELS: Final = "detectors."
+"""Beginning of the names of the tensors of detectors' models; the detector's name follows, and a full stop."""
+
+ModelName = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Text = Annotated[str, Field(strict=True, max_length=4_000_000)]
 Pitch = Annotated[float, Field(strict=True, ge=0.002, le=10, allow_inf_nan=False)]
 Lead = Annotated[float, Field(strict=True, ge=0, le=10_000, allow_inf_nan=False)]
@@ -94,13 +98,6 @@ class ClippedFacts(Block):
 
     black: Share
     saturation: Share
-
-
-class DetectorFacts(Block):
-    """Detectors that were trained; each checks its own fields."""
-
-    ours: dict[str, Any] | None = None
-    bayes: dict[str, Any] | None = None
 
 
 class EngineFacts(Block):
@@ -166,7 +163,8 @@ class PressFacts(Block):
     ink_facts: Annotated[dict[Name, Text], Field(max_length=100)]
     clipped: tuple[ClippedFacts, ...]
     variation: dict[Name, Any]
-    detectors: DetectorFacts
+    detectors: Annotated[dict[ModelName, dict[str, Any]], Field(max_length=100)]
+    """Models of detectors; each checks its own fields."""
     floor_share: Share
     fringes: Annotated[bool, Field(strict=True)] = False
     rip_engine: EngineFacts | None = None
@@ -192,7 +190,7 @@ def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, 
         own = part_of(arrays, part)
         check_arrays(own, SENSOR, sizes, under=part)
         _check_sensor(sensor, own, under=part)
-    elsewhere = (*parts, "inks.", "ours.", "bayes.")
+    elsewhere = (*parts, "inks.", MODELS)
     rest = {name: array for name, array in arrays.items() if not name.startswith(elsewhere)}
     check_arrays(rest, {"appearance_srgb": APPEARANCE}, {})
     _check_inks(facts.ink_facts, part_of(arrays, "inks."))
@@ -265,15 +263,21 @@ def _check_inks(facts: Mapping[str, str], arrays: Mapping[str, NDArray[Any]]) ->
 def _check_detectors(
     facts: PressFacts, detectors: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    ours, bayes = (part_of(arrays, f"{name}.") for name in ("ours", "bayes"))
-    if facts.detectors.ours is not None:
-        CalibratedDetector.check(ours, detectors["ours"], under="ours.")
-    elif ours:
-        raise Misfit(f"ours.{min(ours)}", "belongs to a detector of which nothing is said")
-    if facts.detectors.bayes is not None:
-        BayesDetector.check(bayes, detectors["bayes"], sensors=len(facts.sensors), under="bayes.")
-    elif bayes:
-        raise Misfit(f"bayes.{min(bayes)}", "belongs to a detector of which nothing is said")
+    owned: set[str] = set()
+    for name in facts.detectors:
+        under = f"{MODELS}{name}."
+        owned |= {array for array in arrays if array.startswith(under)}
+        try:
+            model = entry(name).model
+        except RequestError as error:
+            raise Misfit(
+                f"detectors.{name}", f"is of a detector that is not installed here ({error.what})"
+            ) from error
+        if model is None:
+            raise Misfit(f"detectors.{name}", "is of a detector that needs no training")
+        model.check(part_of(arrays, under), detectors[name], sensors=len(facts.sensors), under=under)
+    if strange := sorted(name for name in arrays if name.startswith(MODELS) and name not in owned):
+        raise Misfit(strange[0], "belongs to a detector of which nothing is said")
 
 
 def _no_edge(cumulative: NDArray[np.floating]) -> str:

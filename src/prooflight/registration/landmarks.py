@@ -55,6 +55,8 @@ MIXED_SD_PIXELS: Final = 0.5
 """Standard deviation of a tile's displacement in either direction, of planes out of register, from which it says
 nothing of the page's place, nor of whether another page is shown. assumed: an edge's blur is about as wide."""
 PHASES: Final = 256
+HALFTONE: Final = 0.07
+"""Contrast of halftones in the camera's image (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
 GRADIENT_NOISE: Final = 0.02
 """Variance per squared gradient, as if every edge were 0.14 pixels off (register of planes, jitter)."""
 SIGNAL_NOISE: Final = 0.015
@@ -97,6 +99,8 @@ class Landmarks:
     taps: tuple[SensorTaps, ...]
     coarse: CoarsePage
     basis: Basis
+    halftone: float = HALFTONE
+    """Contrast of the print's halftones in the camera's image. [-]"""
     ignored: NDArray[np.bool_] | None = None
     """Pixels of the coarse picture that are left out, (rows, columns); None if none is."""
 
@@ -123,6 +127,7 @@ def prepare(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     prior: Prior | None = None,
+    halftone: float = HALFTONE,
     ignored: NDArray[np.bool_] | None = None,
 ) -> Landmarks:
     """Choose the landmarks of a page from its ``prediction`` at its nominal place.
@@ -132,6 +137,7 @@ def prepare(
 
     Parameters
     ----------
+    halftone : contrast of the print's halftones in the camera's image
     ignored : (rows, columns) pixels of the coarse picture, of ``SHRINK`` camera pixels a side,
         in which no landmark may be
     """
@@ -174,6 +180,7 @@ def prepare(
         taps=taps,
         coarse=coarse_page(prediction, sensors, geometry, page.width_mm, page.height_mm),
         basis=Basis.of(from_centre, page.width_mm, page.height_mm, prior or Prior()),
+        halftone=halftone,
         ignored=ignored,
     )
 

@@ -62,6 +62,10 @@ RIVAL_DISTANCE_PIXELS: Final = 4.0
 warp."""
 MOST_RMS_PIXELS: Final = 0.2
 """Greatest rms residual of tiles (0.02 to 0.1 on good prints); tiles that only look alike scatter more."""
+MATCHING, MATCHING_RMS_PIXELS = 0.9, 0.4
+"""Share of the tiles seen that look like the design from which this is that greatest residual: such tiles are the
+page's own, and scatter by up to 0.25 pixels where planes share most edges (lines of orange on rich black, printed by
+another RIP). assumed: twice the other, still far below the three pixels within which tiles are measured."""
 MOST_SD_PIXELS: Final = 0.33
 """Standard deviation of the print's shift above which it counts as lost: three make a pixel."""
 DOUBTFUL: Final = 0.3
@@ -393,7 +397,9 @@ def _registration(
     weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
     left2 = (field.left_mm[used] / pitch) ** 2
     rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
-    if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > MOST_RMS_PIXELS):
+    matching = float(good.sum() / max(int(seen.sum()), 1))
+    most_rms = MATCHING_RMS_PIXELS if matching >= MATCHING else MOST_RMS_PIXELS
+    if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > most_rms):
         reason = IN_PARTS
     if not reason and (sd / pitch).max() > MOST_SD_PIXELS:
         reason = TOO_LITTLE
@@ -407,7 +413,7 @@ def _registration(
         shift_sd_mm=(float(sd[0]), float(sd[1])),
         skew_sd_deg=float(np.rad2deg(field.turn_sd())),
         tiles_used=int(used.sum()),
-        tiles_matching=float(good.sum() / max(int(seen.sum()), 1)),
+        tiles_matching=matching,
         print_matching=float((tile_moves.good & of_inks).sum() / max(int(of_inks.sum()), 1)),
         tiles_foreign=float(tile_moves.foreign.sum() / max(int(seen.sum()), 1)),
         residual_rms_pixels=rms,

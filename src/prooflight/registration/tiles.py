@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
     from prooflight.registration.landmarks import Landmarks
 
-HALFTONE: Final = 0.07
-"""Contrast of halftones in the camera's image (worlds.toml: 0.03 at 0.254 mm, here 0.105 mm)."""
 MOST_MOVE_PIXELS: Final = 3.0
 """Displacement above which one linear step is not valid. assumed: an edge is blurred over two pixels, and
 planes and warp of good prints move tiles by one."""
@@ -164,7 +162,7 @@ def _measure(
 ) -> None:
     """Run ``measure_tiles`` for one sensor; sums (n, SUMS + 1) is written."""
     sensor, taps = landmarks.sensors[index], landmarks.taps[index]
-    noise = pixel_noise(sensor, halftone2=HALFTONE**2, by_slope=GRADIENT_NOISE + unsure_pixels**2)
+    noise = pixel_noise(sensor, halftone2=landmarks.halftone**2, by_slope=GRADIENT_NOISE + unsure_pixels**2)
     light = SensorLight(offset=sensor.column_offset_dn, per_gain=1 / sensor.column_gain, noise=noise)
     windows = TileWindows(
         signals=landmarks.windows[index],

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 from PIL import Image, ImageDraw, ImageFont
 
 from prooflight.detectors.base import Inspection
+from prooflight.detectors.registry import promises
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
 from prooflight.errors import sentence as one_line
-from prooflight.inspection.registry import promises
 from prooflight.press.artefact import Press
 from prooflight.reporting import pictures, wording
 from prooflight.reporting.html import data_uri, template

@@ -51,7 +51,7 @@ def two_worlds(
 ) -> TwoWorlds | None:
     """Compare a good page's print in the ideal world and one in the press world.
 
-    ideal, plain: inspections of the two by chi-square; ours: of the second by the matched filter. None if the
+    ideal, plain: inspections of the two by chi-square; matched_filter: of the second by that detector. None if the
     page is smaller than the window.
     """
     _, measured = signals(plain, press)
@@ -59,7 +59,7 @@ def two_worlds(
         return None
     window = _busiest(measured)
     seen = Image.fromarray((255 * srgb_encoded(measured[window].clip(0, 1))).astype(np.uint8))
-    paper, of_ours = plain.verdict, matched_filter.verdict
+    paper, of_matched_filter = plain.verdict, matched_filter.verdict
     return TwoWorlds(
         page=plain.verdict.page,
         width_mm=WINDOW[1] * press.geometry.pixel_pitch_mm,
@@ -87,8 +87,8 @@ def two_worlds(
             Panel(
                 title="The same print, to our detector",
                 caption="What good prints do is found and taken out; the rest, in standard deviations of good prints. "
-                + _scores_text("Ours", of_ours),
-                verdict=of_ours.verdict,
+                + _scores_text("Matched filter", of_matched_filter),
+                verdict=of_matched_filter.verdict,
                 picture=_coloured(_block_z(matched_filter, plain.area, window)),
             ),
         ),

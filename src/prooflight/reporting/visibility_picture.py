@@ -13,8 +13,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from PIL import Image
 
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.visibility import VisibleMarks, floor_text
+from prooflight.detectors.cost import floor_text
+from prooflight.detectors.optional import ShowsVisibleMarks
 from prooflight.files.atomic import whole_file
 from prooflight.reporting.pictures import encoded, page_picture
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.visibility import PlaceRow
+    from prooflight.detectors.visible_marks import PlaceRow, VisibleMarks
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -54,10 +54,9 @@ class VisibleOnPage:
     @classmethod
     def of(cls, inspector: Inspector, page: Page) -> Self | None:
         """Return the marks of a page as it lies in the press; None if the inspector's detector has no such map."""
-        if not isinstance(inspector.detector, MatchedFilterDetector):
+        if not isinstance(inspector.detector, ShowsVisibleMarks):
             return None
-        prepared = inspector.detector.prepare(inspector.planned(page))
-        marks, press = VisibleMarks.of(prepared), inspector.press
+        marks, press = inspector.detector.visible_marks(inspector.planned(page)), inspector.press
         file = io.BytesIO()
         visibility_figure(marks, page, press).savefig(file, format="png")
         picture = Image.open(file).convert("RGB")

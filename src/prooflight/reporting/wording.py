@@ -6,6 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from prooflight.detectors.disposition import without_gate
+from prooflight.detectors.registry import family_text
 
 if TYPE_CHECKING:
     from prooflight.detectors.disposition import DecidedBy, Disposition
@@ -118,18 +119,15 @@ def _size(region: Region) -> str:
     return f"{region.width_mm:.{digits}f} × {region.height_mm:.{digits}f} mm"
 
 
-def family(name: str | None) -> str:
-    """Describe a family of evidence.
+def family(name: str | None, detector: str) -> str:
+    """Describe a family of evidence of a detector.
 
-    >>> family("streak/void"), family(None)
+    >>> family("streak/void", "matched_filter"), family(None, "chi-square")
     ('lines along the travel (streak/void)', '–')
     """
     if name is None:
         return "–"
-    from prooflight.detectors.matched_filter.naming import family_text
-    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
-
-    what = family_text(Statistic.parse(name).label)
+    what = family_text(detector, name)
     return f"{what} ({name})" if what else name
 
 

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from prooflight.cli.watch.sources import camera_lines
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
-from prooflight_studies.cameras.peer import plugged_in
+from prooflight.testing.peer import plugged_in
 from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:

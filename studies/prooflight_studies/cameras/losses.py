@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.weighted_conformal import exact_interval
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -104,8 +105,7 @@ def loss_figures(
 
 def _without(rig: Rig, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the prints that alarm without a loss, and the target false-alarm rate of the press."""
-    detector = Press.load(rig.press).ours
-    assert detector is not None
+    detector = model_of(Press.load(rig.press))
     alarms = [{name: row[name] for name in ALARM} for row in rows if row["verdict"] == "misprint"]
     low, high = exact_interval(len(alarms), len(rows))
     share = {"value": len(alarms) / len(rows), "low": low, "high": high}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.rng import stream
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
+from prooflight.testing.peer import plugged_in
 from prooflight_studies.cameras.job import OVER_THE_WIRE
-from prooflight_studies.cameras.peer import plugged_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 RUNS: Final = (1, 3, 32, 64)
 """Numbers of lines that are lost at once: a packet's, a block's."""
-DETECTORS: Final = ("chi-square", "bayes", "ours")
+DETECTORS: Final = ("chi-square", "bayes", "matched_filter")
 
 
 def unseen_rows(
@@ -36,7 +36,7 @@ def unseen_rows(
     for world in ("ideal", "press"):
         scans = [_scan(press, page, world, seed, index) for index, page in enumerate(pages)]
         for name in DETECTORS:
-            if (name == "bayes" and press.bayes is None) or (name == "ours" and press.ours is None):
+            if name != "chi-square" and name not in press.detectors:
                 continue
             progress(f"lost lines: {name}, {world} world")
             rows.append(_row(Inspector.of(press, name), name, world, pages, scans, seed))

@@ -71,7 +71,7 @@ def _of_card(job: Path | None, *, docs: Path | None, json: bool) -> None:
 
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.cache import trained_once
-    from prooflight.detectors.matched_filter.devices import refuse_without_card
+    from prooflight.detectors.devices import refuse_without_card
     from prooflight.press.pages import open_job
     from prooflight.press.press_file import PressFile
 

@@ -15,7 +15,7 @@ from prooflight_studies.commands.study import Json, Quick, Results, show_table
 def real(
     copies: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the paper's PDF and its scans.")],
     out: Results = Path("docs/results/detector"),
-    seed: Annotated[int, typer.Option(help="Of the marks and their places.", min=0)] = 241,
+    seed: Annotated[int, typer.Option(help="Of the marks and their places.", min=0)] = 443,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

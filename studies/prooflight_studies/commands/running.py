@@ -24,7 +24,7 @@ def running(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option(help="repeated, different, ours, soak, drift, streak, picture; default all."),
+        typer.Option(help="repeated, different, matched_filter, soak, drift, streak, picture; default all."),
     ] = None,
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,

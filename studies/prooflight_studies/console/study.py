@@ -249,7 +249,7 @@ def _sheet(number: int, *, alarm: bool) -> PageRecord:
         score=-1.0,
         threshold=1.0,
         milliseconds=100.0,
-        detector="ours",
+        detector="matched_filter",
     )
     page = PageRecord(
         sheet=number,
@@ -275,7 +275,7 @@ def _facts(sheets: int) -> RunFacts:
         job_digest="",
         press="none",
         press_digest="0" * 64,
-        detector="ours",
+        detector="matched_filter",
         source="made-up",
         started_s=time.time(),
         sheets=sheets,

@@ -14,6 +14,7 @@ from prooflight.commissioning.training.train import DEFAULT_RATE, trained
 from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
@@ -154,15 +155,14 @@ class _Bench:
 @lru_cache(maxsize=1)
 def _bench(path: Path) -> _Bench:
     press = Press.load(path)
-    assert press.ours is not None
-    inspector = Inspector.of(press, "ours").with_threads(1)
+    inspector = Inspector.of(press, "matched_filter").with_threads(1)
     detector = inspector.detector
     assert isinstance(detector, MatchedFilterDetector)
     return _Bench(
         press=press,
         inspector=inspector,
         detector=detector,
-        before=replace(detector, calibrated=without_glyphs(press.ours)),
+        before=replace(detector, calibrated=without_glyphs(model_of(press))),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from prooflight.commissioning.training.simulated_days import PressDay, fitted
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.placing import shows_another
 from prooflight.errors import RequestError
@@ -81,10 +82,7 @@ def run_detectability_study(
     pages: numbers of the job's; None: all. RequestError: our detector was not trained for the press, or alarms on good
     prints of all these pages.
     """
-    detector = press.ours
-    if detector is None:
-        remedy = "build it with `prooflight press build --detector quick`"
-        raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
+    detector = model_of(press)
     results.mkdir(parents=True, exist_ok=True)
     numbers = list(pages or range(1, len(opened(job)) + 1))
 

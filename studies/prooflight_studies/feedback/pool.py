@@ -16,7 +16,8 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.train import trained
 from prooflight.detectors.base import PlannedPage
-from prooflight.inspection.registry import detector
+from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.registry import detector
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
 from prooflight.scans.scan import Scan
@@ -162,11 +163,10 @@ def printed_pool(
         processes=processes,
         progress=lambda done, of: progress(f"printing and scoring: {done} of {of} press days"),
     )
-    assert press.ours is not None
     return Pool(
         **{name: rows[name] for name in ("score", "day", "kind", "severity")},
-        threshold=press.ours.threshold,
-        guarantee=str(press.ours.guarantee),
+        threshold=model_of(press).threshold,
+        guarantee=str(model_of(press).guarantee),
         minutes=minutes_spent(days, cache / "pool", digest=digest),
     )
 
@@ -203,4 +203,4 @@ def _press(path: Path) -> Press:
 
 @lru_cache(maxsize=2)
 def _detector(path: Path) -> Detector:
-    return detector("ours", _press(path))
+    return detector("matched_filter", _press(path))

@@ -309,7 +309,7 @@ def _facts(sheets: int) -> RunFacts:
         job_digest="",
         press="played",
         press_digest="",
-        detector="ours",
+        detector="matched_filter",
         source="camera:played",
         started_s=0.0,
         sheets=sheets,
@@ -319,9 +319,11 @@ def _facts(sheets: int) -> RunFacts:
 
 def _record(number: int, position: int | None, kind: str, *, first_line: int, time_s: float) -> PageRecord:
     page = "" if position is None else f"p{position % JOB_PAGES + 1:04d}"
-    verdict = Verdict(page=page, verdict="good", detector="ours", score=0.0, threshold=1.0)
+    verdict = Verdict(page=page, verdict="good", detector="matched_filter", score=0.0, threshold=1.0)
     if kind in ("misprint", "unknown"):
-        verdict = Verdict(page=page, verdict="misprint", kind="streak", reason="a streak", detector="ours")
+        verdict = Verdict(
+            page=page, verdict="misprint", kind="streak", reason="a streak", detector="matched_filter"
+        )
     elif kind in ("not-inspected", "missing"):
         verdict = Verdict.skipped(page, "" if kind == "missing" else "the deadline had passed")
     faults = (kind,) if kind in ("lost-lines", "missing", "repeated", "unknown") else ()

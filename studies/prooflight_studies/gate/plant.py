@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 from prooflight.plant.simulator.belt import Belt, BeltSheet
 from prooflight.plant.simulator.plc import SimulatedPlc
 from prooflight.plant.simulator.server import SCAN_S, PlcServer
+from prooflight.testing.relay import Relay
 from prooflight_studies.gate.plan import DELAY_S, DISTANCE_MM, LASTS_S
-from prooflight_studies.gate.relay import Relay
 from prooflight_studies.gate.stand_in import ScaledClock, settings_of
 
 if TYPE_CHECKING:

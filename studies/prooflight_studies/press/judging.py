@@ -37,7 +37,7 @@ EVERY: Final = -1
 """Part number of pages that set the thresholds of every part."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 FALSE_ALARM_RATE: Final = 0.01
-MATCHED_FILTER: Final = "ours"
+MATCHED_FILTER: Final = "matched_filter"
 FOREST_OF_FAMILIES: Final = "forest of families alone"
 """Method that the forests without some statistics are compared with."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -298,7 +298,9 @@ def _rankings(
 
     return {
         MATCHED_FILTER: lambda pages: certain_score(model, pages, another),
-        "ours, wrong pages by evidence alone": lambda pages: model.score(pages.values, pages.page_features),
+        "matched_filter, wrong pages by evidence alone": lambda pages: model.score(
+            pages.values, pages.page_features
+        ),
         "no misprint seen in learning": lambda pages: model.guard(evidence(pages)),
         "forest of all statistics alone": forest,
         "forests of kinds alone, the most of them": lambda pages: model.of_kinds(every(pages)).max(axis=1),

@@ -128,7 +128,7 @@ def press_results(findings: PressFindings) -> dict[str, Any]:
         "worlds": worlds_digest(),
         "alphas": ALPHAS,
         "thirds": THIRDS,
-        "ours": MATCHED_FILTER,
+        "matched_filter": MATCHED_FILTER,
         "methods": [Method.of(name, one, rng) for name, one in verdicts.methods.items()],
         "forest": FOREST_OF_FAMILIES if FOREST_OF_FAMILIES in verdicts.methods else None,
         "caught": [

@@ -12,9 +12,9 @@ from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import Pages, certain_score, learn_model
 from prooflight.commissioning.training.train import Plan
+from prooflight.detectors.cost import FLOOR_AREA_MM2
 from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter.shipped import ShippedRanking
-from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
 from prooflight.pages.parallel import in_order
 from prooflight.rng import stream
 from prooflight.simulation.worlds import worlds_digest

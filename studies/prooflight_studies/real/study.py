@@ -7,7 +7,7 @@ bare paper, apart from each other and from print.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -22,12 +22,12 @@ from prooflight.inspection.scanner.inspected import drawn_detector, scan_on_page
 from prooflight.pages.job import JobSource, opened
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
 from prooflight.press.pages import job_source
-from prooflight.press.scanner import scanner_press_file
+from prooflight.press.scanner import feeder_of, scanner_press_file
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
-from prooflight.scans.scanner.feeder import FeederPrior
 from prooflight.scans.scanner.reading import ScannerSettings, scanned_pages
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.real.against_each_other import GoldenRow, golden_rows, new_places
 from prooflight_studies.visible.marks import NAMED
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.golden.chain import SignalChain
-    from prooflight.detectors.verdict import Verdict
+    from prooflight.detectors.golden.drawn import DrawnDetector
+    from prooflight.inspection.job import Pair
     from prooflight.press.artefact import Press
 
 JOB: Final = "midterm1-v2-test.pdf"
@@ -64,6 +65,8 @@ class SheetRow:
     """x, y, width and height of what differs."""
     moved_mm: tuple[float, float]
     """Mean displacement that was left after placing, and is followed by the comparison."""
+    by_other: str
+    """Verdict by the chain of the other copy alone; empty: there is no other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +98,18 @@ class RealStudy:
     sheets: tuple[SheetRow, ...]
     marks: tuple[MarkRow, ...]
     chains: tuple[ChainRow, ...]
+    goldens: tuple[GoldenRow, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Copy:
+    """One copy, placed, with the detector of its own sheets."""
+
+    scans: Path
+    source: JobSource
+    zones: JobZones
+    detector: DrawnDetector
+    pairs: list[Pair]
 
 
 def run_real_study(
@@ -118,20 +133,27 @@ def run_real_study(
         )
     press = build_press(scanner_press_file(dpi=300.0, grey=True, width_mm=216.0), seed=1, progress=progress)
     source = job_source(files[0], press, profile=None)
-    sheets, placed, chains = [], {mark.name: [0, 0] for mark in NAMED}, []
-    for copy in COPIES[: 1 if quick else None]:
-        for row, caught, chain in _of_copy(folder / copy, source, press, seed, progress):
-            if row is not None:
-                sheets.append(row)
-            for name, one in caught:
-                placed[name][0] += 1
-                placed[name][1] += one
-            if chain is not None:
-                chains.append(_chain_row(copy, chain))
-    marks = tuple(
-        MarkRow(name=name, laid=marked_dn, caught=caught) for name, (marked_dn, caught) in placed.items()
+    sheets, caught = [], {mark.name: [0, 0] for mark in NAMED}
+    copies = [_copy(folder / name, source, press, progress) for name in COPIES[: 1 if quick else None]]
+    for copy in copies:
+        others = [other.detector.chains[""] for other in copies if other is not copy]
+        for row, marks in _of_copy(copy, others, press, seed, progress):
+            sheets.append(row)
+            for name, one in marks:
+                caught[name][0] += 1
+                caught[name][1] += one
+    results = RealStudy(
+        seed=seed,
+        quick=quick,
+        sheets=tuple(sheets),
+        marks=tuple(
+            MarkRow(name=name, laid=marked_dn, caught=one) for name, (marked_dn, one) in caught.items()
+        ),
+        chains=tuple(_chain_row(copy.scans.name, copy.detector.chains[""]) for copy in copies),
+        goldens=()
+        if quick
+        else tuple(golden_rows({copy.scans: copy.pairs for copy in copies}, STAMP_MM, seed, progress)),
     )
-    results = RealStudy(seed=seed, quick=quick, sheets=tuple(sheets), marks=marks, chains=tuple(chains))
     write_page(out / "real.md", "real", results)
     return results
 
@@ -146,27 +168,36 @@ def _chain_row(copy: str, chain: SignalChain) -> ChainRow:
     )
 
 
-def _of_copy(
-    scans: Path, source: JobSource, press: Press, seed: int, progress: Callable[[str], None]
-) -> Iterator[tuple[SheetRow | None, list[tuple[str, bool]], SignalChain | None]]:
-    """Return each sheet of a copy with its marks, each caught or not; first the chain of all of them."""
+def _copy(scans: Path, source: JobSource, press: Press, progress: Callable[[str], None]) -> Copy:
     with source.open() as job:
         sizes = job.page_sizes_mm
     stamp = ZoneEntry(name="stamp", kind="ignore", rectangle_mm=STAMP_MM)
     zones, settings = JobZones.create([stamp], sizes), ScannerSettings()
-    pages = ExpectedPages(job=source, press=press, feeder=FeederPrior())
+    pages = ExpectedPages(job=source, press=press, feeder=feeder_of(press))
     placed = placed_scans(scanned_pages(scans), pages, len(sizes), settings=settings, progress=progress)
     detector, pairs = drawn_detector(placed, source, press, settings, zones=zones, progress=progress)
-    yield None, [], detector.chains[""]
-    inspector = Inspector(press, detector, zones=zones)
-    for number, scan in pairs:
+    return Copy(scans=scans, source=source, zones=zones, detector=detector, pairs=pairs)
+
+
+def _of_copy(
+    copy: Copy, others: Sequence[SignalChain], press: Press, seed: int, progress: Callable[[str], None]
+) -> Iterator[tuple[SheetRow, list[tuple[str, bool]]]]:
+    """Return each sheet of a copy with its marks, each caught or not."""
+    scans, zones, settings = copy.scans, copy.zones, ScannerSettings()
+    inspector = Inspector(press, copy.detector, zones=zones)
+    crossed = [Inspector(press, replace(copy.detector, chains={"": chain}), zones=zones) for chain in others]
+    for number, scan in copy.pairs:
         assert isinstance(scan, PlacedScan)
         progress(f"{scans.name}: page {number}")
-        page = press.geometry.lay(opened(source).page(number))
+        page = press.geometry.lay(opened(copy.source).page(number))
         planned = PlannedPage(page, press.press_context(), zones.page(page))
         lines, _ = scan_on_page(scan, planned, press, settings, by_type=False)
         prepared = inspector.prepare(planned)
         verdict = inspector.inspect(prepared, Scan(dn=lines, name=scan.scan.name)).verdict
+        by_others = [
+            other.inspect(other.prepare(planned), Scan(dn=lines, name=scan.scan.name)).verdict.verdict
+            for other in crossed
+        ]
         rng = stream(seed, "real-marks", COPIES.index(scans.name), number)
         caught: list[tuple[str, bool]] = []
         for first in range(0, len(NAMED), MARKS_AT_ONCE):
@@ -184,7 +215,7 @@ def _of_copy(
                 np.uint16
             )
             judged = inspector.inspect(prepared, Scan(dn=marked_dn[None], name=scan.scan.name)).verdict
-            new = _new(judged, verdict)
+            new = new_places(judged, verdict)
             caught += [
                 (mark.name, any(_near(box, at, mark.reach_mm) for box in new))
                 for mark, at in zip(some, places, strict=True)
@@ -197,20 +228,9 @@ def _of_copy(
             reason=verdict.reason,
             places_mm=boxes,
             moved_mm=verdict.shift_mm or (0.0, 0.0),
+            by_other=", ".join(by_others),
         )
-        yield row, caught, None
-
-
-def _new(judged: Verdict, before: Verdict) -> list[tuple[float, float, float, float]]:
-    """Return the places of a misprint that the sheet did not have before marks were laid into it."""
-    if judged.verdict != "misprint":
-        return []
-    had = {(one.x_mm, one.y_mm) for one in before.regions}
-    return [
-        (one.x_mm, one.y_mm, one.width_mm, one.height_mm)
-        for one in judged.regions
-        if (one.x_mm, one.y_mm) not in had
-    ]
+        yield row, caught
 
 
 def _near(box: tuple[float, float, float, float], at: tuple[float, float], reach_mm: float) -> bool:

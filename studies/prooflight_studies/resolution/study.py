@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
-from prooflight.detectors.matched_filter.calibrated import ScannedPage, score_of
+from prooflight.detectors.base import StoredArrays
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import InputError, RequestError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.job import in_full
+from prooflight.inspection.job import for_learning
 from prooflight.pages.job import edge_sd_mm
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.rng import stream
@@ -100,11 +102,7 @@ def run_resolution_study(
 
     most: greatest number of pages. RequestError: the press has no detector of ours, or no PDF fits it.
     """
-    if press.ours is None:
-        raise RequestError(
-            "press", "was not taught our detector", remedy="give one of `prooflight press build`"
-        )
-    inspector = in_full(Inspector(press))
+    inspector = for_learning(Inspector.of(press, "matched_filter"))
     wanted = QUICK if quick else most
     rows, number = list[Row](), 0
     for pdf in sorted(pages.glob("*.pdf")):
@@ -216,13 +214,9 @@ def _row(
         said=ScannedPage(
             name=name,
             score=verdict.score or 0.0,
-            values=inspection.stored_arrays["values"],
-            page_features=inspection.stored_arrays["portrait"],
-            another=bool(inspection.stored_arrays["wrong_page"]),
+            evidence=inspection.stored_arrays,
             digest=name,
             variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
-            glyphs=float(inspection.stored_arrays["glyphs"]),
-            floor_mm2=float(inspection.stored_arrays["floor_mm2"]),
         ),
     )
 
@@ -239,17 +233,14 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
         judged = list[tuple[Row, bool]]()
         for taught_by, others in (halves, halves[::-1]):
             good = [row.said for row in here if row.page in taught_by and not row.misprint]
-            detector = recalibrated(
-                press, good, {one.name: one.digest for one in good}, false_alarm_rate=_target_rate(press)
-            ).ours
-            assert detector is not None
+            digests = {one.name: one.digest for one in good}
+            detector = model_of(recalibrated(press, good, digests, false_alarm_rate=_target_rate(press)))
             for row in here:
                 if row.page in others:
-                    scanned = row.said
-                    score = score_of(
-                        detector.model, scanned.values, scanned.page_features, another=scanned.another
-                    )
-                    judged.append((row, detector.decide(score, scanned.glyphs, scanned.floor_mm2).misprint))
+                    kept = row.said.evidence
+                    score = detector.score_again(StoredArrays(kept, detector.name))
+                    rest = (float(kept[name]) for name in ("glyphs", "floor_mm2"))
+                    judged.append((row, detector.decide(score, *rest).misprint))
         good_alarms = [alarm for row, alarm in judged if not row.misprint]
         caught = [alarm for row, alarm in judged if row.misprint]
         table.append(
@@ -264,7 +255,7 @@ def _learned(rows: list[Row], press: Press) -> list[dict[str, Any]]:
 
 
 def _target_rate(press: Press) -> float:
-    return 0.0 if press.ours is None else press.ours.guarantee.rate
+    return 0.0 if "matched_filter" not in press.detectors else model_of(press).guarantee.rate
 
 
 def _results(rows: list[Row], press: Press, *, seed: int, pages: int) -> ResolutionResults:

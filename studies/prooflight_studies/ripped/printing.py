@@ -15,7 +15,7 @@ from prooflight.commissioning.rip_identification import identified_from_rasters
 from prooflight.errors import InputError, JobError, RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.job import in_full
+from prooflight.inspection.job import for_learning
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
@@ -292,7 +292,7 @@ def _row(inspection: Inspection) -> dict[str, Any]:
         "p_value": 1.0 if verdict.p_value is None else verdict.p_value,
         "score": verdict.score or 0.0,
         "values": kept["values"],
-        "features": kept["portrait"],
+        "features": kept["page_features"],
         "another": bool(kept["wrong_page"]),
         "glyphs": float(kept["glyphs"]),
         "floor_mm2": float(kept["floor_mm2"]),
@@ -316,4 +316,4 @@ def _press(path: Path) -> Press:
 
 @lru_cache(maxsize=4)
 def _inspector(press: Press) -> Inspector:
-    return in_full(Inspector(press)).with_threads(1)
+    return for_learning(Inspector(press)).with_threads(1)

@@ -7,13 +7,15 @@ the press has learned good prints of other pages.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
-from prooflight.detectors.matched_filter.calibrated import ScannedPage, score_of
+from prooflight.detectors.base import StoredArrays
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.variation import AMOUNTS
+from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.simulation.worlds import measured_digest, worlds_digest
@@ -138,7 +140,7 @@ def run_false_alarm_study(
     no detector of ours, or too few pages fit it.
     """
     loaded = Press.load(press)
-    if loaded.ours is None:
+    if "matched_filter" not in loaded.detectors:
         raise RequestError(
             "press", "was not taught our detector", remedy="give one of `prooflight press build`"
         )
@@ -177,7 +179,7 @@ def run_false_alarm_study(
     results = FalseAlarmResults(
         seed=plan.seed,
         press=loaded.name,
-        promise=loaded.ours.guarantee.rate,
+        promise=model_of(loaded).guarantee.rate,
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
         minutes=minutes_spent(pieces, cache, digest=digest),
@@ -238,33 +240,38 @@ def _learned(
     """
     places = np.flatnonzero(learned_from & ~rows["another"] & ~rows["uninspected"])
     good = [_scanned(rows, int(place)) for place in places]
-    nominal = 0.0 if press.ours is None else press.ours.guarantee.rate
-    detector = recalibrated(
-        press, good, {one.name: one.digest for one in good}, false_alarm_rate=nominal
-    ).ours
-    assert detector is not None
+    nominal = 0.0 if "matched_filter" not in press.detectors else model_of(press).guarantee.rate
+    learned = recalibrated(press, good, {one.name: one.digest for one in good}, false_alarm_rate=nominal)
+    detector = model_of(learned)
     alarms = []
     for place in np.flatnonzero(judged):
         scanned = _scanned(rows, int(place))
-        score = score_of(detector.model, scanned.values, scanned.page_features, another=scanned.another)
-        decision = detector.decide(score, scanned.glyphs, scanned.floor_mm2)
+        score = detector.score_again(StoredArrays(scanned.evidence, detector.name))
+        decision = detector.decide(
+            score, *(float(scanned.evidence[name]) for name in ("glyphs", "floor_mm2"))
+        )
         alarms.append(decision.misprint and not rows["uninspected"][place])
     return np.array(alarms, bool), len(good)
 
 
 def _scanned(rows: Rows, place: int) -> ScannedPage:
     name = str(rows["page"][place])
-    of_row: dict[str, Any] = {column: rows[column][place] for column in ("values", "another")}
+    evidence = {
+        kept: np.asarray(rows[column][place])
+        for kept, column in (
+            ("wrong_page", "another"),
+            ("values", "values"),
+            ("page_features", "features"),
+            ("glyphs", "glyphs"),
+            ("floor_mm2", "floor_mm2"),
+        )
+    }
     return ScannedPage(
         name=name,
         score=float(rows["score"][place]),
-        values=of_row["values"],
-        page_features=rows["features"][place],
-        another=bool(of_row["another"]),
+        evidence=evidence,
         digest=name,
         variation=np.zeros((len(AMOUNTS), 2), np.float32),  # of no say in a verdict
-        glyphs=float(rows["glyphs"][place]),
-        floor_mm2=float(rows["floor_mm2"][place]),
         design=name,
     )
 

@@ -34,12 +34,12 @@ from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring,
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-PARTS: Final = ("repeated", "different", "ours", "soak", "drift", "streak")
+PARTS: Final = ("repeated", "different", "matched_filter", "soak", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 MATCHED_FILTER_PER_S: Final = 3.0
 """Required rate of our detector where all pages differ, or there are two sensors."""
-LOAD_SHARE: Final = 0.8
+MATCHED_FILTER_SHARE: Final = 0.8
 """Share of our detector's highest sustained rate at which it runs in real time.
 
 It is used where that is below the required rate.
@@ -95,7 +95,7 @@ class Plan:
 
 def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
     """Return all figures of the page, None for unmeasured parts; measured: the others, with that seed."""
-    live = [row for name in ("repeated", "different", "ours") for row in measured.get(name, [])]
+    live = [row for name in ("repeated", "different", "matched_filter") for row in measured.get(name, [])]
     # Parts that were measured before these were noted; None: not known.
     noted: dict[str, Any] = {"fringes": None, "called": None}
     # Sheets that came out unlike those shown cannot be told apart.
@@ -194,7 +194,7 @@ class Study:
         ):
             fast = self._row(name, press, shown, None, max(some // 2, 1))
             rows.append(self._row(name, press, shown, asked, count))
-            sustained = float(np.floor(10 * LOAD_SHARE * fast["pages_per_s"]) / 10)
+            sustained = float(np.floor(10 * MATCHED_FILTER_SHARE * fast["pages_per_s"]) / 10)
             if rows[-1]["late"] or rows[-1]["not_inspected"]:
                 rows.append(self._row(name, press, shown, max(min(sustained, asked), 0.1), some))
             rows.append(fast)
@@ -204,7 +204,7 @@ class Study:
         """Return prints for our detector, misprints among them."""
         return self._ring(
             press,
-            f"ours-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",
+            f"matched_filter-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",
             count,
             prints,
             repeated=repeated,
@@ -312,7 +312,7 @@ class Study:
     def _ready(self, name: str, given: Path | None, preset: str) -> Press:
         """Return a press trained as by `press build`, once, unless it was given trained."""
         press = self._press(name, given, preset)
-        if press.ours is not None:
+        if "matched_filter" in press.detectors:
             return press
         path = self.cache / "running" / f"{name}-taught-{self.plan.training_pages}.press"
         if not path.exists():

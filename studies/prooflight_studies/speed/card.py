@@ -16,6 +16,7 @@ from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card_images import Designs, engine_on
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
 from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
@@ -148,7 +149,7 @@ def card_figures(
 ) -> CardFigures:
     """Measure a card on prints of some pages; RequestError: there is none."""
     settle_process()  # as processes are that inspect page after page
-    inspector = Inspector.of(press, "ours").with_threads(1)
+    inspector = Inspector.of(press, "matched_filter").with_threads(1)
     card = inspector.on("gpu")
     cores = os.cpu_count() or 1
     say("preparing designs and printing")
@@ -197,8 +198,7 @@ def card_figures(
 
 
 def _threshold(press: Press) -> float:
-    assert press.ours is not None  # ``Inspector.of`` refuses a press without it
-    return press.ours.threshold
+    return model_of(press).threshold
 
 
 def _with(prepared: Prepared, inspector: Inspector) -> Prepared:

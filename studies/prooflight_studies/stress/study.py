@@ -18,6 +18,7 @@ from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.adapting import fit_for
 from prooflight.commissioning.training.learn import Pages, certain_score
 from prooflight.commissioning.training.train import trained
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.exchangeability import ExchangeabilityTest, summaries
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
@@ -122,11 +123,10 @@ def run_stress_study(
         seed=plan.seed,
         processes=processes,
     )
-    assert press.ours is not None
     bench = _Bench(
         press=untrained,
         press_file=press_file,
-        scatter=press.ours.model.scatter,
+        scatter=model_of(press).model.scatter,
         stress=stress,
         plan=plan,
         cache=cache,
@@ -134,13 +134,13 @@ def run_stress_study(
         progress=progress,
     )
     every = bench.rows()
-    judged = judged_stress(press.ours, every, plan)
-    of_real = None if real is None else _as_built(press.ours, bench.real_rows(real), plan)
+    judged = judged_stress(model_of(press), every, plan)
+    of_real = None if real is None else _as_built(model_of(press), bench.real_rows(real), plan)
     page = {
         "plan": {name: getattr(plan, name) for name in StressPlan.__slots__},
         "build_designs": DESIGNS,
-        "promise": str(press.ours.guarantee),
-        "rate": press.ours.guarantee.rate,
+        "promise": str(model_of(press).guarantee),
+        "rate": model_of(press).guarantee.rate,
         "worlds": worlds_digest(),
         "stress": stress.digest,
         "unmade": _unmade(every["marks"]),

@@ -202,7 +202,7 @@ def _cell(rows: Rows, caught: NDArray[np.bool_], kind: str, place: str, rate: fl
     here = (rows["kind"] == kind) & (rows["place"] == place)
     level, page, of_cell = rows["level"][here], rows["page"][here], caught[here]
     greatest = float(level.max())
-    methods = [_method("ours", "", of_cell[:, 0], of_cell[:, 0], level, page, rate, greatest)]
+    methods = [_method("matched_filter", "", of_cell[:, 0], of_cell[:, 0], level, page, rate, greatest)]
     for name, measures in PEERS.items():
         best = max(measures, key=lambda at: of_cell[:, 1 + at].sum())
         methods.append(

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from prooflight_studies.visible.findings import Cell, Curves
 
 NINE_OF_TEN: Final = CHANCES.index(0.9)
-COLOURS: Final = {"ours": "#0b3d85", "difference": "#c8006f", "SSIM": "#8a8a82", "variation": "#c98a00"}
-MARKERS: Final = {"ours": "o", "difference": "s", "SSIM": "^", "variation": "D"}
+COLOURS: Final = {
+    "matched_filter": "#0b3d85",
+    "difference": "#c8006f",
+    "SSIM": "#8a8a82",
+    "variation": "#c98a00",
+}
+MARKERS: Final = {"matched_filter": "o", "difference": "s", "SSIM": "^", "variation": "D"}
 SHOWN: Final = ("spot", "void", "hair", "scratch", "streak", "band", "smear", "local density")
 """Kinds with several places."""
 CAMERA: Final = "two sensors, 0.254 mm"

@@ -14,6 +14,7 @@ from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
 from prooflight.commissioning.zones.defects import SORTS, Area, areas_of
 from prooflight.commissioning.zones.price import PRINTS, TRIALS, ZonePrints, price_of
+from prooflight.detectors.registry import detector
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
 from prooflight.pages.parallel import in_order
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
-    from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+    from prooflight.detectors.optional import ZonePricing
     from prooflight.pages.zones.zone import Kind
     from prooflight.press.artefact import Press
 
@@ -126,8 +127,9 @@ def run_zones_study(
     for done, one in enumerate(in_order(work, range(pages), fewest=2), start=1):
         rows.append(one)
         progress(f"page {done} of {pages}")
-    assert press.ours is not None
-    results = zones_results(rows, seed=seed, nominal_rate=press.ours.guarantee.rate, quick=quick)
+    promised = detector(None, press).false_alarm_rate
+    assert promised is not None
+    results = zones_results(rows, seed=seed, nominal_rate=promised, quick=quick)
     write_page(out / "zones.md", "zones", results)
     return results
 
@@ -233,7 +235,7 @@ class Bench:
         scan = self.prints.printed(page, rng)
         with_zones = self.zoned.inspect(scan)
         if self.bare is None:
-            return _alarmed(with_zones), without_zones(self.zoned, with_zones)
+            return _alarmed(with_zones), without_zones(self.prints.pricing, with_zones)
         return _alarmed(with_zones), _alarmed(self.bare.inspect(scan))
 
     def good(self, count: int, *, first: int) -> tuple[Tally, Tally]:
@@ -340,9 +342,9 @@ def _alarmed(inspection: Inspection) -> bool:
     return inspection.verdict.verdict == "misprint"
 
 
-def without_zones(page: MatchedFilterPage, inspection: Inspection) -> bool:
+def without_zones(pricing: ZonePricing, inspection: Inspection) -> bool:
     """Return whether the same scan alarms by the page as a whole at the press's own threshold."""
-    return page.whole_score(inspection) > page.detector.calibrated.threshold
+    return pricing.alarms(pricing.score(inspection))
 
 
 def _finite(value: float) -> float | None:

@@ -17,6 +17,7 @@ from prooflight.commissioning.line_camera import wizard
 from prooflight.commissioning.line_camera.line_reader import CameraLineReader
 from prooflight.commissioning.line_camera.steps import STEPS
 from prooflight.commissioning.line_camera.wizard import Prompts, Protocol, SetUp, Stopped, protocol_path
+from prooflight.commissioning.measured_columns import measured_columns
 from prooflight.errors import PressFileError, RequestError, ScanError
 from prooflight.press.press_file import PressFile
 
@@ -389,7 +390,7 @@ def test_a_press_is_built_with_the_columns_that_were_measured(path: Path, scenes
     """
     set_up(path, PlayedCamera(scenes), Technician(scenes), steps=STEPS[:3])
     press_file = PressFile.read(path)
-    columns = wizard.measured_columns(protocol_path(path), press_file.camera())
+    columns = measured_columns(protocol_path(path), press_file.camera())
     (model,) = build_press(press_file, seed=1, columns=columns).sensors
     (true,) = ruler_press().sensors
     inside = slice(8, -8)
@@ -407,7 +408,7 @@ def test_a_press_is_built_with_the_columns_that_were_measured(path: Path, scenes
     for columns_told in ([], [{"offset_dn": [1.0, 2.0], "gain": [1.0, 0.0]}], [{"gain": [1.0]}]):
         protocol_path(path).write_text(json.dumps(told | {"columns": columns_told}))
         with pytest.raises(RequestError, match=r"holds no columns|is no protocol"):
-            wizard.measured_columns(protocol_path(path), press_file.camera())
+            measured_columns(protocol_path(path), press_file.camera())
 
 
 def test_a_set_up_that_goes_on_looks_at_the_camera_again(path: Path, scenes: Scenes) -> None:

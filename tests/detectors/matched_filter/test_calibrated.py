@@ -75,14 +75,18 @@ def calibrated(
 
 
 def test_those_that_taught_say_how_the_tail_goes_on_while_own_pages_are_few(model: DetectorModel) -> None:
-    ours = calibrated(model)
-    assert (ours.guarantee.simulated, ours.guarantee.real, ours.guarantee.reference) == (60, 0, 1000)
-    assert ours.guarantee.conformal
-    reference, ratio = ours.scores.reference, ours.scores.ratio
-    assert ours.threshold == reference.threshold(OF_RANKING * 0.02 / ratio)[0]
+    matched_filter = calibrated(model)
+    assert (
+        matched_filter.guarantee.simulated,
+        matched_filter.guarantee.real,
+        matched_filter.guarantee.reference,
+    ) == (60, 0, 1000)
+    assert matched_filter.guarantee.conformal
+    reference, ratio = matched_filter.scores.reference, matched_filter.scores.ratio
+    assert matched_filter.threshold == reference.threshold(OF_RANKING * 0.02 / ratio)[0]
     wide = calibrated(model, own=np.random.default_rng(3).exponential(3.0, 60))
     assert wide.scores.ratio > 2 * ratio
-    assert wide.threshold > ours.threshold
+    assert wide.threshold > matched_filter.threshold
 
 
 def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> None:
@@ -90,10 +94,14 @@ def test_where_own_pages_are_many_they_decide_alone(model: DetectorModel) -> Non
     of these score as no other page does.
     """
     own = np.arange(278.0)
-    ours = calibrated(model, own=own)
-    assert (ours.guarantee.simulated, ours.guarantee.reference, ours.guarantee.conformal) == (278, 0, True)
-    assert ours.threshold == own[273]  # ceil(279 x 0.982) = 274th smallest
-    assert ours.decide(273.5).p_value == pytest.approx(5 / 279 / OF_RANKING)
+    matched_filter = calibrated(model, own=own)
+    assert (
+        matched_filter.guarantee.simulated,
+        matched_filter.guarantee.reference,
+        matched_filter.guarantee.conformal,
+    ) == (278, 0, True)
+    assert matched_filter.threshold == own[273]  # ceil(279 x 0.982) = 274th smallest
+    assert matched_filter.decide(273.5).p_value == pytest.approx(5 / 279 / OF_RANKING)
     fewer = calibrated(model, own=own[1:])
     assert (fewer.guarantee.simulated, fewer.guarantee.reference) == (277, 1000)
     assert fewer.threshold < 20
@@ -115,61 +123,69 @@ def test_a_promise_says_how_many_of_its_pages_were_real(model: DetectorModel) ->
 def test_pages_unlike_simulated_ones_promise_no_more_than_they_support(model: DetectorModel) -> None:
     """40 real pages that scatter three times as widely (seed 3); the ranking has the share ``OF_RANKING``."""
     own = np.random.default_rng(3).exponential(3.0, 40)
-    ours = calibrated(model, own=own, rate=0.01, real=40)
-    assert ours.guarantee.likeness is not None
-    assert ours.guarantee.likeness.is_distinct
-    assert ours.guarantee.rate == pytest.approx(1 / 41 / OF_RANKING)
-    assert (ours.threshold, ours.guarantee.reference) == (own.max(), 0)
+    matched_filter = calibrated(model, own=own, rate=0.01, real=40)
+    assert matched_filter.guarantee.likeness is not None
+    assert matched_filter.guarantee.likeness.is_distinct
+    assert matched_filter.guarantee.rate == pytest.approx(1 / 41 / OF_RANKING)
+    assert (matched_filter.threshold, matched_filter.guarantee.reference) == (own.max(), 0)
     assert "from 40 real good pages of this press alone: simulated pages were told apart" in str(
-        ours.guarantee
+        matched_filter.guarantee
     )
-    assert "one in 100 was asked for, and is refused" in str(ours.guarantee)
+    assert "one in 100 was asked for, and is refused" in str(matched_filter.guarantee)
     simulated = calibrated(model, own=own, rate=0.01)
     assert simulated.guarantee.likeness is None
     assert simulated.guarantee.rate == 0.01
-    facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
-    again = CalibratedDetector.from_parts(ours.arrays(), facts)
-    assert (again.threshold, again.guarantee) == (ours.threshold, ours.guarantee)
+    facts = json.loads(json.dumps(matched_filter.facts(), allow_nan=False))
+    again = CalibratedDetector.from_parts(matched_filter.arrays(), facts)
+    assert (again.threshold, again.guarantee) == (matched_filter.threshold, matched_filter.guarantee)
 
 
 def test_a_decision_alarms_above_the_threshold_alone(model: DetectorModel) -> None:
-    ours = calibrated(model)
-    assert not ours.decide(ours.threshold).misprint
-    low, high = ours.decide(ours.threshold + 1e-9), ours.decide(ours.threshold + 1)
+    matched_filter = calibrated(model)
+    assert not matched_filter.decide(matched_filter.threshold).misprint
+    low, high = (
+        matched_filter.decide(matched_filter.threshold + 1e-9),
+        matched_filter.decide(matched_filter.threshold + 1),
+    )
     assert low.misprint
     assert high.misprint
     assert high.p_value is not None
     assert low.p_value is not None
-    assert high.p_value < low.p_value <= ours.guarantee.rate
+    assert high.p_value < low.p_value <= matched_filter.guarantee.rate
     assert high.probability > low.probability >= 0.01
 
 
 def test_what_cannot_be_promised_is_refused_down_to_what_can(model: DetectorModel) -> None:
-    ours = calibrated(model, rate=1e-6)
-    assert ours.guarantee.rate == pytest.approx(ours.scores.ratio / 10_010 / OF_RANKING)
-    assert not ours.guarantee.conformal
-    assert "one in 1,000,000 was asked for, and is refused" in str(ours.guarantee)
+    matched_filter = calibrated(model, rate=1e-6)
+    assert matched_filter.guarantee.rate == pytest.approx(matched_filter.scores.ratio / 10_010 / OF_RANKING)
+    assert not matched_filter.guarantee.conformal
+    assert "one in 1,000,000 was asked for, and is refused" in str(matched_filter.guarantee)
 
 
 @pytest.mark.parametrize(("own", "real", "rate"), [(60, 0, 0.02), (60, 60, 1e-6), (400, 400, 0.02)])
 def test_it_comes_back_from_its_arrays_and_facts(
     model: DetectorModel, own: int, real: int, rate: float
 ) -> None:
-    ours = calibrated(model, own=np.random.default_rng(5).exponential(size=own), real=real, rate=rate)
-    facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
-    CalibratedDetector.check(ours.arrays(), facts)
-    again = CalibratedDetector.from_parts(ours.arrays(), facts)
-    assert again.threshold == ours.threshold
-    assert again.guarantee == ours.guarantee
-    assert again.decide(2.0) == ours.decide(2.0)
+    matched_filter = calibrated(
+        model, own=np.random.default_rng(5).exponential(size=own), real=real, rate=rate
+    )
+    facts = json.loads(json.dumps(matched_filter.facts(), allow_nan=False))
+    CalibratedDetector.check(matched_filter.arrays(), facts)
+    again = CalibratedDetector.from_parts(matched_filter.arrays(), facts)
+    assert again.threshold == matched_filter.threshold
+    assert again.guarantee == matched_filter.guarantee
+    assert again.decide(2.0) == matched_filter.decide(2.0)
     assert again.real == real
-    np.testing.assert_array_equal(again.pages.values, ours.pages.values)
-    assert replace(ours, misprint_rate=0.5).decide(2.0).probability > ours.decide(2.0).probability
+    np.testing.assert_array_equal(again.pages.values, matched_filter.pages.values)
+    assert (
+        replace(matched_filter, misprint_rate=0.5).decide(2.0).probability
+        > matched_filter.decide(2.0).probability
+    )
 
 
 def test_an_artefact_is_refused_where_pages_and_their_scores_disagree(model: DetectorModel) -> None:
-    ours = calibrated(model)
-    arrays, facts = ours.arrays(), ours.facts()
+    matched_filter = calibrated(model)
+    arrays, facts = matched_filter.arrays(), matched_filter.facts()
     CalibratedDetector.check(arrays, facts)
     for wrong, named in (
         ({"values": arrays["values"][:-1]}, "values"),
@@ -216,46 +232,48 @@ def test_a_scan_of_another_page_scores_what_no_good_page_does(model: DetectorMod
     assert score_of(low, 50 * values, page_features, another=True) == max(far, WRONG_PAGE)
 
 
-def with_glyphs(ours: CalibratedDetector, own: NDArray[np.float64]) -> CalibratedDetector:
+def with_glyphs(matched_filter: CalibratedDetector, own: NDArray[np.float64]) -> CalibratedDetector:
     return CalibratedDetector.calibrated(
-        ours.model,
-        ours.own,
-        references=ours.references,
-        pages=replace(ours.pages, glyphs=own),
-        false_alarm_rate=ours.guarantee.requested_rate,
-        misprint_rate=ours.misprint_rate,
+        matched_filter.model,
+        matched_filter.own,
+        references=matched_filter.references,
+        pages=replace(matched_filter.pages, glyphs=own),
+        false_alarm_rate=matched_filter.guarantee.requested_rate,
+        misprint_rate=matched_filter.misprint_rate,
     )
 
 
 def test_glyphs_alarm_within_the_promise_of_both_and_come_back(model: DetectorModel) -> None:
     before = calibrated(model)
-    ours = with_glyphs(before, np.full(60, -20.0))
-    assert ours.guarantee.rate == before.guarantee.rate
-    assert ours.threshold > before.threshold
-    assert ours.glyphs is not None
+    matched_filter = with_glyphs(before, np.full(60, -20.0))
+    assert matched_filter.guarantee.rate == before.guarantee.rate
+    assert matched_filter.threshold > before.threshold
+    assert matched_filter.glyphs is not None
     assert before.glyphs is None
     assert before.decide(0.0, 500.0) == before.decide(0.0)
-    good, wrong = ours.decide(0.0), ours.decide(0.0, ours.glyphs.threshold + 1)
+    good, wrong = matched_filter.decide(0.0), matched_filter.decide(0.0, matched_filter.glyphs.threshold + 1)
     assert (good.misprint, wrong.misprint) == (False, True)
     assert wrong.score > wrong.threshold
     assert wrong.p_value is not None
-    assert wrong.p_value <= ours.guarantee.rate
-    facts = json.loads(json.dumps(ours.facts(), allow_nan=False))
-    CalibratedDetector.check(ours.arrays(), facts)
-    assert CalibratedDetector.from_parts(ours.arrays(), facts).decide(0.0, 9.0) == ours.decide(0.0, 9.0)
+    assert wrong.p_value <= matched_filter.guarantee.rate
+    facts = json.loads(json.dumps(matched_filter.facts(), allow_nan=False))
+    CalibratedDetector.check(matched_filter.arrays(), facts)
+    assert CalibratedDetector.from_parts(matched_filter.arrays(), facts).decide(
+        0.0, 9.0
+    ) == matched_filter.decide(0.0, 9.0)
     with pytest.raises(Misfit, match="glyphs"):
-        CalibratedDetector.check(ours.arrays() | {"glyphs": np.zeros(3)}, facts)
+        CalibratedDetector.check(matched_filter.arrays() | {"glyphs": np.zeros(3)}, facts)
 
 
 def test_the_floor_is_a_misprint_whatever_was_learned(model: DetectorModel) -> None:
-    ours = calibrated(model)
-    good, wrong, larger = (ours.decide(-9.0, floor_mm2=area) for area in (0.09, 0.1, 5.0))
+    matched_filter = calibrated(model)
+    good, wrong, larger = (matched_filter.decide(-9.0, floor_mm2=area) for area in (0.09, 0.1, 5.0))
     assert (good.misprint, wrong.misprint, larger.misprint) == (False, True, True)
-    assert good == ours.decide(-9.0)
+    assert good == matched_filter.decide(-9.0)
     assert wrong.p_value is not None
-    assert wrong.p_value <= ours.guarantee.rate
-    assert larger.score > wrong.score > ours.threshold
-    assert ours.decide(60.0, floor_mm2=5.0).score == 60.0
+    assert wrong.p_value <= matched_filter.guarantee.rate
+    assert larger.score > wrong.score > matched_filter.threshold
+    assert matched_filter.decide(60.0, floor_mm2=5.0).score == 60.0
     scores = np.linspace(0, 60, 400)
     labels = LabelledPages(
         score=scores,
@@ -268,11 +286,13 @@ def test_the_floor_is_a_misprint_whatever_was_learned(model: DetectorModel) -> N
         alarms_from=30.0,
         replaces="x",
     )
-    raised = ours.recalibrated(labels)
+    raised = matched_filter.recalibrated(labels)
     assert raised.threshold > 50
     assert not raised.decide(20.0).misprint
     assert raised.decide(-9.0, floor_mm2=0.2).misprint
-    assert not ours.decide(np.nan, floor_mm2=5.0).misprint  # nothing is decided by it: not inspected
+    assert not matched_filter.decide(
+        np.nan, floor_mm2=5.0
+    ).misprint  # nothing is decided by it: not inspected
 
 
 def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_told(
@@ -293,7 +313,7 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
         share=0.2,
     )
 
-    def pages(ours: CalibratedDetector, count: int) -> NDArray[np.float64]:
+    def pages(matched_filter: CalibratedDetector, count: int) -> NDArray[np.float64]:
         """Their scores."""
         zoned = rng.random(count) < 0.5
         page, careful, glyphs = (
@@ -302,11 +322,15 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
             5 * rng.exponential(size=count),
         )
         decided = [
-            ours.decided(judge.decide(ours, p, np.array([c])), g) if z else ours.decide(p, g)
+            matched_filter.decided(judge.decide(matched_filter, p, np.array([c])), g)
+            if z
+            else matched_filter.decide(p, g)
             for p, c, g, z in zip(page, careful, glyphs, zoned, strict=True)
         ]
         assert all(
-            one.misprint == (one.p_value is not None and one.p_value <= 0.05) for one in decided if ours.told
+            one.misprint == (one.p_value is not None and one.p_value <= 0.05)
+            for one in decided
+            if matched_filter.told
         )
         return np.array([one.score for one in decided])
 
@@ -317,7 +341,7 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
         passed = score <= edge
         before.append((~passed).mean())
         told = np.flatnonzero(~passed | (rng.random(score.size) < 0.2))
-        ours = taught.recalibrated(
+        matched_filter = taught.recalibrated(
             LabelledPages(
                 score=score[told],
                 weight=np.where(passed[told], 5.0, 1.0),
@@ -330,18 +354,18 @@ def test_words_give_page_careful_areas_and_glyphs_together_the_rate_that_was_tol
                 replaces="x",
             )
         )
-        realised.append((pages(ours, 1000) > ours.threshold).mean())
+        realised.append((pages(matched_filter, 1000) > matched_filter.threshold).mean())
     assert np.mean(before) > 0.15
     assert np.mean(realised) == pytest.approx(0.05, rel=1 / 3)
 
 
 def test_a_raised_threshold_raises_that_of_glyphs_too(model: DetectorModel) -> None:
-    ours = with_glyphs(calibrated(model), np.full(60, -20.0))
-    assert ours.glyphs is not None
-    raised = replace(ours, threshold=ours.trained_threshold + 5.0)
+    matched_filter = with_glyphs(calibrated(model), np.full(60, -20.0))
+    assert matched_filter.glyphs is not None
+    raised = replace(matched_filter, threshold=matched_filter.trained_threshold + 5.0)
     for above, here, there in ((1.0, 1, 0), (4.9, 1, 0), (5.1, 1, 1)):
-        ratio = ours.glyphs.threshold + above
+        ratio = matched_filter.glyphs.threshold + above
         page = ScoredPage(
             score=ratio, glyphs=(ScoredGlyph(glyph=0, ratio=ratio, deviation=9.0, missing=False),)
         )
-        assert [len(one.wrong_glyphs(page)) for one in (ours, raised)] == [here, there]
+        assert [len(one.wrong_glyphs(page)) for one in (matched_filter, raised)] == [here, there]

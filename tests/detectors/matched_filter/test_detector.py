@@ -12,9 +12,10 @@ import pytest
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
+from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.registry import detector
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.registry import detector
 from prooflight.reporting.wording import judged
 from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.simulation.misprints.kinds import draw_misprint
@@ -68,7 +69,7 @@ def test_good_prints_mostly_pass(bench: Bench) -> None:
     # one in ten may alarm: more than two of five in 1 % of all draws
     assert sum(verdict.verdict == "good" for verdict in verdicts) >= 3
     for verdict in verdicts:
-        assert verdict.detector == "ours"
+        assert verdict.detector == "matched_filter"
         assert verdict.family
         assert set(verdict.inks) == set("CMYK")
         assert verdict.score is not None
@@ -141,20 +142,26 @@ def test_a_page_of_more_colours_than_are_followed_is_judged_more_widely_and_says
     found = bench.inspector.inspect(page, bench.scan(page, rng))
     times = float(found.stored_arrays["widening"])
     assert found.verdict.widened == round(times, 2) > 1
-    ours = bench.day.day.press.ours
-    assert ours is not None
-    assert ours.model.widened(1.0) is ours.model
-    wide = replace(ours.model, scale=times * ours.model.scale)
-    score = wide.score(found.stored_arrays["values"][None], found.stored_arrays["portrait"][None])[0]
+    matched_filter = model_of(bench.day.day.press)
+    assert matched_filter is not None
+    assert matched_filter.model.widened(1.0) is matched_filter.model
+    wide = replace(matched_filter.model, scale=times * matched_filter.model.scale)
+    score = wide.score(found.stored_arrays["values"][None], found.stored_arrays["page_features"][None])[0]
     assert found.verdict.score == score
-    kept = StoredArrays(dict(found.stored_arrays), "ours")
-    assert detector("ours", bench.day.day.press).decided_again(kept).score == score
+    kept = StoredArrays(dict(found.stored_arrays), "matched_filter")
+    assert detector("matched_filter", bench.day.day.press).decided_again(kept).score == score
     assert f"judged {times:.3g} times more widely" in judged(found.verdict, (36.0, 44.0))
     before = {name: array for name, array in found.stored_arrays.items() if name != "widening"}
-    plain = detector("ours", bench.day.day.press).decided_again(StoredArrays(before, "ours")).score
+    plain = (
+        detector("matched_filter", bench.day.day.press)
+        .decided_again(StoredArrays(before, "matched_filter"))
+        .score
+    )
     assert (
         plain
-        == ours.model.score(found.stored_arrays["values"][None], found.stored_arrays["portrait"][None])[0]
+        == matched_filter.model.score(
+            found.stored_arrays["values"][None], found.stored_arrays["page_features"][None]
+        )[0]
         != score
     )
 
@@ -180,10 +187,10 @@ def test_scans_that_do_not_fit_are_refused(bench: Bench) -> None:
 
 
 def test_ours_is_chosen_where_the_press_was_taught_it(trained_press: Press, press: Press) -> None:
-    assert detector(None, trained_press).name == "ours"
+    assert detector(None, trained_press).name == "matched_filter"
     assert detector(None, press).name == "chi-square"
     assert "10 alarms" in Inspector.of(trained_press).guarantee
-    for name in ("ours", "bayes"):
+    for name in ("matched_filter", "bayes"):
         with pytest.raises(RequestError, match="was not taught"):
             detector(name, press)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.naming import kind_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
@@ -41,6 +40,7 @@ from prooflight.detectors.matched_filter.statistics.statistic import (
     OWN_PAGE,
     Reference,
 )
+from prooflight.detectors.print_prior import PrintPrior
 
 ROWS, COLUMNS, TILE_MM = 96, 64, 0.5
 PIXELS = 2 * COLUMNS

@@ -7,7 +7,8 @@ import pytest
 
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+from prooflight.detectors.matched_filter.fit.nuisance import amounts_sd
+from prooflight.detectors.print_prior import PrintPrior
 
 
 @pytest.mark.parametrize(("sensors", "colours"), [(1, 1), (2, 5)])
@@ -36,7 +37,7 @@ def test_every_amount_has_its_own_prior() -> None:
         FitLayout(sensors=2, colours=3),
         PrintPrior(white=0.02, gain=0.03, tilt=0.04, plane_mm=0.5),
     )
-    sds = layout.parts(prior.amounts_sd(layout, pixel_mm=0.25))
+    sds = layout.parts(amounts_sd(prior, layout, pixel_mm=0.25))
     assert (sds.white == 0.02).all()
     assert sds.gain.tolist() == [[0.03, 0.04, 0.04]] * 4
     assert (sds.planes == 0.5).all()  # a quarter of 0.5 mm, in pixels of 0.25 mm

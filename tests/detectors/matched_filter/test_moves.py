@@ -18,12 +18,12 @@ from prooflight.detectors.matched_filter.fit.moves import (
 )
 from prooflight.detectors.matched_filter.fit.nuisance import (
     PlacedScan,
-    PrintPrior,
     ResidualVariance,
     fit_nuisances,
     page_colours,
 )
 from prooflight.detectors.matched_filter.fit.residuals import residual_images
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.scans.placement import IN_PLACE, Placement, Warp

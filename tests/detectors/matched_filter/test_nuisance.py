@@ -22,7 +22,6 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     FOLLOWED,
     Fit,
     PlacedScan,
-    PrintPrior,
     ResidualVariance,
     fit_nuisances,
     page_colours,
@@ -38,6 +37,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     summed,
     t_statistic,
 )
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import Prediction, predict
 from prooflight.prediction.printed import PrintedPage

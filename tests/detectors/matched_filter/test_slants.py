@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from tests.detectors.matched_filter.test_families import TILE_MM, drawn
 
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, Scatter, Sums
 from prooflight.detectors.matched_filter.statistics.slants import (
     HEIGHTS,
@@ -21,6 +20,7 @@ from prooflight.detectors.matched_filter.statistics.slants import (
     tile_contributions,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import OWN_PAGE, Observed, Statistic
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.statistics.slants import slanted
 
 SEED = 20261123

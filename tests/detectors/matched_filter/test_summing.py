@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved
-from prooflight.detectors.matched_filter.fit.nuisance import Colours, PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
 from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
@@ -26,6 +26,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
 from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.fit.layout import FitLayout
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.variation import (
     AMOUNTS,
     UNTOLD,
@@ -18,6 +17,7 @@ from prooflight.detectors.matched_filter.variation import (
     _shared,
     learned_amounts,
 )
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.press.blocks import VARIATION
 from prooflight.scans.placement import Placement
 

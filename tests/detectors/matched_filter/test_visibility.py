@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.training.simulated_days import PressDay
+from prooflight.detectors.cost import floor_text
 from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.ranking import (
     ALONE_FROM,
     ALONE_SLOPE,
@@ -23,12 +25,12 @@ from prooflight.detectors.matched_filter.statistics.marks import PLACE_CLASSES, 
 from prooflight.detectors.matched_filter.visibility import (
     ExpectedPage,
     Mark,
-    VisibleMarks,
-    floor_text,
     least_sizes,
     limits,
     on_tint,
 )
+from prooflight.detectors.optional import ShowsVisibleMarks
+from prooflight.detectors.visible_marks import VisibleMarks
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, SIZES, WINDOWS
 from prooflight.pages.raster import Page
@@ -147,8 +149,8 @@ def test_two_sensors_see_smaller_marks_than_one() -> None:
 
 
 def test_evidence_taken_backwards_gives_the_deviation_again(trained_press: Press) -> None:
-    assert trained_press.ours is not None
-    screen = trained_press.ours.model.screen
+    assert "matched_filter" in trained_press.detectors
+    screen = model_of(trained_press).model.screen
     assert screen is not None
     rising = (np.diff(screen.quantiles) > 0).all(axis=1)  # where good pages tie, more is said at once
     assert rising.sum() > 40
@@ -169,8 +171,8 @@ def test_a_page_at_the_limit_scores_the_threshold() -> None:
 
 
 def test_statistics_taken_backwards_deviate_as_far_again(trained_press: Press) -> None:
-    assert trained_press.ours is not None
-    model = trained_press.ours.model
+    assert "matched_filter" in trained_press.detectors
+    model = model_of(trained_press).model
     rng = np.random.default_rng(3)
     deviations, features = (
         rng.normal(0, 2, len(model.statistics)),
@@ -181,8 +183,8 @@ def test_statistics_taken_backwards_deviate_as_far_again(trained_press: Press) -
 
 
 def test_limits_rise_with_the_threshold(trained_press: Press) -> None:
-    assert trained_press.ours is not None
-    model, windows = trained_press.ours.model, np.full((CLASSES, SIZES), 1e5)
+    assert "matched_filter" in trained_press.detectors
+    model, windows = model_of(trained_press).model, np.full((CLASSES, SIZES), 1e5)
     low, high = (limits(model, threshold, model.centre[0], windows) for threshold in (0.0, 6.0))
     assert (low >= LEAST_T).all()
     assert (high > low).all()
@@ -222,20 +224,25 @@ class Designs:
         return page_of(design())
 
 
+def _marks(inspector: Inspector) -> VisibleMarks:
+    assert isinstance(inspector.detector, ShowsVisibleMarks)
+    return inspector.detector.visible_marks(inspector.planned(page_of(design())))
+
+
 @pytest.mark.parametrize("where", TRIED)
 def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: Press, where: str) -> None:
     """Prints of one press day, seed 5, noise of seeds 0 and 1: the map says which spots alarm by marks or the floor."""
-    assert trained_press.ours is not None
+    assert "matched_filter" in trained_press.detectors
     inspector = Inspector.of(trained_press)
     prepared = inspector.prepare(page_of(design()))
     assert isinstance(prepared.prepared_page, MatchedFilterPage)
-    marks, model = VisibleMarks.of(prepared.prepared_page), prepared.prepared_page.model
+    marks, model = _marks(inspector), prepared.prepared_page.model
     assert model.screen is not None
     x, y = TRIED[where]
     place = int((y - marks.top_mm) / marks.line_mm), int((x - marks.left_mm) / marks.pixel_mm)
     size = float(marks.spot_mm[place])
     of_marks = marks_of(model.screen.families)
-    limit = alarming_evidence(trained_press.ours.threshold, int(of_marks.sum()))
+    limit = alarming_evidence(model_of(trained_press).threshold, int(of_marks.sum()))
     day = PressDay.of(trained_press, Designs(), seed=5, first=0).day
     for times in (0.5, 1.5):
         for seed in (0, 1):
@@ -243,7 +250,7 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
             scan = day.recorded(day.seen_in_press(spotted(x, y, times * size), rng, IN_PLACE), rng)
             found = inspector.inspect(prepared, scan)
             deviations = model.deviations(
-                found.stored_arrays["values"][None], found.stored_arrays["portrait"][None]
+                found.stored_arrays["values"][None], found.stored_arrays["page_features"][None]
             )
             by_marks = model.screen.evidence(deviations)[0, of_marks].max() > limit
             by_floor = found.stored_arrays["floor_mm2"] > 0.1
@@ -253,9 +260,7 @@ def test_spots_half_as_wide_again_alarm_and_half_as_wide_do_not(trained_press: P
 
 
 def test_rows_are_of_the_places_that_a_page_has(trained_press: Press) -> None:
-    known = Inspector.of(trained_press).prepare(page_of(design())).prepared_page
-    assert isinstance(known, MatchedFilterPage)
-    marks = VisibleMarks.of(known)
+    marks = _marks(Inspector.of(trained_press))
     rows = {row.place: row for row in marks.rows()}
     assert sum(row.share for row in rows.values()) == pytest.approx(1)
     assert rows["bare paper"].spot_mm < rows["text or hard edge"].spot_mm
@@ -268,12 +273,12 @@ def test_rows_are_of_the_places_that_a_page_has(trained_press: Press) -> None:
 
 
 def test_a_tint_hides_what_bare_paper_shows(trained_press: Press) -> None:
-    assert trained_press.ours is not None
+    assert "matched_filter" in trained_press.detectors
     press_context = trained_press.press_context()
-    paper, tint = (on_tint(trained_press.ours, press_context, black) for black in (0.0, 0.4))
+    paper, tint = (on_tint(model_of(trained_press), press_context, black) for black in (0.0, 0.4))
     assert 0.1 < paper[0] < tint[0] < 1
     assert 0.01 < paper[1] < tint[1] < 0.5
-    without = on_tint(trained_press.ours, replace(press_context, floor_share=0.0), 0.0)
+    without = on_tint(model_of(trained_press), replace(press_context, floor_share=0.0), 0.0)
     assert without[1] > paper[1]
 
 

@@ -137,7 +137,7 @@ def test_a_careful_zone_alarms_by_itself_and_is_named(
     (region, *_) = found.verdict.regions
     assert abs(region.x_mm + region.width_mm / 2 - spot[0] - 1) < 3
     assert abs(region.y_mm + region.height_mm / 2 - spot[1] - 1) < 3
-    again = inspector.detector.decided_again(StoredArrays(found.stored_arrays, "ours"))
+    again = inspector.detector.decided_again(StoredArrays(found.stored_arrays, "matched_filter"))
     assert (again.misprint, again.score, again.threshold) == (
         True,
         pytest.approx(found.verdict.score),
@@ -202,11 +202,11 @@ def test_the_promise_holds_however_page_and_careful_areas_hang_together(together
     rate, alarms, pages = 0.05, 0, 0
     rng = np.random.default_rng(int(10 + together))
     for _ in range(300):
-        one, ours = judge(rng, good=400, share=0.2), press_of(rate, rng)
+        one, matched_filter = judge(rng, good=400, share=0.2), press_of(rate, rng)
         for _ in range(10):
             score = rng.normal()
             other = together * score + np.sqrt(1 - together**2) * rng.normal()
-            decision = one.decide(ours, score, np.array([other]))
+            decision = one.decide(matched_filter, score, np.array([other]))
             alarms, pages = alarms + decision.misprint, pages + 1
             assert decision.misprint == (decision.score > decision.threshold)
             assert decision.p_value is not None
@@ -236,14 +236,14 @@ def test_few_good_prints_in_heaps_hide_nothing(prints: int) -> None:
     def heaps(count: int) -> NDArray[np.float64]:
         return np.sort(np.where(np.arange(count) % 10 < 8, -12.0, -1.0) + rng.normal(0, 0.3, count))
 
-    ours, zoned = press_of(0.01, rng), heaps(prints)
-    ours.scores, ours.trained_threshold = (
+    matched_filter, zoned = press_of(0.01, rng), heaps(prints)
+    matched_filter.scores, matched_filter.trained_threshold = (
         PressScores(reference=GoodScores(worst=heaps(1000)), own=GoodScores(worst=heaps(60))),
         0.5,
     )
     one = ZonedJudge(page_good=zoned, careful_good=np.zeros(0), baseline=np.zeros((2, 0)), share=0.2)
-    assert one.decide(ours, 2.0, np.zeros(0)).misprint
-    assert not one.decide(ours, float(zoned[-1]), np.zeros(0)).misprint
+    assert one.decide(matched_filter, 2.0, np.zeros(0)).misprint
+    assert not one.decide(matched_filter, float(zoned[-1]), np.zeros(0)).misprint
 
 
 @pytest.mark.parametrize(("prints", "least", "most"), [(90, 0.05, 0.075), (600, 0.03, 0.057)])
@@ -255,7 +255,7 @@ def test_pages_that_reach_further_into_the_tail_with_zones_have_a_higher_thresho
     scatter of 4,000 fresh ones is 0.34 %.
     """
     rng = np.random.default_rng(7)
-    ours, realised, before = press_of(0.05, rng), [], []
+    matched_filter, realised, before = press_of(0.05, rng), [], []
 
     def good(count: int) -> NDArray[np.float64]:
         return np.sort(stats.norm.isf(rng.random(count) / 3))
@@ -265,8 +265,8 @@ def test_pages_that_reach_further_into_the_tail_with_zones_have_a_higher_thresho
             page_good=good(prints), careful_good=np.zeros(0), baseline=np.zeros((2, 0)), share=0.2
         )
         fresh = good(20)
-        realised += [one.decide(ours, score, np.zeros(0)).misprint for score in fresh]
-        before += [score > ours.scores.threshold(0.05)[0] for score in fresh]
+        realised += [one.decide(matched_filter, score, np.zeros(0)).misprint for score in fresh]
+        before += [score > matched_filter.scores.threshold(0.05)[0] for score in fresh]
     assert np.mean(before) > 0.12
     assert least < np.mean(realised) < most
 
@@ -274,9 +274,12 @@ def test_pages_that_reach_further_into_the_tail_with_zones_have_a_higher_thresho
 @pytest.mark.parametrize("strange", [np.nan, np.inf])
 def test_numbers_that_are_not_finite_decide_nothing_good(strange: float) -> None:
     rng = np.random.default_rng(4)
-    one, ours = judge(rng, good=200, share=0.2), press_of(0.05, rng)
+    one, matched_filter = judge(rng, good=200, share=0.2), press_of(0.05, rng)
     for score, value in ((strange, 0.0), (0.0, strange)):
-        assert one.decide(ours, score, np.array([value])).verdict_name in ("not-inspected", "misprint")
+        assert one.decide(matched_filter, score, np.array([value])).verdict_name in (
+            "not-inspected",
+            "misprint",
+        )
 
 
 def test_a_scan_is_unchanged_by_being_looked_at(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras.aravis import Aravis
-from prooflight.scans.cameras.setting_up import CameraSettings
-from prooflight_studies.cameras.peer import ID, Peer, own_addresses, plugged_in
+from prooflight.testing.peer import ID, Peer, own_addresses, plugged_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from tests.scans.cameras.scenes import Scenes
 
 from prooflight.scans.cameras.aravis_library import POINTER, SIZE_T, TEXT, UINT, library, plainly
-from prooflight_studies.cameras.gige_peer import FILL, HEIGHT, description
+from prooflight.testing.gige_peer import FILL, HEIGHT, description
 
 SERIAL = "PL01"
 RESTARTED_S = 1.5

@@ -20,9 +20,9 @@ from tests.scans.cameras.peers import (
 from tests.scans.cameras.test_pixel_formats import packed
 
 from prooflight.errors import RequestError, ScanError
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras import backends
 from prooflight.scans.cameras.backends import camera_named, list_cameras, opened
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 
 if TYPE_CHECKING:

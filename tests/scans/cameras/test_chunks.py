@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.scans.cameras.test_viva import ADDRESS, viva_camera
 
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras import viva
 from prooflight.scans.cameras.aravis import FEWEST_BUFFERS, Aravis
 from prooflight.scans.cameras.backends import camera_named, ready
 from prooflight.scans.cameras.chunk_places import ChunkPlace, chunk_places
-from prooflight.scans.cameras.setting_up import CameraSettings, temperature_c
+from prooflight.scans.cameras.setting_up import temperature_c
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -10,8 +10,8 @@ import pytest
 from tests.scans.cameras.peers import faults_of, numbered_lines, numbers, read
 
 from prooflight.errors import RequestError
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras.backends import camera_named, list_cameras, opened, ready
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 
 if TYPE_CHECKING:

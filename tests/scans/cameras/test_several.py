@@ -12,10 +12,10 @@ from tests.scans.cameras.test_silence import Clock, FakeCamera
 
 from prooflight.errors import RequestError, ScanError
 from prooflight.scans.alignment import SensorOffset
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras import backends
 from prooflight.scans.cameras.backends import camera_named
 from prooflight.scans.cameras.camera import Camera, Grab
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.several import SeveralCameras
 from prooflight.scans.cameras.source import CameraLines
 

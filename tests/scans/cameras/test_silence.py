@@ -12,11 +12,11 @@ import pytest
 from tests.scans.cameras.peers import ID, faults_of, gige_camera, numbered_lines, numbers
 
 from prooflight.errors import ScanError
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras import backends
 from prooflight.scans.cameras.backends import camera_named
 from prooflight.scans.cameras.camera import CameraInfo, Feature, Grab, Health
 from prooflight.scans.cameras.liveness import ANSWER_S, ASK_AFTER_S, Watchdog
-from prooflight.scans.cameras.setting_up import CameraSettings
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.lines import LineBlock
 

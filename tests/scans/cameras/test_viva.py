@@ -20,9 +20,10 @@ from tests.scans.cameras.peers import (
     read,
 )
 
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras import viva
 from prooflight.scans.cameras.backends import camera_named, opened, ready
-from prooflight.scans.cameras.setting_up import CameraSettings, temperature_c
+from prooflight.scans.cameras.setting_up import temperature_c
 from prooflight.scans.cameras.source import CameraLines
 from prooflight.scans.cameras.viva import OVERHEAD, empty_packets
 

@@ -34,7 +34,7 @@ def facts(number: int, **changes: Any) -> RunFacts:
         job_digest="",
         press="press-2",
         press_digest=hashlib.sha256(b"press-2").hexdigest(),
-        detector="ours",
+        detector="matched_filter",
         source="genicam:linea-4k",
         started_s=NOON_S + 5400.0 * number,
         sheets=600,
@@ -61,7 +61,7 @@ def sheet(number: int, rng: np.random.Generator, *, drifts: float = 1.0) -> Page
         threshold=2.0,
         probability=0.001,
         milliseconds=float(np.exp(rng.normal(np.log(120), 0.2))),
-        detector="ours",
+        detector="matched_filter",
     )
     return PageRecord(
         sheet=number,

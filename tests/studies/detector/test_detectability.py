@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from prooflight.cmyk import INK_LETTERS
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
     MODES,
@@ -20,6 +20,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     Sums,
 )
 from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.errors import RequestError
 from prooflight.pages.files import write_tiff
 from prooflight.pages.job import JobSource
@@ -209,9 +210,9 @@ def test_the_study_writes_its_page_and_pictures(
     page = make_page(3)
     write_tiff(page, tmp_path / "p0001.tif")
     job = JobSource(path=tmp_path / "p0001.tif", dpi=page.dpi)
-    assert trained_press.ours is not None
+    assert "matched_filter" in trained_press.detectors
     # So few designs promise so little that prints of one page may all alarm; the plumbing is seen as well above.
-    rarely = replace(trained_press, ours=replace(trained_press.ours, threshold=12.0))
+    rarely = trained_press.with_detector("matched_filter", replace(model_of(trained_press), threshold=12.0))
     steps, days = [""], defaultdict(set)
 
     def noted(seed: int, purpose: str, *indices: int) -> np.random.Generator:
@@ -233,12 +234,16 @@ def test_the_study_writes_its_page_and_pictures(
     text = (tmp_path / "out" / "detectability.md").read_text()
     assert "| p0001 |" in text
     assert (tmp_path / "out" / "detectability-p0001.png").stat().st_size > 10_000
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
         run_detectability_study(job, press, tmp_path / "none")
-    always = replace(trained_press, ours=replace(trained_press.ours, threshold=-np.inf))
+    always = trained_press.with_detector(
+        "matched_filter", replace(model_of(trained_press), threshold=-np.inf)
+    )
     with pytest.raises(RequestError, match="p0001: 4 good prints of it alarm"):
         run_detectability_study(job, always, tmp_path / "out", learning=2, trials=1)
     assert (tmp_path / "out" / "detectability.md").read_text() == text
-    found_besides = job_results(replace(reach, alarming=["p0002"]), rarely, rarely.ours, trials=1, seed=1)
+    found_besides = job_results(
+        replace(reach, alarming=["p0002"]), rarely, model_of(rarely), trials=1, seed=1
+    )
     besides = page_text({"study": "detectability", **plain(found_besides)})
     assert "Not foretold: p0002" in besides

@@ -85,11 +85,11 @@ def verdicts(rows: Rows) -> Verdicts:
 
 
 def test_misprints_are_caught_and_good_pages_pass(verdicts: Verdicts) -> None:
-    ours = verdicts.methods[MATCHED_FILTER]
-    assert ours.area > 0.85
-    assert ours.alarms[1][ours.scored.bad].mean() > 0.6
-    assert ours.alarms[1][~ours.scored.bad].mean() < 0.3
-    assert ours.alarms.shape == (len(ALPHAS), 2 * DESIGNS)
+    matched_filter = verdicts.methods[MATCHED_FILTER]
+    assert matched_filter.area > 0.85
+    assert matched_filter.alarms[1][matched_filter.scored.bad].mean() > 0.6
+    assert matched_filter.alarms[1][~matched_filter.scored.bad].mean() < 0.3
+    assert matched_filter.alarms.shape == (len(ALPHAS), 2 * DESIGNS)
 
 
 def test_every_page_keeps_its_press_day(rows: Rows, verdicts: Verdicts) -> None:
@@ -124,14 +124,14 @@ def test_a_promise_is_kept_by_designs_that_do_nothing_else(verdicts: Verdicts) -
     third = {name: column for name, column in drawn_rows(3).items() if name not in ("names", "unmade_kind")}
     trial = {name: column[third["kind"] == ""] for name, column in third.items()}
     (often, seldom), tried = check_rates(verdicts, good, trial, calibration={0.1: 100, 0.01: DESIGNS})
-    ours = verdicts.methods[MATCHED_FILTER]
+    matched_filter = verdicts.methods[MATCHED_FILTER]
     assert tried[0].alarms.shape == tried[1].alarms.shape == (DESIGNS,)
     assert (tried[1].alarms <= tried[0].alarms).all()
     assert tried[1].alarms.sum() <= 5
     assert often.designs == 100
     assert (seldom.alarms <= often.alarms).all()
-    assert seldom.alarms[~ours.scored.bad].sum() <= 5
-    assert seldom.alarms[ours.scored.bad].mean() > 0.4
+    assert seldom.alarms[~matched_filter.scored.bad].sum() <= 5
+    assert seldom.alarms[matched_filter.scored.bad].mean() > 0.4
 
 
 def test_good_pages_of_other_designs_set_thresholds_and_teach_nothing(rows: Rows, verdicts: Verdicts) -> None:
@@ -143,10 +143,10 @@ def test_good_pages_of_other_designs_set_thresholds_and_teach_nothing(rows: Rows
     }
     good["design"] = good["design"] + 1000
     more = judged(rows, Scatter.white(), seed=1, good=good, trees=30, ablations=False)
-    ours, before = more.methods[MATCHED_FILTER], verdicts.methods[MATCHED_FILTER]
-    assert np.array_equal(ours.scored.score, before.scored.score)
-    assert np.array_equal(ours.part, before.part)
-    assert not np.array_equal(ours.nominal_alarms, before.nominal_alarms)
+    matched_filter, before = more.methods[MATCHED_FILTER], verdicts.methods[MATCHED_FILTER]
+    assert np.array_equal(matched_filter.scored.score, before.scored.score)
+    assert np.array_equal(matched_filter.part, before.part)
+    assert not np.array_equal(matched_filter.nominal_alarms, before.nominal_alarms)
     assert more.detectors[0].good_designs == verdicts.detectors[0].good_designs + DESIGNS
 
 

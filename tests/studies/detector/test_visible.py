@@ -265,13 +265,13 @@ def test_every_method_alarms_as_often_as_ours(alarms: int) -> None:
 
 
 def test_another_method_is_better_beyond_chance_alone() -> None:
-    ours = np.zeros(20, bool)
-    theirs = ours.copy()
+    matched_filter = np.zeros(20, bool)
+    theirs = matched_filter.copy()
     theirs[:4] = True
-    assert not findings.better(theirs, ours)  # 1 in 16
+    assert not findings.better(theirs, matched_filter)  # 1 in 16
     theirs[:5] = True
-    assert findings.better(theirs, ours)  # 1 in 32
-    assert not findings.better(ours, theirs)
+    assert findings.better(theirs, matched_filter)  # 1 in 32
+    assert not findings.better(matched_filter, theirs)
 
 
 def test_what_is_known_of_another_page_holds_what_its_prints_were_drawn_by() -> None:
@@ -334,11 +334,16 @@ def test_cells_count_the_prints_that_each_method_caught() -> None:
     }
     (curves,) = findings.curves_of(rows, {CAMERA.number: CAMERA}, learned=30)
     assert (curves.pages, curves.good, curves.alarms, curves.worse) == (4, good, 0, 1)
-    ours, difference, ssim, variation = curves.cells[0].methods
-    assert [one.caught for one in (ours, difference, ssim, variation)] == [8, 20, 0, 0]
+    matched_filter, difference, ssim, variation = curves.cells[0].methods
+    assert [one.caught for one in (matched_filter, difference, ssim, variation)] == [8, 20, 0, 0]
     assert difference.setting == MEASURES[1]
-    assert [one.better for one in (ours, difference, ssim, variation)] == [False, True, False, False]
-    assert 1.0 < ours.at[0].value < 2.2 < ours.at[2].value
+    assert [one.better for one in (matched_filter, difference, ssim, variation)] == [
+        False,
+        True,
+        False,
+        False,
+    ]
+    assert 1.0 < matched_filter.at[0].value < 2.2 < matched_filter.at[2].value
     assert 0.35 < difference.at[0].value < 0.65
     assert ssim.at[0].value > 3.2
 

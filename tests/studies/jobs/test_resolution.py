@@ -46,7 +46,7 @@ def test_rows_are_counted_by_resolution_and_raster(trained_press: Press) -> None
 
 
 def test_a_press_that_was_not_taught_is_refused(press: Press, tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not taught 'matched_filter'"):
         run_resolution_study(press, tmp_path, tmp_path, seed=1)
 
 

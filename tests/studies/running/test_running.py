@@ -99,19 +99,20 @@ def test_the_page_is_written_as_far_as_it_is_measured() -> None:
 
 def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
     row = {
-        "name": "repeated designs", "detector": "ours", "promise": "at most one good page in 12", "sensors": 1,
+        "name": "repeated designs", "detector": "matched_filter", "promise": "at most one good page in 12",
+        "sensors": 1,
         "designs": 10, "prints": 100, "sheets": 2000, "asked_pages_per_s": None, "pages_per_s": 3.25, "late": 0,
         "not_inspected": 0, "misprints": 4, "cpu_s_a_page": 0.6, "drum_cpu_s_a_page": 0.001,
         "verdict_ms": {"median": 300.4, "p99": 400.0, "p99.9": 410.0, "greatest": 412.0},
         "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)},
     }  # fmt: skip
-    page = page_of({"ours": [row]}, cores=2)
+    page = page_of({"matched_filter": [row]}, cores=2)
     assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
     assert "promises at most one good page in 12." in page
     assert "Late of" not in page
     late = row | {"asked_pages_per_s": 5.0, "late": 2, "late_sheets": [[10, 837], [44, 501]]}
-    assert "Late of repeated designs, ours: sheet 10 (837 ms), 44 (501 ms)." in page_of(
-        {"ours": [late]}, cores=2
+    assert "Late of repeated designs, matched_filter: sheet 10 (837 ms), 44 (501 ms)." in page_of(
+        {"matched_filter": [late]}, cores=2
     )
 
 
@@ -120,7 +121,7 @@ def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
     faults = {4: FAULTS[4]}
     shown, rows = turns(SHEETS, faults), [*came(seen()), (15, "good", (), True)]
     soak = {
-        "sheets": len(rows), "seconds": 4.0, "faults": 1, "detector": "ours", "expected_sheets": len(shown),
+        "sheets": len(rows), "seconds": 4.0, "faults": 1, "detector": "matched_filter", "expected_sheets": len(shown),
         "memory_mb": {"100": (1, 0), "end": (2, 0)},
         **_named(faults, rows), **_in_step(shown, rows, faults), **_alarms(shown, rows, SHEETS),
     }  # fmt: skip

@@ -50,8 +50,8 @@ def view(
     from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.press.press_file import PressFile
     from prooflight.reporting.camera_live import draw_camera, live_camera
+    from prooflight.scans.camera_settings import CameraSettings
     from prooflight.scans.cameras.backends import camera_named, ready
-    from prooflight.scans.cameras.setting_up import CameraSettings
 
     file = None if press is None else PressFile.read(press)
     settings = CameraSettings() if file is None else file.camera_settings()

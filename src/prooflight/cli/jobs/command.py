@@ -356,6 +356,7 @@ def inspect(
     from prooflight.cli.jobs.check import checked_early, tell_warnings
     from prooflight.cli.jobs.inspected import inspected
     from prooflight.cli.jobs.zones import zones_in_force
+    from prooflight.detectors.registry import PREFERRED, present
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
@@ -378,7 +379,7 @@ def inspect(
             job,
             picture,
             profile=profile,
-            train=detector == "ours",
+            train=present(detector or "") == PREFERRED,
             as_fine=drawn_way,
             progress=say,
             shown=lambda days, total, what: _shown(days, total, what, quiet=json),
@@ -392,7 +393,7 @@ def inspect(
         if drawn_way:
             zones_of_job = scanners.zones_of_scans(zones, opened.page_sizes_mm)
         else:
-            zones_of_job = zones_in_force(zones, opened, loaded)
+            zones_of_job = zones_in_force(zones, opened, inspector)
             inspector = replace(inspector, zones=zones_of_job)
         if scanner:
             pairs = scanners.scanner_pairs(source, len(opened), sheets, loaded, settings, progress=say)

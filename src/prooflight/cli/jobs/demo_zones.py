@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.zones.defects import areas_of, with_defect
-from prooflight.commissioning.zones.price import ZonePrints, fewest_prints, price_of
+from prooflight.commissioning.zones.price import ZonePrints, careful_share, price_of, pricing_of
 from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
 from prooflight.reporting.zones_at_work import InspectedSheet, ZonesAtWork, page_with_zones
 from prooflight.rng import stream
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.commissioning.zones.price import Shown
-    from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+    from prooflight.detectors.base import PreparedPage
     from prooflight.detectors.verdict import VerdictName
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
@@ -56,8 +56,7 @@ def zones_at_work(
 
     Errors as ``price_of``.
     """
-    detector = press.ours
-    prints = 0 if detector is None else fewest_prints(zones, detector.ranking_rate)
+    prints = pricing_of(press)[1].fewest_prints(careful_share(zones))
     price = price_of(job, press, zones, prints=prints, trials=0, seed=seed, processes=processes, shown=shown)
     work = ZonePrints(job=job, press=press, zones=zones.priced(price.entry), numbers=(number,), seed=seed)
     page, bare, zoned = work.ready(number)
@@ -91,6 +90,6 @@ def zones_at_work(
     )
 
 
-def _inspected(what: str, scan: Scan, bare: MatchedFilterPage, zoned: MatchedFilterPage) -> InspectedSheet:
+def _inspected(what: str, scan: Scan, bare: PreparedPage, zoned: PreparedPage) -> InspectedSheet:
     before: VerdictName = bare.inspect(scan).verdict.verdict
     return InspectedSheet(what=what, before=before, after=zoned.inspect(scan).verdict.verdict)

@@ -77,7 +77,7 @@ def plan(job_pages: int, prints: int | None, *, seed: int) -> tuple[Print, ...]:
     )
 
 
-DETECTOR: Final[dict[str, str]] = {"press": "ours", "ideal": "chi-square"}
+DETECTOR: Final[dict[str, str]] = {"press": "matched_filter", "ideal": "chi-square"}
 """Detector that inspects the sheets: in the ideal world, that of the paper, the paper's first detector."""
 DESIGNS: Final = 24
 """Designs printed to train the matched filter for the press; so few suffice, as its ranking was trained on

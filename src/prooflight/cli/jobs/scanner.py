@@ -9,9 +9,7 @@ from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.scanner.finding import ExpectedPages, placed_scans
 from prooflight.pages.job import JobSource
 from prooflight.press.artefact import Press
-from prooflight.press.press_file import PressFile
-from prooflight.press.scanner import field_mm, press_dpi, scanner_press_file
-from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.press.scanner import feeder_of, field_mm, press_dpi, scanner_press_file
 from prooflight.scans.scanner.reading import ScannerSettings
 from prooflight.scans.scanner.tone import Tone
 
@@ -99,15 +97,8 @@ def scanner_pairs(
     progress: Callable[[str], None],
 ) -> list[Pair]:
     """Return every page of a job of ``count`` pages with the scan that shows it; see ``placed_scans``."""
-    pages = ExpectedPages(job=source, press=press, feeder=_feeder_of(press))
+    pages = ExpectedPages(job=source, press=press, feeder=feeder_of(press))
     return list(placed_scans(scans, pages, count, settings=settings, progress=progress))
-
-
-def _feeder_of(press: Press) -> FeederPrior:
-    """Return the feeder that the press's file states, or a usual one."""
-    text = press.origin.get("press_file", "")
-    feeder = PressFile(Path(press.name), text).feeder if text else None
-    return feeder or FeederPrior()
 
 
 def zones_of_scans(path: Path | None, sizes_mm: Sequence[tuple[float, float]]) -> JobZones | None:
@@ -120,7 +111,7 @@ def zones_of_scans(path: Path | None, sizes_mm: Sequence[tuple[float, float]]) -
     from prooflight.pages.zones.zones_file import JobZones
 
     zones = JobZones.read(path, sizes_mm)
-    if any(entry.kind == "careful" for entry in zones.document.zones):
+    if "careful" in zones.kinds:
         what = "holds careful zones, which this way to compare scans does not know"
-        raise RequestError(path, what, remedy="leave them out, or choose --detector ours")
+        raise RequestError(path, what, remedy="leave them out, or choose --detector matched_filter")
     return zones

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from prooflight.cli import faults, show
-from prooflight.cli.options import JobPath, Json, Pages, PressArtefact, Profile, Seed
+from prooflight.cli.options import Detector, JobPath, Json, Pages, PressArtefact, Profile, Seed
 from prooflight.errors import RequestError
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
     from prooflight.commissioning.zones.price import Price
+    from prooflight.inspection.inspector import Inspector
     from prooflight.pages.job import Job
     from prooflight.pages.zones.rules import Rules
     from prooflight.pages.zones.zones_file import JobZones, ZoneEntry
@@ -28,20 +29,23 @@ Picture = Annotated[
 ]
 
 
-def zones_in_force(path: Path | None, job: Job, press: Press) -> JobZones | None:
+def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZones | None:
     """Return the zones of a run, and report overlaps; None without zones. JobError, RequestError: see ``JobZones``."""
     if path is None:
         return None
+    from prooflight.detectors.optional import Recalibrates
     from prooflight.pages.zones.zones_file import JobZones
 
     zones_of_job = JobZones.read(path, job.page_sizes_mm)
-    zones_of_job.refuse_unpriced(press.digest, where=path)
+    press, detector = inspector.press, inspector.detector.name
+    zones_of_job.refuse_unpriced(press.digests, detector, where=path)
     for line in zones_of_job.contested():
         faults.report(line)
+    model = press.detectors.get(detector)
     if (
-        press.ours is not None
-        and press.ours.told
-        and not press.ours.told[-1].rests_on(zones_of_job.zones_digest)
+        isinstance(model, Recalibrates)
+        and model.told
+        and not model.told[-1].rests_on(zones_of_job.zones_digest)
     ):
         faults.report(
             f"{path.name}: press {press.name} was calibrated anew by pages without these zones, so that its promise is "
@@ -198,6 +202,7 @@ def price(
             help="Number of prints with a defect, of each sort in each zone; 0: none.", min=0, max=MOST_PRINTS
         ),
     ] = 24,
+    detector: Detector = None,
     picture: Picture = None,
     profile: Profile = None,
     seed: Seed = 1,
@@ -226,6 +231,7 @@ def price(
         prints=prints,
         trials=trials,
         seed=seed,
+        detector=detector,
         shown=lambda items, total, what: items if json else show.progress(items, total=total, what=what),
     )
     if picture is not None:
@@ -334,14 +340,13 @@ def drop(
     json: Json = False,
 ) -> None:
     """Remove a zone from a job's zones; the others must be priced again. A file without zones is removed."""
-    from prooflight.line.granting import without_zone
     from prooflight.pages.job import JobSource
     from prooflight.pages.zones.zones_file import JobZones
 
     with JobSource(path=job, dpi=ANY_DPI, profile=profile).open() as opened:
         sizes = opened.page_sizes_mm
     zones_of_job = JobZones.read(zones, sizes)
-    left = without_zone(zones_of_job, name)
+    left = zones_of_job.without(name)
     if left:
         share = zones_of_job.document.careful_share
         JobZones.create(left, sizes, careful_share=share, where=zones).save(zones)

@@ -18,6 +18,7 @@ from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
 from prooflight.cli.runs import feedback
 from prooflight.cli.runs import gate as run_gate
+from prooflight.cli.runs import sheets as sheets_of_run
 from prooflight.cli.runs.gate import TraysFile
 from prooflight.cli.runs.journals import JournalUrl, RunNumber, reading, run_of, url_of
 from prooflight.errors import PressError, RequestError, visible
@@ -125,7 +126,7 @@ def show_run(
     with reading(journal) as opened:
         run_row = run_of(opened, run)
         if sheets and json:
-            imposition.run_facts(opened, run_row, damaged=damaged.add)
+            sheets_of_run.run_facts(opened, run_row, damaged=damaged.add)
             damaged.report()
             return
         if json or csv:
@@ -142,7 +143,7 @@ def show_run(
         for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
             total += 1
             shown.append(page)
-        assembled = imposition.of_run(opened, run_row, damaged=damaged.add)
+        assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
     show.people.print(_facts_table(run_row))
     for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")
@@ -246,7 +247,7 @@ def replay(
         page = opened.page(run_row.id, sheet)
         where = opened.path
     wanted, given = run_row.facts.press_digest, loaded.digest
-    if given != wanted:
+    if wanted not in loaded.digests:
         what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
         raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:

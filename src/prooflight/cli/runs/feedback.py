@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import Json
+from prooflight.cli.options import Detector, Json
 from prooflight.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 from prooflight.errors import RequestError
 from prooflight.reporting.wording import count
@@ -253,23 +253,32 @@ def recalibrate(
             min=0.01,
         ),
     ] = None,
+    detector: Detector = None,
     replay: Annotated[
         int, typer.Option(metavar="N", help="Replay the last N runs at the new threshold.", min=0)
     ] = REPLAYED_RUNS,
     json: Json = False,
 ) -> None:
     """Set the threshold again by the labels of alarms and of the random sample; X.press stays as it is."""
+    from prooflight.detectors.optional import Recalibrates
+    from prooflight.detectors.registry import default_name, present
     from prooflight.journal.labels import LabelStore
     from prooflight.line.labelled_sheets import labelled_pages, replayed_run, sample_of_run
     from prooflight.press.artefact import Press
 
     press = Press.load(artefact)
-    if press.ours is None:
-        what = f"press {press.name} was not taught our detector"
+    name = present(detector) if detector else default_name(press)
+    model = press.detectors.get(name)
+    if not isinstance(model, Recalibrates):
+        what = f"{name!r} of press {press.name} has no threshold that labels could set"
         raise RequestError(artefact, what, remedy="build it with `prooflight press build --detector quick`")
     if out.exists() and out.samefile(artefact):
         raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
-    digests = {press.digest, *(labelled.replaces for labelled in press.ours.told)}
+    digests = press.digests | {labelled.replaces for labelled in model.told}
+
+    def is_of_press(run: RunRow) -> bool:
+        return run.facts.detector == name and run.facts.press_digest in digests
+
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
         journals = [stack.enter_context(reading(one)) for one in given]
@@ -278,39 +287,36 @@ def recalibrate(
             for opened in journals
         ]
         labelled = labelled_pages(
-            [one for of_journal in sampled for one in of_journal],
-            digests=digests,
+            [one for of_journal in sampled for one in of_journal if is_of_press(one[0])],
             replaces=press.digest,
-            rate=1 / promise if promise else press.ours.guarantee.rate,
+            rate=1 / promise if promise else model.guarantee.rate,
             now_s=time.time(),
             journals=[opened.path.name for opened in journals],
             half_life_days=half_life,
         )
-        detector = press.ours.recalibrated(labelled)
+        new = model.recalibrated(labelled)
         replays: list[Replayed] = []
         for opened, of_journal in zip(journals, sampled, strict=True):
-            of_press = [one for one in of_journal if one[0].facts.press_digest in digests]
+            of_press = [one for one in of_journal if is_of_press(one[0])]
             for run, sheets in of_press[max(len(of_press) - replay, 0) :]:
-                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=detector.threshold))
-    digest = replace(press, ours=detector).save(out)
+                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=new.threshold))
+    digest = press.with_detector(name, new).save(out)
     if json:
         show.print_json(
             {
                 "press": str(out),
                 "digest": digest,
                 "replaces": press.digest,
-                "promise": str(detector.guarantee),
-                "threshold_before": press.ours.threshold,
-                "threshold": detector.threshold,
+                "promise": str(new.guarantee),
+                "threshold_before": model.threshold,
+                "threshold": new.threshold,
                 "sampled": int(labelled.passed.sum()),
                 "false_alarms": int((~labelled.passed).sum()),
                 "replayed": [asdict(one) for one in replays],
             }
         )
         return
-    show.people.print(
-        f"threshold {press.ours.threshold:.2f} before, {detector.threshold:.2f} now: {detector.guarantee}"
-    )
+    show.people.print(f"threshold {model.threshold:.2f} before, {new.threshold:.2f} now: {new.guarantee}")
     _show_replays(replays)
     show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {press.digest[:16]}")
 
@@ -356,12 +362,19 @@ def go_back(
 
 def before_recalibration(press: Press, where: Path) -> Press:
     """Return the press that this one replaced; RequestError if it replaced none, or another one than it names."""
-    detector = None if press.ours is None else press.ours.before_recalibration()
-    if press.ours is None or detector is None:
+    from prooflight.detectors.optional import Recalibrates
+
+    recalibrated = (
+        (name, model, last)
+        for name, model in press.detectors.items()
+        if isinstance(model, Recalibrates) and (last := model.before_recalibration()) is not None
+    )
+    previous = next(recalibrated, None)
+    if previous is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
-    before = replace(press, ours=detector)
-    wanted = press.ours.told[-1].replaces
-    if before.digest != wanted:
+    name, model, last = previous
+    before, wanted = press.with_detector(name, last), model.told[-1].replaces
+    if wanted not in before.digests:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
     return before

@@ -55,12 +55,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from prooflight.cli.watch.plant import Plant
+    from prooflight.inspection.inspector import Inspector
     from prooflight.line.sheet_inspector import Keep
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.zones.zones_file import JobZones
-    from prooflight.press.artefact import Press
 
 
 def register(program: typer.Typer) -> None:
@@ -130,7 +130,7 @@ def watch(
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     read = _read_job(
-        job, loaded, layout=layout, sheets=sheets, plant=plant, zones=zones, profile=profile, json=json
+        job, inspector, layout=layout, sheets=sheets, plant=plant, zones=zones, profile=profile, json=json
     )
     inspector = replace(inspector, zones=read.zones)
     read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
@@ -246,7 +246,7 @@ class _ReadJob:
 
 def _read_job(
     job: Path,
-    press: Press,
+    inspector: Inspector,
     *,
     layout: str | None,
     sheets: int | None,
@@ -261,13 +261,14 @@ def _read_job(
     from prooflight.cli.watch.plant import Plant
     from prooflight.press.pages import job_source
 
+    press = inspector.press
     source, plan = imposition.imposed(
         job_source(job, press, profile=profile), layout, press.geometry, sheets=sheets
     )
     with source.open() as opened:
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         tried = Plant.tried(plant, opened, press)
-        zones_of_job = zones_in_force(zones, opened, press)
+        zones_of_job = zones_in_force(zones, opened, inspector)
         early = checked_early(opened, json=json)
     plan = tried.with_sets(plan, pages=pages, sheets=sheets)
     return _ReadJob(

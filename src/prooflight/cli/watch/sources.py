@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.press.artefact import Press
     from prooflight.press.gate import PlcSettings
-    from prooflight.scans.cameras.setting_up import CameraSettings
+    from prooflight.scans.camera_settings import CameraSettings
     from prooflight.scans.cameras.several import SeveralCameras
     from prooflight.scans.cameras.source import CameraLines
     from prooflight.scans.lines import LineSource
@@ -145,7 +145,7 @@ def camera_lines(name: str, settings: Path | None) -> CameraLines | SeveralCamer
     many.
     """
     from prooflight.press.press_file import PressFile
-    from prooflight.scans.cameras.setting_up import CameraSettings
+    from prooflight.scans.camera_settings import CameraSettings
     from prooflight.scans.cameras.several import SeveralCameras
 
     stated = () if settings is None else PressFile.read(settings).cameras()

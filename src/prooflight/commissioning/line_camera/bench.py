@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from prooflight.camera.camera import Camera
     from prooflight.commissioning.camera.fixed_pattern import Measured
-    from prooflight.commissioning.line_camera.file_edit import Edit
+    from prooflight.commissioning.file_edit import Edit
     from prooflight.commissioning.line_camera.line_reader import CameraLineReader
     from prooflight.commissioning.ruler.reading import SensorReading
     from prooflight.press.press_file import PressFile

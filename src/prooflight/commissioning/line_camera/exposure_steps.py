@@ -10,8 +10,8 @@ import numpy as np
 from prooflight.commissioning.camera.exposures import Exposure, statistics
 from prooflight.commissioning.camera.fixed_pattern import Measured
 from prooflight.commissioning.camera.sensor_block import Given, characterise_sensor
+from prooflight.commissioning.file_edit import Edit
 from prooflight.commissioning.line_camera.bench import StepResult
-from prooflight.commissioning.line_camera.file_edit import Edit
 from prooflight.commissioning.line_camera.seen import smoothed
 from prooflight.errors import ScanError
 

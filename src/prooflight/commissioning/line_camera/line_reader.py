@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.errors import ScanError
+from prooflight.scans.camera_settings import NAMES
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import FEATURES_REMEDY, NAMES, value_of
+from prooflight.scans.cameras.setting_up import FEATURES_REMEDY, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.commissioning.camera.fixed_pattern import Measured
+from prooflight.commissioning.file_edit import Edit
 from prooflight.commissioning.line_camera.bench import StepResult
-from prooflight.commissioning.line_camera.file_edit import Edit
 from prooflight.commissioning.line_camera.seen import focus_of
 from prooflight.commissioning.ruler.finding import find_ruler, relative_light
 from prooflight.commissioning.ruler.reading import read_ruler

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from prooflight.commissioning.file_edit import Edit
 from prooflight.commissioning.line_camera import exposure_steps, page_steps
 from prooflight.commissioning.line_camera.bench import StepResult
-from prooflight.commissioning.line_camera.file_edit import Edit
 from prooflight.errors import RequestError, ScanError
 from prooflight.files.given import shortly
 

@@ -21,9 +21,10 @@ from prooflight.press.artefact import Press
 from prooflight.simulation.corpus.corpus import Corpus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from prooflight.commissioning.training.train import Shown
+    from prooflight.detectors.entry import TrainedModel, Training
 
 _log = logging.getLogger(__name__)
 
@@ -76,6 +77,20 @@ def trained_once(
 
     plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
     return cached_press(f"{press.digest} {plan}", build, progress=progress)
+
+
+def trained_models(press: Press, names: Sequence[str], training: Training) -> Mapping[str, TrainedModel]:
+    """Train Prooflight's own detectors of these names; see ``detectors.entry.Train``."""
+    whole = trained_once(
+        press,
+        designs=training.designs,
+        seed=training.seed,
+        false_alarm_rate=training.false_alarm_rate,
+        paper="bayes" in names,
+        progress=training.progress,
+        shown=training.shown,
+    )
+    return {name: whole.detectors[name] for name in names}
 
 
 def cached_press(

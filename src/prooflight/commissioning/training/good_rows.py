@@ -11,6 +11,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from prooflight.artefact import Damaged, Tensors
+from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.errors import PressError
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, ScannedPage
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.optional import ScannedPage
     from prooflight.press.artefact import Press
 
 KIND: Final = "prooflight waiting pages"
@@ -63,13 +65,13 @@ class GoodRows:
     def of(cls, detector: CalibratedDetector, pages: Sequence[ScannedPage]) -> Self:
         """Create rows from scanned pages; a page without a design's digest is a design of its own."""
         return cls(
-            values=np.array([page.values for page in pages], np.float32).reshape(
+            values=np.array([page.evidence["values"] for page in pages], np.float32).reshape(
                 len(pages), detector.pages.values.shape[1]
             ),
-            page_features=np.array([page.page_features for page in pages], np.float64).reshape(
+            page_features=np.array([page.evidence["page_features"] for page in pages], np.float64).reshape(
                 len(pages), detector.pages.page_features.shape[1]
             ),
-            glyphs=np.array([page.glyphs for page in pages], np.float64),
+            glyphs=np.array([page.evidence["glyphs"] for page in pages], np.float64),
             variation=np.array([page.variation for page in pages], np.float32).reshape(
                 len(pages), len(AMOUNTS), 2
             ),
@@ -118,8 +120,7 @@ def read_waiting(artefact: Path, press: Press) -> GoodRows | None:
     if not path.exists():
         return None
     remedy = "remove it, and learn its pages again"
-    detector = press.ours
-    assert detector is not None
+    detector = model_of(press)
     try:
         file = Tensors(path)
         texts, arrays = file.texts, file.arrays()
@@ -163,10 +164,9 @@ def write_waiting(artefact: Path, press: Press, rows: GoodRows) -> None:
 
 def _measured_by(press: Press) -> str:
     """Return a digest of what a page's statistics depend on: the press, and its model before any adaptation."""
-    assert press.ours is not None
-    model = press.ours.model
+    model = model_of(press).model
     plain = replace(model, shift=np.zeros_like(model.shift), scale=np.ones_like(model.scale))
-    sha = hashlib.sha256(replace(press, ours=None, bayes=None, origin={}).digest.encode())
+    sha = hashlib.sha256(replace(press, detectors={}, origin={}).digest.encode())
     sha.update(json.dumps(plain.facts(), sort_keys=True).encode())
     for name, array in sorted(plain.arrays().items()):
         sha.update(f"{name} {array.dtype} {array.shape}".encode())

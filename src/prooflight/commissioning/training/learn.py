@@ -11,7 +11,7 @@ from scipy import optimize
 from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
@@ -24,6 +24,7 @@ from prooflight.detectors.matched_filter.screen import Screen
 from prooflight.detectors.matched_filter.screen import screened as of_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.statistics.page_scale import ONE_SIGMA
 
 if TYPE_CHECKING:

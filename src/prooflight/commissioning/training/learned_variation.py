@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final
 
+from prooflight.detectors.matched_filter.entry import NAME, model_of
 from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts
 from prooflight.press.blocks import VARIATION
 from prooflight.simulation.worlds import amounts_of
@@ -44,7 +45,7 @@ def stated_and_learned(press: Press) -> list[StatedAndLearned]:
 
     The list is empty where the press was trained on no real page that shows them.
     """
-    pages = None if press.ours is None else press.ours.pages.variation
+    pages = None if NAME not in press.detectors else model_of(press).pages.variation
     if pages is None or not len(pages):
         return []
     amounts, learned = amounts_of(press), learned_amounts(pages)

@@ -17,13 +17,15 @@ from prooflight.commissioning.training.good_rows import (
 )
 from prooflight.commissioning.training.learn import Pages
 from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
+from prooflight.detectors.matched_filter.entry import NAME, model_of
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, ScannedPage
+    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.optional import ScannedPage
     from prooflight.press.artefact import Press
 
 FEWEST_REAL: Final = 20
@@ -47,8 +49,20 @@ class LearnedPages:
     """Number of pages that had not been learned before."""
     designs: tuple[str, ...]
     """Digest of each page's design."""
+    alarms_before: int
+    """Number of the given pages that alarmed before."""
     waiting: bool
     """Whether the pages do not yet suffice, and wait in the file next to the press."""
+
+    @property
+    def threshold(self) -> float:
+        """Score above which a page alarms."""
+        return model_of(self.press).threshold
+
+    @property
+    def guarantee(self) -> str:
+        """The rate that is guaranteed, in words."""
+        return str(model_of(self.press).guarantee)
 
     @property
     def sentence(self) -> str:
@@ -82,15 +96,16 @@ def new_scans(press: Press, digests: Mapping[str, str]) -> dict[str, str]:
 
 
 def learn_pages(
-    artefact: Path, press: Press, pages: Sequence[ScannedPage], *, false_alarm_rate: float, out: Path
+    artefact: Path, press: Press, pages: Sequence[ScannedPage], *, false_alarm_rate: float | None, out: Path
 ) -> LearnedPages:
     """Learn good pages with those that wait next to ``artefact``, and write the press to ``out`` if they suffice.
 
     All pages are written to the waiting file first, which is removed once ``artefact`` itself has learned
     them: whenever the process ends, no page is lost, and none counts twice. RequestError: see ``recalibrated``.
-    PressError: the waiting file cannot be used.
+    PressError: the waiting file cannot be used. false_alarm_rate: None: the rate that was asked for before.
     """
-    detector = _detector_of(press)
+    detector = model_of(press)
+    alarms = sum(page.score > detector.threshold for page in pages)
     waiting = read_waiting(artefact, press)
     before = GoodRows.of(detector, []) if waiting is None else waiting
     seen = press.origin.get(SEEN, "").split()
@@ -101,13 +116,13 @@ def learn_pages(
         write_waiting(artefact, press, rows)
     if not suffices:
         designs = (*_designs_of(press, detector.real), *rows.designs)
-        return LearnedPages(press=press, new=new, designs=designs, waiting=True)
-    learned = _learned(press, rows, false_alarm_rate=false_alarm_rate)
+        return LearnedPages(press=press, new=new, designs=designs, alarms_before=alarms, waiting=True)
+    learned = _learned(press, rows, false_alarm_rate=false_alarm_rate or detector.guarantee.requested_rate)
     learned.save(out)
     if out == artefact:
         waiting_path(artefact).unlink(missing_ok=True)
     designs = tuple(learned.origin[DESIGNS].split())
-    return LearnedPages(press=learned, new=new, designs=designs, waiting=False)
+    return LearnedPages(press=learned, new=new, designs=designs, alarms_before=alarms, waiting=False)
 
 
 def recalibrated(
@@ -118,19 +133,12 @@ def recalibrated(
     Real pages take the place of simulated ones, and add up over calls. RequestError: the press was not trained
     with the matched-filter detector, a scan shows another page, or altogether there are too few real pages.
     """
-    detector = _detector_of(press)
+    detector = model_of(press)
     rows = _good_rows(detector, [page for page in pages if page.name in digests])
     if (count := detector.real + len(rows)) < FEWEST_REAL:
         what = f"{count} good pages that were not learned from before"
         raise RequestError("good pages", what, remedy=f"give {FEWEST_REAL} or more")
     return _learned(press, rows, false_alarm_rate=false_alarm_rate)
-
-
-def _detector_of(press: Press) -> CalibratedDetector:
-    if press.ours is None:
-        remedy = "build it with `prooflight press build --detector quick`"
-        raise RequestError("press", f"{press.name} was not taught our detector", remedy=remedy)
-    return press.ours
 
 
 def _good_rows(detector: CalibratedDetector, pages: Sequence[ScannedPage]) -> GoodRows:
@@ -149,7 +157,7 @@ def _designs_of(press: Press, count: int) -> tuple[str, ...]:
 
 def _learned(press: Press, rows: GoodRows, *, false_alarm_rate: float) -> Press:
     """Return the press adapted to the real pages that it has learned and to these."""
-    detector = _detector_of(press)
+    detector = model_of(press)
     real = detector.pages.glyphs[: detector.real]
     designs = (*_designs_of(press, detector.real), *rows.designs)
     good = Pages(
@@ -173,7 +181,7 @@ def _learned(press: Press, rows: GoodRows, *, false_alarm_rate: float) -> Press:
     learned = replace(learned, pages=replace(learned.pages, variation=variation))
     seen = " ".join([*press.origin.get(SEEN, "").split(), *rows.scans])
     origin = dict(press.origin) | {SEEN: seen, DESIGNS: " ".join(designs)}
-    return replace(press, ours=learned, origin=origin)
+    return replace(press, origin=origin).with_detector(NAME, learned)
 
 
 def _in_order(designs: Iterable[str]) -> list[int]:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.statistics.families import all_statistics, samples
 from prooflight.detectors.matched_filter.statistics.local_evidence import assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import keys_of, values_of
 from prooflight.detectors.paper.bayes import window_statistics, window_unit
 from prooflight.detectors.paper.detector import page_evidence
 from prooflight.detectors.placing import shows_another
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.rng import stream
 from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.misprints.kinds import KINDS

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.commissioning.training.simulated_days import Rows
+    from prooflight.detectors.entry import TrainedModel
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
 
@@ -115,7 +116,10 @@ def trained(
         misprint_rate=press.costs.misprint_rate,
         glyphs=rows["glyphs"][~every.bad],
     )
-    return replace(press, ours=detector, bayes=None if unit is None else _bayes(press, rows, unit))
+    models: dict[str, TrainedModel] = {detector.name: detector}
+    if unit is not None:
+        models["bayes"] = _bayes(press, rows, unit)
+    return replace(press, detectors=models)
 
 
 def _bayes(press: Press, learn: Rows, unit: NDArray[np.float64]) -> BayesDetector:

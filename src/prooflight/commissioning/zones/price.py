@@ -7,9 +7,9 @@ them. Then more good prints get defects, of adaptively chosen sizes.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,10 +17,9 @@ import numpy as np
 from prooflight.commissioning.zones.caught import Caught, Trial, caught, next_strength
 from prooflight.commissioning.zones.defects import SORTS, areas_of, with_defect
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.false_alarm_rate import FURTHEST, least_false_alarm_rate
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector
-from prooflight.detectors.matched_filter.glyphs.scoring import NONE
-from prooflight.detectors.matched_filter.zones import MOST_OF_RATE, ZonedJudge, baseline_of, careful_scores
+from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
+from prooflight.detectors.optional import GoodPrint, PricesZones
+from prooflight.detectors.registry import detector as detector_of
 from prooflight.errors import RequestError
 from prooflight.pages.job import opened
 from prooflight.pages.parallel import in_order
@@ -33,10 +32,8 @@ from prooflight.simulation.captures import SimulatedDay
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
-    from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.detector import MatchedFilterPage
+    from prooflight.detectors.base import Detector, PreparedPage
+    from prooflight.detectors.optional import ZonePricing
     from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones
@@ -48,11 +45,6 @@ if TYPE_CHECKING:
 
 PRINTS: Final = 90
 """Default number of prints: two thirds of them, their tail extrapolated tenfold, reach one good page in 600."""
-LEARNING: Final = 3
-"""Number of prints of which one measures the usual statistics of careful areas; the others calibrate them."""
-FEWEST_PRINTS: Final = 12
-LUCK: Final = 1.5
-"""Factor on the number of prints where only some pages have a careful area, since fewer may be drawn than expected."""
 TRIALS: Final = 24
 """Number of prints with a defect, of each sort in each area."""
 ROUNDS: Final = 4
@@ -91,20 +83,6 @@ class Price:
     entry: PriceEntry
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoodPrint:
-    """Scores of one good print."""
-
-    number: int
-    """Number of its page."""
-    before: float
-    """Score without zones."""
-    after: float
-    """Score of the page as a whole without ignored areas."""
-    careful: NDArray[np.float32] | None
-    """Statistics (statistics,) of careful areas; None: the page has no careful area."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
     """Defect to try."""
@@ -135,7 +113,9 @@ class ZonePrints:
     numbers: tuple[int, ...]
     """Pages that have zones."""
     seed: int
-    _ready: dict[int, tuple[Page, MatchedFilterPage | None, MatchedFilterPage]] = field(default_factory=dict)
+    detector: str | None = None
+    """Name of the detector; None: the press's default."""
+    _ready: dict[int, tuple[Page, PreparedPage | None, PreparedPage]] = field(default_factory=dict)
 
     def __call__(self, request: int | tuple[int, Sequence[Wish]]) -> Any:
         """Inspect a good print by its number, or defects on one."""
@@ -149,8 +129,8 @@ class ZonePrints:
         page, bare, zoned = self.ready(self.page_of(rng))
         scan = self.printed(page, rng)
         inspection = zoned.inspect(scan)
-        after = zoned.whole_score(inspection)
-        before = after if bare is None else bare.whole_score(bare.inspect(scan))
+        after = self.pricing.score(inspection)
+        before = after if bare is None else self.pricing.score(bare.inspect(scan))
         careful = inspection.stored_arrays.get("careful")
         return GoodPrint(number=page.number, before=before, after=after, careful=careful)
 
@@ -177,18 +157,23 @@ class ZonePrints:
                 continue
             inspection = zoned.inspect(Scan(dn=defective, name=scan.name))
             score = (
-                zoned.whole_score(inspection)
+                self.pricing.score(inspection)
                 if bare is None
-                else bare.whole_score(bare.inspect(Scan(dn=defective, name="")))
+                else self.pricing.score(bare.inspect(Scan(dn=defective, name="")))
             )
             results.append(
                 Tried(
                     wish=wish,
-                    before=score > zoned.detector.calibrated.threshold,
+                    before=self.pricing.alarms(score),
                     after=inspection.verdict.verdict == "misprint",
                 )
             )
         return results
+
+    @cached_property
+    def pricing(self) -> ZonePricing:
+        """The detector's pricing."""
+        return pricing_of(self.press, self.detector)[1]
 
     def page_of(self, rng: np.random.Generator) -> int:
         """Return the page of a print, by the first number that its stream draws."""
@@ -199,7 +184,7 @@ class ZonePrints:
         day = SimulatedDay.begin("press", self.press, rng)
         return Scan(dn=day.recorded(day.seen_in_press(page, rng), rng), name=page.name)
 
-    def ready(self, number: int) -> tuple[Page, MatchedFilterPage | None, MatchedFilterPage]:
+    def ready(self, number: int) -> tuple[Page, PreparedPage | None, PreparedPage]:
         """Return a page, prepared without zones and with them.
 
         None: both are the same but for careful areas.
@@ -208,8 +193,7 @@ class ZonePrints:
             if len(self._ready) >= READY:
                 self._ready.clear()
             context = self.press.press_context(1)
-            assert self.press.ours is not None
-            detector = MatchedFilterDetector(press_context=context, calibrated=self.press.ours)
+            detector = pricing_of(self.press, self.detector)[0].at(context)
             page = self.press.geometry.lay(opened(self.job).page(number))
             zones = self.zones.page(page)
             assert zones is not None
@@ -226,49 +210,48 @@ def price_of(
     prints: int = PRINTS,
     trials: int = TRIALS,
     seed: int = 1,
+    detector: str | None = None,
     processes: int | None = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Price:
     """Compute the price of zones on the pages of a job.
 
     prints: number of good ones, which calibrate the zones. trials: number of prints with a defect, of each
-    sort in each area; 0: detection is not measured. RequestError: the press was not trained with the
-    matched-filter detector, or there are too few prints for its false-alarm rate.
+    sort in each area; 0: detection is not measured. detector: its name; None: the press's default. RequestError:
+    its zones have no price, or there are too few prints for its false-alarm rate.
     """
-    detector = press.ours
-    if detector is None:
-        what = f"press {press.name} was not taught our detector"
-        raise RequestError("zones", what, remedy="build it with `prooflight press build`")
+    own, pricing = pricing_of(press, detector)
+    assert own.false_alarm_rate is not None
     bare = zones.unpriced()
-    if prints < (fewest := fewest_prints(bare, detector.ranking_rate)):
+    if prints < (fewest := pricing.fewest_prints(careful_share(bare))):
         raise RequestError("prints", f"{prints} are too few for these zones", remedy=f"give {fewest} or more")
-    work = ZonePrints(job=job, press=press, zones=bare, numbers=tuple(bare.of_pages), seed=seed)
+    work = ZonePrints(
+        job=job, press=press, zones=bare, numbers=tuple(bare.of_pages), seed=seed, detector=detector
+    )
     pages = [work.page_of(stream(work.seed, "zones-print", index)) for index in range(prints)]
     good: list[GoodPrint] = _page_by_page(work, range(prints), pages, processes, shown, "printing good pages")
-    entry = _entry(good, zones, press.digest, seed=seed)
+    calibration = pricing.calibration(good)
+    entry = PriceEntry(
+        press=press.digest,
+        zones=zones.zones_digest,
+        prints=prints,
+        seed=seed,
+        detector=own.name,
+        **asdict(calibration),
+    )
     calibrated = bare.priced(entry)
-    calibration = calibrated.calibration
-    assert calibration is not None
-    judges = {
-        careful: ZonedJudge.by(calibration, bare.document.careful_share, careful=careful)
-        for careful in {one.careful is not None for one in good}
-    }
-    careful_rate = max(judge.rates(detector.ranking_rate)[1] for judge in judges.values())  # may be refused
-    scored = [one for at, one in enumerate(good) if at % LEARNING]
-    after = sum(_alarms(one, scored, judges[one.careful is not None], detector) for one in scored)
+    scored, careful_rate = pricing.alarmed(good, calibration, bare.document.careful_share)
     areas: tuple[PricedArea, ...] = ()
     if trials:
-        results = _tried(
-            replace(work, zones=calibrated, _ready={}), trials, detector.ranking_rate, processes, shown
-        )
-        areas = tuple(_priced(results, work.numbers, bare, detector.ranking_rate))
+        results = _tried(replace(work, zones=calibrated, _ready={}), trials, pricing.rate, processes, shown)
+        areas = tuple(_priced(results, work.numbers, bare, pricing.rate))
     least = least_false_alarm_rate(len(entry.careful_scores)) if entry.careful_scores else 0.0
     return Price(
         areas=areas,
-        promised=detector.guarantee.rate,
+        promised=own.false_alarm_rate,
         good=len(scored),
-        alarmed_before=sum(one.before > detector.threshold for one in scored),
-        alarmed_after=after,
+        alarmed_before=sum(pricing.alarms(one.before) for one, _ in scored),
+        alarmed_after=sum(alarmed for _, alarmed in scored),
         extrapolated=0 < careful_rate < least,
         entry=entry.model_copy(update={"told": tuple(map(_row, areas))}),
     )
@@ -293,54 +276,21 @@ def _page_by_page(
     return [by_index[at] for at in range(len(requests))]
 
 
-def fewest_prints(zones: JobZones, rate: float) -> int:
-    """Return the number of good prints that most likely suffices for the careful areas' share of a false-alarm rate.
-
-    Of the prints that show a careful area, all but one in ``LEARNING`` calibrate, their tail extrapolated,
-    and one less of them: each is judged by the others.
-    """
+def careful_share(zones: JobZones) -> float:
+    """Return the share of the pages with zones that have a careful area. [-]"""
     pages = [{zone.kind for zone in of_page} for of_page in zones.of_pages.values()]
-    share = sum("careful" in kinds for kinds in pages) / len(pages)
-    if not share:
-        return FEWEST_PRINTS
-    needed = (1 / (FURTHEST * MOST_OF_RATE * rate) + 1) * LEARNING / (LEARNING - 1) / share
-    return max(math.ceil(needed * (1.0 if share == 1 else LUCK)), FEWEST_PRINTS)
+    return sum("careful" in kinds for kinds in pages) / len(pages)
 
 
-def _entry(good: Sequence[GoodPrint], zones: JobZones, press_digest: str, *, seed: int) -> PriceEntry:
-    careful = [one.careful for one in good if one.careful is not None]
-    learned = np.array(careful[::LEARNING])
-    others = np.array([one for at, one in enumerate(careful) if at % LEARNING])
-    mean = sd = scores = np.zeros(0)
-    if careful:
-        if len(others) < 2 or len(learned) < 2:
-            raise RequestError("prints", "too few show a careful area", remedy="give more of them")
-        baseline = baseline_of(learned)
-        mean, sd = baseline
-        scores = careful_scores(others, baseline)
-    return PriceEntry(
-        press=press_digest,
-        zones=zones.zones_digest,
-        prints=len(good),
-        seed=seed,
-        page_scores=tuple(round(one.after, 6) for one in good),
-        careful_scores=tuple(np.round(scores, 6).tolist()),
-        careful_mean=tuple(np.round(mean, 6).tolist()),
-        careful_sd=tuple(np.round(sd, 6).tolist()),
-    )
-
-
-def _alarms(
-    one: GoodPrint, scored: Sequence[GoodPrint], judge: ZonedJudge, detector: CalibratedDetector
-) -> bool:
-    """Return whether a good print alarms, judged by the others."""
-    others = [other for other in scored if other is not one]
-    left = replace(judge, page_good=np.sort([other.after for other in others]))
-    values = np.zeros(judge.baseline.shape[1]) if one.careful is None else one.careful
-    if judge.careful_good.size:
-        theirs = np.array([other.careful for other in others if other.careful is not None])
-        left = replace(left, careful_good=np.sort(careful_scores(theirs, judge.baseline)))
-    return detector.decided(left.decide(detector, one.after, values), NONE).misprint
+def pricing_of(press: Press, name: str | None = None) -> tuple[Detector, ZonePricing]:
+    """Return a detector of a press, by the user's name, and its pricing; RequestError: its zones have no price."""
+    own = detector_of(name, press)
+    if not isinstance(own, PricesZones):
+        what = f"{own.name!r} of press {press.name} does not price zones"
+        raise RequestError(
+            "zones", what, remedy="build the press with `prooflight press build --detector quick`"
+        )
+    return own, own.zone_pricing
 
 
 def _tried(

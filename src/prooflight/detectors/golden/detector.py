@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Decision, Region, Verdict
 from prooflight.errors import RequestError, ScanError
+from prooflight.pages.zones.zone import Kind
 from prooflight.prediction.predict import Prediction
 from prooflight.scans.placement import Placement
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.base import PlannedPage, StoredArrays
     from prooflight.detectors.golden.differences import GoldenDifference
     from prooflight.detectors.golden.place import GoldenPlace
+    from prooflight.pages.zones.zone import PageZones
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 
@@ -35,6 +37,8 @@ GUARANTEE: Final = (
     "none: tolerances were tuned on real pairs, "
     "docs/results/detector/golden.md says how often good ones alarm"
 )
+ZONES: Final[frozenset[Kind]] = frozenset({"ignore", "normal"})
+"""Kinds of zones that a comparison with one expected picture knows."""
 MOST_REGIONS: Final = 12
 MARGIN_PIXELS: Final = 2
 """Margin around a region: edges may be displaced so far, so that this much of it may be hidden."""
@@ -59,36 +63,72 @@ WRONG_SHIFT_MM: Final = 1.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoldenDetector(ContextDetector):
+class Golden:
+    """A scan that was taken for good, or the mean of several."""
+
+    name: str
+    light: NDArray[np.float32]
+    """(channels, lines, pixels) light, corrected for columns' offsets and gains if the press states them."""
+    spread: NDArray[np.float32] | None = None
+    """Standard deviation of each pixel of ``light`` over several scans, of which it is the mean, in its unit."""
+
+    @classmethod
+    def of(cls, scan: Scan, sensors: Sequence[SensorModel]) -> Self:
+        """Return a scan of a press's camera as a golden one."""
+        return cls(name=scan.name, light=evened(scan.dn.astype(np.float32), sensors))
+
+
+class PictureDetector(ContextDetector):
+    """Detector that compares each scan with one expected picture."""
+
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """See ``Detector``."""
+        return ZONES
+
+    def decided_again(self, stored: StoredArrays) -> Decision:
+        """See ``Detector``."""
+        volume = float(stored.array("volume", "f", (), finite=True))
+        return decision_of(volume, another=stored.wrong_page)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoldenDetector(PictureDetector):
     """Detector with a good scan of each page, or one of all."""
 
-    goldens: Mapping[str, Scan]
+    goldens: Mapping[str, Golden] = field(default_factory=dict)
     """Golden scans by the page's name; under the empty name: of every page that has none of its own."""
     name: str = NAME
     guarantee: str = GUARANTEE
 
     def prepare(self, planned: PlannedPage) -> GoldenSheet:
         """See ``Detector``; RequestError: there is no golden scan of this page."""
-        page, geometry = planned.page, self.press_context.geometry
-        golden = self.goldens.get(page.name) or self.goldens.get("")
+        left_mm = self.press_context.geometry.left_mm(planned.page.width_mm)
+        return self.sheet(planned.page.name, left_mm=left_mm, zones=planned.zones)
+
+    def sheet(self, page: str, *, left_mm: float, zones: PageZones | None = None) -> GoldenSheet:
+        """Prepare a page of which nothing is known but its name and its left edge: a golden scan needs no raster.
+
+        RequestError: there is no golden scan of this page.
+        """
+        geometry = self.press_context.geometry
+        golden = self.goldens.get(page) or self.goldens.get("")
         if golden is None:
-            raise RequestError(
-                page.name, "has no golden scan", remedy="give one for all pages, or one for each"
-            )
+            remedy = "give one for all pages, or one for each, by `prooflight inspect --golden`"
+            raise RequestError(page, "has no golden scan", remedy=remedy)
+        lines, pixels = golden.light.shape[1:]
+        x_mm = (np.arange(pixels) + 0.5) * geometry.pixel_pitch_mm - left_mm
         return GoldenSheet(
-            page=page.name,
+            page=page,
             golden=golden.name,
-            light=evened(golden.dn.astype(np.float32), self.press_context.sensors),
+            light=golden.light,
+            spread=golden.spread,
+            ignored=None if zones is None else zones.holds("ignore", x_mm, geometry.centres_y_mm(lines)),
             pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
-            left_mm=geometry.left_mm(page.width_mm),
+            left_mm=left_mm,
             lead_in_mm=geometry.lead_in_mm,
             sensors=self.press_context.sensors,
         )
-
-    def decided_again(self, stored: StoredArrays) -> Decision:
-        """See ``Detector``."""
-        volume = float(stored.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=stored.wrong_page)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.base import ContextDetector, Inspection, PreparedOnly
+from prooflight.detectors.base import Inspection, PreparedOnly
 from prooflight.detectors.golden.chain import SignalChain, grown_light, light_of, to_numbers
-from prooflight.detectors.golden.detector import GoldenSheet, decision_of
+from prooflight.detectors.golden.detector import Golden, GoldenDetector, GoldenSheet, PictureDetector
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError
@@ -19,8 +19,7 @@ from prooflight.scans.scan import Scan
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import PlannedPage, StoredArrays
-    from prooflight.detectors.verdict import Decision
+    from prooflight.detectors.base import PlannedPage
     from prooflight.prediction.tables import SensorModel
 
 NAME: Final = "drawn"
@@ -28,7 +27,7 @@ GUARANTEE: Final = "none: docs/results/detector/real.md says how often sheets of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DrawnDetector(ContextDetector):
+class DrawnDetector(PictureDetector):
     """Detector that compares with the page as the chain of a scanner would show it."""
 
     chains: Mapping[str, SignalChain]
@@ -38,32 +37,18 @@ class DrawnDetector(ContextDetector):
 
     def prepare(self, planned: PlannedPage) -> DrawnSheet:
         """See ``Detector``; RequestError: nothing states the chain of this page."""
-        page, geometry = planned.page, self.press_context.geometry
+        page = planned.page
         chain = self.chains.get(page.name) or self.chains.get("")
         if chain is None:
-            remedy = "scan more of its pages, or choose --detector ours"
+            remedy = "scan more of its pages, or choose --detector matched_filter"
             raise RequestError(page.name, "no sheet tells how its scanner shows print", remedy=remedy)
         numbers = chain.numbers(grown_light(page, self.press_context), page.pixel_mm)
-        ignored = None
-        if planned.zones is not None:
-            at = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(numbers.shape[1])
-            ignored = planned.zones.holds("ignore", *at)
-        golden = GoldenSheet(
-            page=page.name,
-            golden=page.name,
-            light=numbers,
-            spread=chain.spread(numbers),
-            ignored=ignored,
-            pitch_mm=(geometry.pixel_pitch_mm, geometry.line_pitch_mm),
-            left_mm=geometry.left_mm(page.width_mm),
-            lead_in_mm=geometry.lead_in_mm,
-        )
-        return DrawnSheet(golden=golden, sensors=self.press_context.sensors, expected=planned)
-
-    def decided_again(self, stored: StoredArrays) -> Decision:
-        """See ``Detector``."""
-        volume = float(stored.array("volume", "f", (), finite=True))
-        return decision_of(volume, another=stored.wrong_page)
+        golden = Golden(name=page.name, light=numbers, spread=chain.spread(numbers))
+        pictures = replace(
+            self.press_context, sensors=()
+        )  # the drawn page is compared with numbers, not with light
+        sheet = GoldenDetector(press_context=pictures, goldens={page.name: golden}).prepare(planned)
+        return DrawnSheet(golden=sheet, sensors=self.press_context.sensors, expected=planned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

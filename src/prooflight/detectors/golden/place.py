@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Final, Self
 
 import cv2
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    Steps = Sequence[tuple[int, float, float]]
 
 TILE_PIXELS: Final = 32
 """Minimum side of a tile; large scans have larger ones, ``MOST_TILES`` along the longer side."""
@@ -66,6 +69,12 @@ LIKE: Final = 0.5
 """Minimum correlation of edges at an eighth of the resolution (0.98 and more on good scans). [-]"""
 LIKE_BENT: Final = 0.9
 """Minimum correlation if the field is bent: another page may be bent to look similar. [-]"""
+FED_OTHERWISE: Final = tuple(product((-0.01, -0.005, 0.0, 0.005, 0.01), (-0.009, 0.0, 0.009)))
+"""Stretches along and turns [rad] that are tried where a scan is less like its golden than ``LIKE_BENT``: a feeder
+stretches a sheet that goes in by its other edge by up to 0.8 % more or less, and turns it by up to half a degree
+between two scans."""
+FED_STEPS: Final = ((1, 3.0, 0.1),) * 3
+"""Last stages from there: what a device distorts across the sheet shows twice, by a pixel and more between tiles."""
 MOST_BENT: Final = 0.03
 """Maximum difference of displacements, as a share of the longer side: a stretch of 3 % or a turn of 1.7
 degrees."""
@@ -112,6 +121,10 @@ class GoldenPlace:
         places = np.stack([across - across.mean(), along - along.mean()]).reshape(2, -1)
         return np.asarray(self.nodes.reshape(2, -1) @ np.linalg.pinv(places), np.float64)
 
+    def shifted(self, by: tuple[float, float]) -> Self:
+        """Return the place that lies further across and along. [pixels]"""
+        return replace(self, nodes=self.nodes + np.array(by, np.float32)[:, None, None])
+
     def loose_pixels(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         """Return the increase of the edge tolerance, (lines, pixels): the field's bend in whole pixels.
 
@@ -156,7 +169,7 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
     slopes, bends = (_stiffness(rows, columns, order) for order in (1, 2))
     pictures = {shrink: (_small(golden, shrink, tile), _small(scan, shrink, tile)) for shrink in (1, 2, 4, 8)}
 
-    def stepped(where: GoldenPlace, steps: Sequence[tuple[int, float, float]]) -> GoldenPlace:
+    def stepped(where: GoldenPlace, steps: Steps) -> GoldenPlace:
         for shrink, bend_pixels, slope in steps:
             stiff = slopes / (slope * tile) ** 2 + bends / bend_pixels**2
             where = replace(where, nodes=_step(where, *pictures[shrink], shrink, stiff))
@@ -169,12 +182,30 @@ def place(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> GoldenPlace
     def penalised_likeness(where: GoldenPlace) -> float:
         return where.likeness - FAR * (np.hypot(*where.shift_pixels) / (REACH * max(golden.shape))) ** 2
 
-    tried = []
-    for shift in _first_shifts(golden, scan):
-        nodes = np.broadcast_to(np.array(shift, np.float32)[:, None, None], (2, rows, columns)).copy()
-        start = GoldenPlace(nodes=nodes, tile_pixels=tile, likeness=1.0)
-        tried += [compared(stepped(start, steps), 2) for steps in STARTS]
-    return compared(stepped(max(tried, key=penalised_likeness), STEPS), 8)
+    def best_from(starts: Sequence[GoldenPlace], further: Steps) -> GoldenPlace:
+        tried = [compared(stepped(start, steps), 2) for start in starts for steps in STARTS]
+        return compared(stepped(max(tried, key=penalised_likeness), further), 8)
+
+    flat = GoldenPlace(nodes=np.zeros((2, rows, columns), np.float32), tile_pixels=tile, likeness=1.0)
+    best = best_from([flat.shifted(shift) for shift, _ in _first_shifts(golden, scan)], STEPS)
+    if best.likeness >= LIKE_BENT:
+        return best
+    again = best_from([_fed_otherwise(*pictures[8], flat)], STEPS + FED_STEPS)
+    return max(best, again, key=lambda where: where.likeness)
+
+
+def _fed_otherwise(golden: NDArray[np.float32], scan: NDArray[np.float32], flat: GoldenPlace) -> GoldenPlace:
+    """Return the likeliest of the stretches and turns of ``FED_OTHERWISE``, both images eight times smaller."""
+    _, rows, columns = flat.nodes.shape
+    down, right = (np.mgrid[:rows, :columns] * np.float32(flat.tile_pixels)).astype(np.float32)
+    down, right = down - down.mean(), right - right.mean()
+    places = []
+    for along, turn in FED_OTHERWISE:
+        start = replace(flat, nodes=np.stack([-turn * down, turn * right + along * down]))
+        moved = start.moved(golden, shrink=8)
+        for shift, alike in _first_shifts(np.where(np.isfinite(moved), moved, scan), scan)[:1]:
+            places.append((alike, start.shifted((8 * shift[0], 8 * shift[1]))))
+    return max(places, key=lambda one: one[0], default=(0.0, flat))[1]
 
 
 def _small(image: NDArray[np.float32], shrink: int, tile: int) -> NDArray[np.float32]:
@@ -199,10 +230,10 @@ def _edges(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     return np.asarray(across + 1j * along, np.complex64)
 
 
-def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """Return shifts across and along with the greatest similarity of edges, to a coarse pixel, best first.
-
-    [pixels]
+def _first_shifts(
+    golden: NDArray[np.float32], scan: NDArray[np.float32]
+) -> list[tuple[tuple[float, float], float]]:
+    """Return shifts across and along [pixels] and their similarity of edges, to a coarse pixel, best first.
 
     Similarity is twice the correlation over the energy of both where they overlap: otherwise the shift of an
     array of pads would be underestimated, because a smaller shift has more overlap.
@@ -220,7 +251,10 @@ def _first_shifts(golden: NDArray[np.float32], scan: NDArray[np.float32]) -> lis
     alike -= FAR * np.add.outer((near / reach) ** 2, (near / reach) ** 2)
     peaks = (alike == cv2.dilate(alike, np.ones((5, 5)))) & (alike >= NEARLY * alike.max())
     order = np.argsort(-alike[peaks], kind="stable")[:CANDIDATES]
-    return [(float(near[x] * shrink), float(near[y] * shrink)) for y, x in np.argwhere(peaks)[order]]
+    return [
+        ((float(near[x] * shrink), float(near[y] * shrink)), float(alike[y, x]))
+        for y, x in np.argwhere(peaks)[order]
+    ]
 
 
 def _overlapping(energy: NDArray[np.float32], shifts: NDArray[np.int_]) -> NDArray[np.float64]:

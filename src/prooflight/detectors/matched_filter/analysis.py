@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.beat import beat_contrasts
 from prooflight.detectors.matched_filter.fit.binning import (
     binned_geometry,
@@ -28,11 +29,7 @@ from prooflight.detectors.matched_filter.fit.modes import (
     prepare_modes,
 )
 from prooflight.detectors.matched_filter.fit.moves import corrected
-from prooflight.detectors.matched_filter.fit.nuisance import (
-    PrintPrior,
-    ResidualVariance,
-    page_colours,
-)
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance, page_colours
 from prooflight.detectors.matched_filter.fit.residuals import in_register
 from prooflight.detectors.matched_filter.fit.unresolved import unresolved_places
 from prooflight.detectors.matched_filter.fit.zone_images import ZoneImages, ignored_tiles
@@ -45,15 +42,17 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
 from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction
+from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -153,6 +152,37 @@ def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tupl
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
 
+def without_arrays(design: PreparedPage) -> tuple[PreparedPage, dict[str, NDArray[Any]]]:
+    """Return a design without its large arrays, and those, except the raster, by name."""
+    large: dict[str, NDArray[Any] | None] = {
+        "levels": design.images.levels,
+        "windows": design.landmarks.windows,
+        "hidden": design.hidden,
+        "unresolved": design.unresolved,
+    }
+    bare = replace(
+        design,
+        page=replace(design.page, cmyk=np.zeros((1, 1, INKS), np.uint8)),
+        images=replace(design.images, levels=np.zeros((0, 0, 0), np.uint16)),
+        landmarks=replace(design.landmarks, windows=np.zeros(0, np.float32)),
+        hidden=None,
+        unresolved=None,
+    )
+    return bare, {name: array for name, array in large.items() if array is not None}
+
+
+def with_arrays(bare: PreparedPage, page: Page, arrays: Mapping[str, NDArray[Any]]) -> PreparedPage:
+    """Return the design of ``page`` of which ``without_arrays`` returned these."""
+    return replace(
+        bare,
+        page=page,
+        images=replace(bare.images, levels=arrays["levels"]),
+        landmarks=replace(bare.landmarks, windows=arrays["windows"]),
+        hidden=arrays.get("hidden"),
+        unresolved=arrays.get("unresolved"),
+    )
+
+
 def prepare_page(
     page: Page,
     expected: Prediction,
@@ -189,8 +219,19 @@ def prepare_page(
     if zones is not None:
         images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
         inside = inside & (images.images[0] < 0.5)
+    halftone, beat = HALFTONE, None
+    if screen is not None:
+        single = _beat(screen, sensors, geometry, correlated=False)
+        halftone = max(HALFTONE, float(np.sqrt(single.max())))
+        beat = _beat(screen, sensors, geometry, bins=bins)
     landmarks = prepare(
-        page, expected, sensors=sensors, geometry=geometry, prior=prior.of_place, ignored=ignored
+        page,
+        expected,
+        sensors=sensors,
+        geometry=geometry,
+        prior=prior.of_place,
+        halftone=halftone,
+        ignored=ignored,
     )
     overlaps = None
     if fringes:
@@ -210,16 +251,18 @@ def prepare_page(
         hidden=hidden_edges(modes, taken_as),
         specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
-        beat=None if screen is None else _beat(screen, sensors, geometry),
+        beat=beat,
     )
 
 
 def _beat(
-    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry
+    screen: tuple[Screen, InkLight], sensors: Sequence[SensorModel], geometry: ScanGeometry, **how: Any
 ) -> NDArray[np.float64]:
+    """Return ``beat_contrasts``, called with ``how``, of the sensor that sees most of the beat."""
     pitch_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
-    beats = [beat_contrasts(*screen, sensor.footprint, pitch_mm, bins_of(geometry)) for sensor in sensors]
-    return np.asarray(np.max(beats, axis=0))
+    return np.asarray(
+        np.max([beat_contrasts(*screen, sensor.footprint, pitch_mm, **how) for sensor in sensors], axis=0)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 import numpy as np
 from pydantic import Field
 
+from prooflight.detectors.cost import FLOOR_AREA_MM2
 from prooflight.detectors.false_alarm_rate import (
     GoodScores,
     Guarantee,
@@ -22,7 +23,7 @@ from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE, GlyphThr
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.page_kinds import kinds_of
-from prooflight.detectors.matched_filter.statistics.marks import FLOOR_AREA_MM2
+from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
 from prooflight.detectors.weighted_conformal import LabelledPages
@@ -44,8 +45,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import StoredArrays
     from prooflight.detectors.matched_filter.glyphs.scoring import ScoredGlyph, ScoredPage
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
+    from prooflight.detectors.print_prior import PrintPrior
 
 PAGES: Final = ("values", "page_features", "glyphs", "variation")
 """Arrays of ``GoodPages``."""
@@ -73,30 +76,6 @@ class GoodPages:
     tested."""
     variation: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(AMOUNTS), 2), np.float32))
     """(real pages that determine it, AMOUNTS, 2) ``page_variation``."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScannedPage:
-    """Data from the scan of one page of a job."""
-
-    name: str
-    score: float
-    values: NDArray[np.float32]
-    """(statistics,)"""
-    page_features: NDArray[np.float64]
-    """(PAGE_FEATURES,)"""
-    another: bool
-    """Whether the scan shows another page."""
-    digest: str
-    """Digest of the scan."""
-    variation: NDArray[np.float32]
-    """(AMOUNTS, 2) ``page_variation``."""
-    glyphs: float = NONE
-    """``ScoredPage.score``."""
-    floor_mm2: float = 0.0
-    """``FloorFinding.area_mm2``."""
-    design: str = ""
-    """Digest of the page's raster, which copies of a page share; empty: not computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +108,7 @@ class CalibratedDetector:
     told: tuple[LabelledPages, ...] = ()
     """Labelled pages of each recalibration, of which the last applies; empty: the detector was never
     recalibrated."""
-    name: str = "ours"
+    name: str = "matched_filter"
 
     @classmethod
     def calibrated(
@@ -214,6 +193,21 @@ class CalibratedDetector:
         return detector
 
     @property
+    def print_prior(self) -> PrintPrior:
+        """See ``StatesPrintPrior``."""
+        return self.model.prior
+
+    @property
+    def trials(self) -> str:
+        """See ``StatesTrials``: the share of trial misprints that the ranking caught at this threshold."""
+        ranking = shipped_ranking()
+        return (
+            f"In its trials the ranking caught {ranking.caught(self.threshold):.0%} of {len(ranking.misprints):,} "
+            "simulated misprints at this threshold, barely visible ones included; a press may catch less: "
+            "docs/results/detector/stress.md."
+        )
+
+    @property
     def scores(self) -> PressScores:
         """Scores of good pages that set the threshold."""
         return _scores(self.references, self.own, real=self.real, counted=self.counted)
@@ -224,6 +218,19 @@ class CalibratedDetector:
         if not self.pages.glyphs.size:
             return None
         return GlyphThreshold(own=self.pages.glyphs, rate=SHARE * self.trained_rate)
+
+    def score_again(self, stored: StoredArrays) -> float:
+        """Return a page's score as a whole from its evidence; RequestError: it is not of this detector."""
+        model = self.model
+        values = stored.array("values", "fiu", (len(model.statistics),))
+        features = (
+            "portrait" if "portrait" in stored.stored_arrays else "page_features"
+        )  # as up to press schema 10
+        page_features = stored.array(features, "f", model.centre.shape[1:], finite=True)
+        widening = 1.0  # of evidence from before there was any
+        if "widening" in stored.stored_arrays:
+            widening = max(float(stored.array("widening", "f", (), finite=True)), 1.0)
+        return score_of(model.widened(widening), values, page_features, another=stored.wrong_page)
 
     def wrong_glyphs(self, page: ScoredPage) -> tuple[ScoredGlyph, ...]:
         """Return the glyphs that alarm by themselves, the worst first.
@@ -314,7 +321,7 @@ class CalibratedDetector:
         if len(self.pages.variation):  # absent if no real page was learned from
             scores["variation"] = self.pages.variation
         for number, labelled in enumerate(self.told):
-            scores |= {f"told{number}.{name}": array for name, array in labelled.arrays().items()}
+            scores |= {f"labelled{number}.{name}": array for name, array in labelled.arrays().items()}
         return scores | {f"tolerance.{name}": array for name, array in self.model.arrays().items()}
 
     def facts(self) -> dict[str, Any]:
@@ -329,22 +336,24 @@ class CalibratedDetector:
             "tolerance": model,
         }
         if self.told:  # a press without recalibration keeps its old format
-            facts["told"] = [labelled.facts() for labelled in self.told]
+            facts["labelled"] = [labelled.facts() for labelled in self.told]
             if self.real and self.counted:
                 facts["counted"] = True
         return facts
 
     @staticmethod
-    def check(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, under: str = "") -> None:
-        """Check parts for ``from_parts``.
+    def check(
+        arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], *, sensors: int = 1, under: str = ""
+    ) -> None:
+        """Check parts for ``from_parts``; its statistics are of any number of sensors.
 
         Misfit: this version cannot judge by them. under: prefix of their names.
         """
         stated = checked(CalibratedFacts, facts, under=under)
         mark = "tolerance."
         DetectorModel.check(part_of(arrays, mark), stated.tolerance, under=under + mark)
-        marks = [f"told{number}." for number in range(len(stated.told))]
-        for label_mark, pages in zip(marks, stated.told, strict=True):
+        marks = [f"labelled{number}." for number in range(len(stated.labelled))]
+        for label_mark, pages in zip(marks, stated.labelled, strict=True):
             LabelledPages.check(part_of(arrays, label_mark), pages, under=under + label_mark)
         own = {name: a for name, a in arrays.items() if not name.startswith((mark, *marks))}
         sizes = {"statistics": len(stated.tolerance["names"]), "features": PAGE_FEATURES}
@@ -368,11 +377,11 @@ class CalibratedDetector:
             misprint_rate=facts["misprint_rate"],
             pages=GoodPages(**{name: arrays[name] for name in PAGES if name in arrays}),
             real=facts["real"],
-            counted=facts.get("counted", not facts.get("told")),
+            counted=facts.get("counted", not facts.get("labelled")),
         )
-        for number, pages in enumerate(facts.get("told", ())):
+        for number, pages in enumerate(facts.get("labelled", ())):
             detector = detector.recalibrated(
-                LabelledPages.from_parts(part_of(arrays, f"told{number}."), pages)
+                LabelledPages.from_parts(part_of(arrays, f"labelled{number}."), pages)
             )
         return detector
 
@@ -397,7 +406,7 @@ class CalibratedFacts(Block):
     real: Count
     tolerance: dict[str, Any]
     counted: bool = False
-    told: Annotated[tuple[dict[str, Any], ...], Field(max_length=MAX_RECALIBRATIONS)] = ()
+    labelled: Annotated[tuple[dict[str, Any], ...], Field(max_length=MAX_RECALIBRATIONS)] = ()
 
 
 TABLE: Final = {
@@ -407,7 +416,7 @@ TABLE: Final = {
     "values": ArraySpec(dtype="float32", shape=("pages", "statistics")),
     "page_features": ArraySpec(dtype="float64", shape=("pages", "features")),
     "glyphs": ArraySpec(dtype="float64", shape=("pages",), absent=True),
-    "variation": ArraySpec(dtype="float32", shape=("told", len(AMOUNTS), 2), absent=True),
+    "variation": ArraySpec(dtype="float32", shape=("varied", len(AMOUNTS), 2), absent=True),
 }
 
 

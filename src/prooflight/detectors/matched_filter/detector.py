@@ -8,15 +8,22 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
-from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE, score_of, statistics_vector
+from prooflight.detectors.devices import refuse_without_card
+from prooflight.detectors.matched_filter.analysis import (
+    analyse,
+    mode_sensors,
+    prepare_page,
+    with_arrays,
+    without_arrays,
+)
+from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
@@ -41,23 +48,31 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import MODES,
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
 from prooflight.detectors.matched_filter.variation import page_variation
+from prooflight.detectors.matched_filter.visibility import on_tint, visible_marks
+from prooflight.detectors.matched_filter.zone_pricing import MatchedFilterPricing
 from prooflight.detectors.matched_filter.zones import ZonedJudge, careful_statistics
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Verdict
+from prooflight.pages.zones.zone import KINDS as ZONE_KINDS
 from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, PlannedPage, PressContext
-    from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
+    from prooflight.detectors.base import Area, PlannedPage, PreparedPage, PressContext
+    from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
+    from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
     from prooflight.detectors.verdict import Decision, Region
+    from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.pages.raster import Page
-    from prooflight.pages.zones.zone import PageZones
+    from prooflight.pages.zones.zone import Kind, PageZones
+    from prooflight.prediction.tables import SensorModel
     from prooflight.scans.scan import Scan
 
 PICTURED_TILES: Final = 2
@@ -91,6 +106,59 @@ class MatchedFilterDetector(ContextDetector):
         """See ``Detector``."""
         return str(self.calibrated.guarantee)
 
+    @property
+    def false_alarm_rate(self) -> float:
+        """See ``Detector``."""
+        return self.calibrated.guarantee.rate
+
+    @property
+    def zone_kinds(self) -> frozenset[Kind]:
+        """See ``Detector``."""
+        return frozenset(ZONE_KINDS)
+
+    @property
+    def zone_pricing(self) -> MatchedFilterPricing:
+        """See ``PricesZones``."""
+        return MatchedFilterPricing(calibrated=self.calibrated)
+
+    def at(self, press_context: PressContext) -> Self:
+        """See ``Detector``; RequestError: there is no graphics card."""
+        if press_context.device == "gpu":
+            refuse_without_card()
+        return replace(self, press_context=press_context)
+
+    def for_learning(self) -> Self:
+        """See ``LearnsPages``."""
+        return replace(self, in_full=True)
+
+    def visible_marks(self, planned: PlannedPage) -> VisibleMarks:
+        """See ``ShowsVisibleMarks``."""
+        page = self.prepare(planned)
+        return visible_marks(page.prepared_page, page.model, self.calibrated.threshold, self.press_context)
+
+    def visible_on_tint(self, black: float) -> tuple[float, float]:
+        """See ``ShowsVisibleMarks``."""
+        return on_tint(self.calibrated, self.press_context, black)
+
+    def stored(self, page: PreparedPage) -> tuple[Any, Mapping[str, Sequence[SensorModel]]]:
+        """See ``StoresPages``: without what the press holds."""
+        assert isinstance(page, MatchedFilterPage)
+        shared = {"camera": page.prepared_page.landmarks.sensors, "binned": page.prepared_page.binned_sensors}
+        return (page.prepared_page, page.inks, page.widening), shared
+
+    def shared_sensors(self) -> Mapping[str, Sequence[SensorModel]]:
+        """See ``StoresPages``."""
+        sensors = self.press_context.sensors
+        return {"camera": sensors, "binned": mode_sensors(sensors, self.press_context.geometry)}
+
+    def restored(self, stored: Any) -> MatchedFilterPage:
+        """See ``StoresPages``."""
+        design, inks, widening = stored
+        model = self.calibrated.model.widened(widening)
+        return MatchedFilterPage(
+            detector=self, prepared_page=design, inks=inks, model=model, widening=widening
+        )
+
     def prepare(self, planned: PlannedPage) -> MatchedFilterPage:
         """See ``Detector``."""
         press_context = planned.press_context
@@ -119,16 +187,12 @@ class MatchedFilterDetector(ContextDetector):
 
     def decided_again(self, stored: StoredArrays) -> Decision:
         """See ``Detector``."""
-        model, another = self.calibrated.model, stored.wrong_page
         with np.errstate(all="ignore"):  # the caller checks results that are not finite
-            values = stored.array("values", "fiu", (len(model.statistics),))
-            page_features = stored.array("portrait", "f", model.centre.shape[1:], finite=True)
-            model = model.widened(_widening_of(stored))
+            score = self.calibrated.score_again(stored)
             glyphs = float(stored.array("glyphs", "f", ())) if "glyphs" in stored.stored_arrays else NONE
             floor_mm2 = (
                 float(stored.array("floor_mm2", "f", ())) if "floor_mm2" in stored.stored_arrays else 0.0
             )
-            score = score_of(model, values, page_features, another=another)
             zoned = ZonedJudge.from_stored(stored)
             if zoned is None:
                 return self.calibrated.decide(score, glyphs, floor_mm2)
@@ -146,7 +210,7 @@ class MatchedFilterPage:
     """A page with its landmarks and the modes in which its print may go wrong."""
 
     detector: MatchedFilterDetector
-    prepared_page: PreparedPage
+    prepared_page: PreparedDesign
     inks: str
     """Letters of CMYK that the page has."""
     model: DetectorModel
@@ -169,6 +233,22 @@ class MatchedFilterPage:
     def leaves_lost_lines_out(self) -> bool:
         """See ``LeavesLostLinesOut``."""
         return True
+
+    @property
+    def of_press(self) -> object:
+        """See ``PacksArrays``."""
+        return self.detector, self.prepared_page.binned_sensors
+
+    def without_arrays(self) -> tuple[MatchedFilterPage, dict[str, NDArray[Any]]]:
+        """See ``PacksArrays``; a graphics card keeps the images of its designs, and they are not packed."""
+        if self.detector.press_context.device != "cpu":
+            return self, {}
+        bare, arrays = without_arrays(self.prepared_page)
+        return replace(self, prepared_page=bare), arrays
+
+    def with_arrays(self, page: Page, arrays: Mapping[str, NDArray[Any]]) -> MatchedFilterPage:
+        """See ``PacksArrays``."""
+        return replace(self, prepared_page=with_arrays(self.prepared_page, page, arrays))
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""
@@ -239,7 +319,7 @@ class MatchedFilterPage:
             | {
                 "wrong_page": np.array(another),
                 "values": values,
-                "portrait": page_features,
+                "page_features": page_features,
                 "widening": np.array(self.widening),
                 "glyphs": np.array(glyphs.score),
                 "floor_mm2": np.array(floor.area_mm2),
@@ -259,13 +339,6 @@ class MatchedFilterPage:
         if self.detector.calibrated.told:
             return np.array([decision.score]) if np.isfinite(decision.score) else None
         return summary_of(self.model, values, self.prepared_page.page_features, score=score)
-
-    def whole_score(self, inspection: Inspection) -> float:
-        """Return the score of the page as a whole in one of its inspections, without careful areas."""
-        stored = StoredArrays(inspection.stored_arrays, self.detector.name)
-        values = stored.array("values", "fiu", (len(self.model.statistics),))
-        score = score_of(self.model, values, self.prepared_page.page_features, another=stored.wrong_page)
-        return score if np.isfinite(score) else WRONG_PAGE
 
     def _analysed(self, scan: Scan) -> tuple[ScanAnalysis, list[Observed], float]:
         """Return the analysis of a scan, its statistics and its score.
@@ -386,13 +459,6 @@ def _regions(
     return regions_of(
         [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
     )
-
-
-def _widening_of(stored: StoredArrays) -> float:
-    """Return the stored widening; 1 for evidence from before there was any."""
-    if "widening" not in stored.stored_arrays:
-        return 1.0
-    return max(float(stored.array("widening", "f", (), finite=True)), 1.0)
 
 
 def summary_of(

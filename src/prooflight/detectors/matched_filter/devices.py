@@ -1,17 +1,14 @@
-"""Where our detector's images are computed: on the processor, or on a graphics card."""
+"""What computes our detector's images: the processor, or a graphics card."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from prooflight.detectors.matched_filter.scan_images import HostImages
-from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from prooflight.detectors.base import Device
     from prooflight.detectors.matched_filter.scan_images import Engine
-
-REMEDY: Final = "leave it out, or install prooflight[gpu] on a machine with an NVIDIA card and its driver"
 
 
 def engine_of(device: Device) -> Engine:
@@ -21,20 +18,3 @@ def engine_of(device: Device) -> Engine:
     from prooflight.detectors.matched_filter.card_images import card_engine
 
     return card_engine()
-
-
-def engine_name(device: Device) -> str:
-    """Return the name of what computes: cpu, or gpu with the card's name and the version of its driver."""
-    if device == "cpu":
-        return "cpu"
-    from prooflight.kernels.gpu.runners import card_name
-
-    return f"gpu: {card_name()}"
-
-
-def refuse_without_card() -> None:
-    """Raise RequestError where no card can be used."""
-    from prooflight.kernels.gpu.runners import lacking
-
-    if (lacks := lacking()) is not None:
-        raise RequestError("--device gpu", lacks, remedy=REMEDY)

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior, ResidualVariance
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
@@ -30,6 +30,7 @@ from prooflight.detectors.matched_filter.screen import Screen, screened
 from prooflight.detectors.matched_filter.screen import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.files.schema import (
     ArraySpec,
     Block,

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.modes import AddedInks, PixelMap, QuantisedImages
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, PrintPrior, ResidualVariance
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, ResidualVariance
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
+    from prooflight.detectors.print_prior import PrintPrior
     from prooflight.pages.raster import Page
     from prooflight.prediction.printed import PrintedPage
     from prooflight.prediction.tables import SensorModel

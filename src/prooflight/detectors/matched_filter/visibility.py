@@ -25,7 +25,6 @@ from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, pixel_map, prepare_modes
 from prooflight.detectors.matched_filter.ranking import alarming_evidence, deviation_at, marks_of
 from prooflight.detectors.matched_filter.statistics.marks import (
-    FLOOR_AREA_MM2,
     FLOOR_SIGMAS,
     NAMES,
     PLACE_CLASSES,
@@ -35,6 +34,7 @@ from prooflight.detectors.matched_filter.statistics.marks import (
     speck_shares,
     usual_t,
 )
+from prooflight.detectors.visible_marks import VisibleMarks
 from prooflight.kernels.residuals.residuals import VarianceShares, variances
 from prooflight.kernels.statistics.marks import CLASSES, LEAST_T, NOT_INSPECTED, SIZES, WINDOWS
 from prooflight.pages.raster import MM_PER_INCH, Page
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import PressContext
+    from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
-    from prooflight.detectors.matched_filter.detector import MatchedFilterPage
     from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.marks import Places
@@ -327,98 +327,38 @@ def _size_of(
     return np.interp(np.nan_to_num(cover, nan=np.inf), covers, sizes_mm, right=np.inf)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceRow:
-    """Detection limits on places of one class; sizes in millimetres, infinite: nothing alarms."""
-
-    place: str
-    """Description of the class."""
-    share: float
-    """Share of the inspected area. [-]"""
-    spot_mm: float
-    """Median over the places."""
-    worst_spot_mm: float
-    hair_mm: float
-    worst_hair_mm: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class VisibleMarks:
-    """The smallest spot and the narrowest hair that alarm at each place of a page."""
-
-    spot_mm: NDArray[np.float32]
-    """(lines, pixels) diameter of a spot of ``SPOT_BLACK``; infinite: none alarms; NaN: not inspected.
-    [mm]"""
-    hair_mm: NDArray[np.float32]
-    """(lines, pixels) width of a hair of ``HAIR_BLACK``, ``HAIR_MM`` long; likewise. [mm]"""
-    place: NDArray[np.uint8]
-    """(lines, pixels) index in ``PLACE_CLASSES``, or ``NOT_INSPECTED``."""
-    left_mm: float
-    """Position of the first pixel's corner on the page. [mm]"""
-    top_mm: float
-    pixel_mm: float
-    line_mm: float
-    page_mm: tuple[float, float]
-    """Width and height of the page. [mm]"""
-
-    @classmethod
-    def of(cls, prepared: MatchedFilterPage) -> Self:
-        """Compute the limits of a page that is prepared for its scans."""
-        design, model, press_context = prepared.prepared_page, prepared.model, prepared.detector.press_context
-        sensors, geometry = design.binned_sensors, design.binned_geometry
-        inside = pixel_map(design.page, geometry, IN_PLACE).inside
-        if design.zones is not None:
-            inside &= design.zones.images[0] < 0.5
-        expected = ExpectedPage.of(
-            design.page,
-            Modes(images=design.images.values, sensors=len(sensors)),
-            inside,
-            sensors=sensors,
-            geometry=geometry,
-            residual_variance=model.residual_variance,
-            unresolved=design.unresolved,
-            hidden=design.hidden,
-            threads=press_context.threads or 1,
-        )
-        limiting_t = limits(
-            model, prepared.detector.calibrated.threshold, design.page_features, expected.windows
-        )
-        spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, press_context.floor_share)
-        return cls(
-            spot_mm=spot,
-            hair_mm=hair,
-            place=expected.places.of_windows[0],
-            left_mm=-geometry.left_mm(design.page.width_mm),
-            top_mm=-geometry.lead_in_mm,
-            pixel_mm=geometry.pixel_pitch_mm,
-            line_mm=geometry.line_pitch_mm,
-            page_mm=(design.page.width_mm, design.page.height_mm),
-        )
-
-    def rows(self) -> list[PlaceRow]:
-        """Return a row for each class of place on the page."""
-        inspected = np.count_nonzero(self.place != NOT_INSPECTED)
-        result = []
-        for number, name in enumerate(PLACE_CLASSES):
-            here = self.place == number
-            if here.any():
-                spot, hair = self.spot_mm[here], self.hair_mm[here]
-                result.append(
-                    PlaceRow(
-                        place=NAMES[name],
-                        share=float(np.count_nonzero(here) / inspected),
-                        spot_mm=_median(spot),
-                        worst_spot_mm=float(spot.max()),
-                        hair_mm=_median(hair),
-                        worst_hair_mm=float(hair.max()),
-                    )
-                )
-        return result
-
-
-def _median(sizes: NDArray[np.float32]) -> float:
-    """Return the upper median, because the mean of two values of which one is infinite is infinite."""
-    return float(np.sort(sizes)[sizes.size // 2])
+def visible_marks(
+    design: PreparedPage, model: DetectorModel, threshold: float, press_context: PressContext
+) -> VisibleMarks:
+    """Compute the limits of a page that is prepared for its scans, judged by this model at this threshold."""
+    sensors, geometry = design.binned_sensors, design.binned_geometry
+    inside = pixel_map(design.page, geometry, IN_PLACE).inside
+    if design.zones is not None:
+        inside &= design.zones.images[0] < 0.5
+    expected = ExpectedPage.of(
+        design.page,
+        Modes(images=design.images.values, sensors=len(sensors)),
+        inside,
+        sensors=sensors,
+        geometry=geometry,
+        residual_variance=model.residual_variance,
+        unresolved=design.unresolved,
+        hidden=design.hidden,
+        threads=press_context.threads or 1,
+    )
+    limiting_t = limits(model, threshold, design.page_features, expected.windows)
+    spot, hair = _spot_and_hair(expected, limiting_t, model, sensors, geometry, press_context.floor_share)
+    return VisibleMarks(
+        spot_mm=spot,
+        hair_mm=hair,
+        place=expected.places.of_windows[0],
+        classes=tuple(NAMES[name] for name in PLACE_CLASSES),
+        left_mm=-geometry.left_mm(design.page.width_mm),
+        top_mm=-geometry.lead_in_mm,
+        pixel_mm=geometry.pixel_pitch_mm,
+        line_mm=geometry.line_pitch_mm,
+        page_mm=(design.page.width_mm, design.page.height_mm),
+    )
 
 
 def _spot_and_hair(
@@ -469,13 +409,3 @@ def on_tint(detector: CalibratedDetector, press_context: PressContext, black: fl
     x_mm, y_mm = geometry.centres_x_mm(page.width_mm), geometry.centres_y_mm(len(spot))
     line, pixel = np.abs(y_mm - page.height_mm / 2).argmin(), np.abs(x_mm - page.width_mm / 2).argmin()
     return float(spot[line, pixel]), float(hair[line, pixel])
-
-
-def floor_text(floor_share: float) -> str:
-    """Return a description of what is always a misprint; empty: there is no floor."""
-    if not floor_share:
-        return ""
-    return (
-        f"A flat place over {FLOOR_AREA_MM2:g} mm² that differs by more than {100 * floor_share:g} % of paper white is "
-        "always a misprint, whatever was learned, unless it is no more than a benign speck of the paper."
-    )

@@ -164,6 +164,10 @@ class BayesDetector:
     name: str = "bayes"
 
     @property
+    def false_alarm_rate(self) -> None:
+        """See ``EvidenceDetector``."""
+
+    @property
     def guarantee(self) -> str:
         """See ``EvidenceDetector``."""
         return "none: a page alarms where stopping costs less than letting pass"

@@ -52,6 +52,11 @@ class ChiSquare:
     name: str = "chi-square"
 
     @property
+    def false_alarm_rate(self) -> float:
+        """See ``EvidenceDetector``."""
+        return 1 / self.good_pages_per_false_alarm
+
+    @property
     def guarantee(self) -> str:
         """See ``EvidenceDetector``."""
         odds = f"{self.good_pages_per_false_alarm:,.0f}"

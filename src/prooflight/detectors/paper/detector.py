@@ -52,6 +52,11 @@ class PaperDetector(ContextDetector):
         """See ``Detector``."""
         return self.test.guarantee
 
+    @property
+    def false_alarm_rate(self) -> float | None:
+        """See ``Detector``."""
+        return self.test.false_alarm_rate
+
     def prepare(self, planned: PlannedPage) -> PaperPage:
         """See ``Detector``."""
         return PaperPage(detector=self, sought=SoughtPage.of(planned))

@@ -293,6 +293,11 @@ class EvidenceDetector(Protocol):
         """False-alarm rate that is guaranteed, in words."""
         ...
 
+    @property
+    def false_alarm_rate(self) -> float | None:
+        """The same as a number; None: none is guaranteed. [-]"""
+        ...
+
     def decide(self, evidence: Evidence) -> Decision:
         """Decide on one page by its evidence, which is not changed."""
         ...

@@ -20,7 +20,7 @@ from prooflight.pages.job import parse_pages
 from prooflight.pages.zones.zone import Calibration, Kind, PageZones, Zone, contested, share_ignored
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from prooflight.pages.raster import Page
@@ -59,6 +59,10 @@ class ZoneEntry(Block):
     """Polygon as corners in order. [mm]"""
 
 
+FIRST_PRICED: Final = "matched_filter"
+"""The detector of prices that name none, as all did that were made before others could be priced."""
+
+
 class PriceEntry(Block):
     """Good prints by which the zones were calibrated, and the price that was shown."""
 
@@ -72,6 +76,8 @@ class PriceEntry(Block):
     careful_scores: tuple[Number, ...]
     careful_mean: tuple[Number, ...]
     careful_sd: tuple[Positive, ...]
+    detector: Annotated[Name, Field(exclude_if=lambda name: name == FIRST_PRICED)] = FIRST_PRICED
+    """Name of the detector that they calibrate, whose scores are on a scale of its own."""
     told: tuple[dict[str, Any], ...] = ()
     """The price as it was shown, one row a zone."""
 
@@ -145,6 +151,14 @@ class JobZones:
         ordered = dict(sorted(of_pages.items()))
         return cls(document=document, of_pages=ordered, sizes_mm=tuple(sizes_mm))
 
+    def without(self, name: str) -> tuple[ZoneEntry, ...]:
+        """Return the zones except the one of this name; RequestError: there is none."""
+        left = tuple(one for one in self.document.zones if one.name != name)
+        if len(left) == len(self.document.zones):
+            names = ", ".join(repr(one.name) for one in self.document.zones[:5])
+            raise RequestError("zones", f"none is called {name!r}", remedy=f"name one of {names}")
+        return left
+
     @property
     def zones_digest(self) -> str:
         """SHA-256 of the zones alone, to which their price refers."""
@@ -154,6 +168,11 @@ class JobZones:
     def digest(self) -> str:
         """SHA-256 of all content: equal digests, equal verdicts."""
         return _digest(self.document.model_dump(mode="json", by_alias=True))
+
+    @property
+    def kinds(self) -> frozenset[Kind]:
+        """Kinds of its zones."""
+        return frozenset(zone.kind for zone in self.document.zones)
 
     def page(self, page: Page) -> PageZones | None:
         """Return the zones of a page as it enters the press, turned or not, as they were priced; None if it
@@ -192,8 +211,8 @@ class JobZones:
             for (one, other), number in pairs.items()
         ]
 
-    def refuse_unpriced(self, press_digest: str, *, where: object) -> None:
-        """Raise RequestError if the zones were not priced on this press.
+    def refuse_unpriced(self, press_digests: Collection[str], detector: str, *, where: object) -> None:
+        """Raise RequestError if the zones were not priced on the press of these digests, and for this detector.
 
         Without a price that was shown, no false-alarm rate is guaranteed.
         """
@@ -203,8 +222,11 @@ class JobZones:
         )
         if price is None:
             raise RequestError(where, "its zones have not been priced", remedy=remedy)
-        if price.press != press_digest:
+        if price.press not in press_digests:
             raise RequestError(where, "its zones were priced on another press", remedy=remedy)
+        if price.detector != detector:
+            what = f"its zones were priced for the detector {price.detector!r}"
+            raise RequestError(where, what, remedy=f"{remedy} --detector {detector}")
         if price.zones != self.zones_digest:
             raise RequestError(where, "its zones were changed after they had been priced", remedy=remedy)
 

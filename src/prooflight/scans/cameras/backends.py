@@ -11,8 +11,8 @@ from prooflight.scans.cameras.setting_up import set_up
 from prooflight.scans.cameras.viva import Viva
 
 if TYPE_CHECKING:
+    from prooflight.scans.camera_settings import CameraSettings
     from prooflight.scans.cameras.camera import Backend, Camera, CameraInfo
-    from prooflight.scans.cameras.setting_up import CameraSettings
 
 BACKENDS: Final[tuple[Backend, ...]] = (Aravis(), Viva(), Pylon())
 """Backends in order of preference."""

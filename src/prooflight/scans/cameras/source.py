@@ -20,11 +20,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.errors import ScanError
+from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.cameras.camera import Health
 from prooflight.scans.cameras.counting import LineCounter
 from prooflight.scans.cameras.liveness import Watchdog
 from prooflight.scans.cameras.pixel_formats import pixel_format
-from prooflight.scans.cameras.setting_up import CameraSettings, position, value_of
+from prooflight.scans.cameras.setting_up import position, value_of
 from prooflight.scans.lines import BLOCK_LINES, CAMERA_AWAY
 
 if TYPE_CHECKING:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeederPrior:
-    """Standard deviations of where a feeder lays its sheets; a press file's ``[scanner]`` may state others.
+    """Standard deviations of where a feeder lays its sheets, as ``[geometry]`` of a press file states them."""
 
-    Assumed: the greatest that twelve sheets on one office feeder had.
-    """
-
-    shift_mm: float = 2.7
+    shift_mm: float
     """Displacement of the sheet, across and along."""
-    skew_deg: float = 0.3
-    stretch_percent: float = 0.8
+    skew_deg: float
+    stretch_percent: float
     """Elongation of the sheet, across and along: rollers slip."""

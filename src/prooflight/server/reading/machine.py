@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from prooflight.detectors.registry import promises
 from prooflight.errors import ProoflightError
-from prooflight.inspection.registry import promises
 from prooflight.pages.layout.plan import facts_plan
 from prooflight.press.artefact import Press
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from scipy import special
 
+from prooflight.detectors.registry import detector as detector_of
+from prooflight.errors import RequestError
 from prooflight.journal.labels import FALSE_ALARM, UNKNOWN
 from prooflight.server.reading.report import report
 from prooflight.server.reading.runs import pages_to_review
@@ -172,6 +174,7 @@ def _rate(press: Press | None, detector: str) -> float | None:
     """Return the promised false-alarm rate; None if the detector gives none, or its press is not known."""
     if press is None:
         return None
-    if detector == "ours" and press.ours is not None:
-        return press.ours.guarantee.rate
-    return 1 / press.good_pages_per_false_alarm if detector == "chi-square" else None
+    try:
+        return detector_of(detector, press).false_alarm_rate
+    except RequestError:  # another press's, or one that is not installed here
+        return None

@@ -9,6 +9,8 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.detectors.optional import PricesZones
+from prooflight.detectors.registry import detector
 from prooflight.errors import JobError, ProoflightError
 from prooflight.pages.job import JobSource
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones
@@ -243,4 +245,6 @@ def _sizes(path: Path, _stamp: tuple[int, ...]) -> tuple[tuple[float, float], ..
 @lru_cache(maxsize=16)
 def _press(path: Path, stamp: tuple[int, ...]) -> GivenPress | None:
     loaded, digest = press_of(path, stamp)
-    return None if loaded.ours is None else GivenPress(path=path, name=loaded.name, digest=digest)
+    if not isinstance(detector(None, loaded), PricesZones):
+        return None
+    return GivenPress(path=path, name=loaded.name, digest=digest)

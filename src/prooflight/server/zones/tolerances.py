@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import RequestError
-from prooflight.line.granting import granted, is_tolerance, with_zone, without_zone
+from prooflight.line.granting import granted, is_tolerance, with_zone
 from prooflight.server.problems import Problem, not_found
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Tolerances:
         stored = self._stored(job)
         if stored is None or name not in {one.name for one in self.granted(job)}:
             raise not_found(f"no tolerance of this job is called {name[:80]!r}")
-        left = without_zone(stored, name)
+        left = stored.without(name)
         return self._drawn(job, stored, left) if left else None
 
     def grant(

@@ -41,7 +41,13 @@ LEAST_SHARE: Final = 1e-9
 
 @lru_cache(maxsize=8)
 def beat_contrasts(
-    screen: Screen, light: InkLight, footprint: Footprint, pitch_mm: tuple[float, float], bins: int = 1
+    screen: Screen,
+    light: InkLight,
+    footprint: Footprint,
+    pitch_mm: tuple[float, float],
+    bins: int = 1,
+    *,
+    correlated: bool = True,
 ) -> NDArray[np.float64]:
     """Return the variance of a screen's beat relative to a halftone's at unit contrast, by ink and tint.
 
@@ -57,11 +63,13 @@ def beat_contrasts(
         Pitch of the camera's pixels, across and along. [mm]
     bins
         Camera pixels that are taken together, each way.
+    correlated
+        Whether the variance is that of sums of pixels a pixel, or of single pixels.
 
     Returns
     -------
     NDArray
-        Variance over J^2 a (1 - a), times the factor of correlation, (4, LEVELS). [-]
+        Variance over J^2 a (1 - a), times the factor of correlation if ``correlated``, (4, LEVELS). [-]
     """
     across, along = (
         _seen_by(edges, footprint.reach_mm, pitch, MM_PER_INCH / screen.dpi)
@@ -79,7 +87,9 @@ def beat_contrasts(
             seen = seen[: rows * bins, : columns * bins].reshape(rows, bins, columns, bins).mean(axis=(1, 3))
             slope = float(np.interp(amount, steps, np.gradient(np.asarray(curve), steps)))
             halftone = max(slope**2 * amount * (1 - amount), LEAST_SHARE)
-            contrasts[ink, at] = _largest_mean_square(seen - seen.mean()) / halftone
+            beat = seen - seen.mean()
+            largest = _largest_mean_square(beat) if correlated else float((beat**2).mean())
+            contrasts[ink, at] = largest / halftone
     return contrasts
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import ndimage
 
 from prooflight.cmyk import INKS
-from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
 from prooflight.detectors.matched_filter.statistics.plane_shifts import plane_shifts
+from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.residuals import column_gains, take_columns
 from prooflight.kernels.statistics.streaks import levelled_parts, widened

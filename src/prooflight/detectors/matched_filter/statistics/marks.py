@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtri
 
+from prooflight.detectors.cost import FLOOR_AREA_MM2
 from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
 from prooflight.kernels.memory import unset
 from prooflight.kernels.statistics.marks import (
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import PrintPrior
     from prooflight.detectors.matched_filter.statistics.statistic import Box
+    from prooflight.detectors.print_prior import PrintPrior
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry
 
@@ -73,10 +74,6 @@ REFERENCE_WINDOWS: Final = 1e6
 difference that Gaussian theory states ..."""
 REFERENCE_T: Final = float(ndtri(1 - 1 / REFERENCE_WINDOWS))
 """... relative to this value."""
-FLOOR_AREA_MM2: Final = 0.1
-"""Minimum area of a difference beyond the floor: a spot of 0.36 mm. One more pixel is required, because a
-region's outline may be anywhere within its pixels: the darkest specks of good paper reach two pixels of 0.25
-mm."""
 LIGHTER, DARKER = 0, 1
 """Signs of a deviation, as indices."""
 FLOOR_FLAT: Final = 0.02

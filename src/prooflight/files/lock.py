@@ -1,4 +1,4 @@
-"""Lock by which one process writes a journal at a time; it ends with the process, however that ends."""
+"""Lock by which one process writes a file at a time; it ends with the process, however that ends."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
-from prooflight.journal.opening import ANOTHER, why
-from prooflight.journal.schema import JournalError
-
 if sys.platform != "win32":
     import fcntl
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from prooflight.errors import InputError
 
 PATIENCE_S: Final = 1.0
 """Time for which a writer tries: a reader that tests for a writer holds the lock for an instant."""
@@ -30,21 +29,27 @@ class WriterLock:
     handle: int
 
     @classmethod
-    def take(cls, journal: Path) -> Self:
-        """Take the lock; JournalError: another process holds it, or nothing can be written there."""
-        path = _lock_file(journal)
+    def take(cls, file: Path, *, error: type[InputError], wait: str, elsewhere: str) -> Self:
+        """Take the lock of a file.
+
+        Parameters
+        ----------
+        error : kind of error if the lock cannot be taken
+        wait : remedy if another process holds it
+        elsewhere : remedy if nothing can be written there
+        """
+        path = _lock_file(file)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT | PLAIN, 0o666)
-        except OSError as error:
-            what = f"cannot be written ({why(error)}: {path.name})"
-            raise JournalError(journal, what, remedy=ANOTHER) from error
+        except OSError as fault:
+            why = (fault.strerror or str(fault)).lower()
+            raise error(file, f"cannot be written ({why}: {path.name})", remedy=elsewhere) from fault
         give_up = time.monotonic() + PATIENCE_S
         while not _locked(handle, alone=True):
             if time.monotonic() > give_up:
                 os.close(handle)
-                what = "is being written by another process"
-                raise JournalError(journal, what, remedy="give this one its own with --journal")
+                raise error(file, "is being written by another process", remedy=wait)
             time.sleep(0.05)
         return cls(handle)
 
@@ -53,10 +58,10 @@ class WriterLock:
         os.close(self.handle)
 
 
-def writer_lives(journal: Path) -> bool:
-    """Return whether some process writes this journal now."""
+def writer_lives(file: Path) -> bool:
+    """Return whether some process holds the lock of this file now."""
     try:
-        handle = os.open(_lock_file(journal), os.O_RDONLY | PLAIN)
+        handle = os.open(_lock_file(file), os.O_RDONLY | PLAIN)
     except OSError:
         return False
     try:
@@ -65,8 +70,8 @@ def writer_lives(journal: Path) -> bool:
         os.close(handle)
 
 
-def _lock_file(journal: Path) -> Path:
-    return journal.with_name(journal.name + ".lock")
+def _lock_file(file: Path) -> Path:
+    return file.with_name(file.name + ".lock")
 
 
 def _locked(handle: int, *, alone: bool) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prooflight.commissioning.line_camera.file_edit import Edit, edited, write_edits
+from prooflight.commissioning.file_edit import Edit, edited, write_edits
 from prooflight.errors import PressFileError
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 

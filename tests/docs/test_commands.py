@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 import tifffile
+from packages.line.tests.cameras.scene_cameras import scene_camera
+from packages.line.tests.cameras.scenes import Scenes
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
-from tests.scans.cameras.scene_cameras import scene_camera
-from tests.scans.cameras.scenes import Scenes
 
 from prooflight.cmyk import NAME_OF_INK
 from prooflight.commissioning.build import build_press

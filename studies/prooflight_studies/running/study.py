@@ -19,13 +19,13 @@ from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
-from prooflight.line.settings import DEADLINE_S
 from prooflight.press.artefact import Press
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
+from prooflight_line.run.settings import DEADLINE_S
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row, soak_row

@@ -360,7 +360,7 @@ def inspect(
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
-    from prooflight.line.prepared_store import PreparedStore
+    from prooflight.inspection.prepared_store import PreparedStore
     from prooflight.pages.parallel import FEWEST_FOR_PROCESSES, in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source

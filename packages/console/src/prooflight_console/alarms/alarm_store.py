@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 MOST_SHELVED_S: Final = 12 * 3600.0
 """Longest time for which an alarm is shelved: a shift, so that the next one decides for itself. [s]"""
 LEAST_SHELVED_S: Final = 60.0
+HANDOVER_S: Final = 12 * 3600.0
+"""Time for which the page Now shows a note of hand-over: a shift. [s]"""
 MOST_REASON: Final = 300
 MOST_NOTE: Final = 4000
 CONSOLE: Final = "console"
@@ -162,9 +164,7 @@ class AlarmStore:
         with writing(self._engine).begin() as connection:
             added = connection.execute(insert(handovers_table).values(**values))
             number = int(added.inserted_primary_key[0])  # type: ignore[index]
-            audit.append(
-                connection, at_s=now_s, who=by, what="alarms.hand-over", target=f"note {number}"
-            )
+            audit.append(connection, at_s=now_s, who=by, what="alarms.hand-over", target=f"note {number}")
         self.version += 1
         return Handover(id=number, at_s=now_s, by=by, text=text, summary=summary)
 
@@ -175,6 +175,11 @@ class AlarmStore:
             query = query.where(handovers_table.c.id < before)
         with self._engine.begin() as connection:
             return [Handover(**row._asdict()) for row in connection.execute(query)]
+
+    def last_handover(self) -> Handover | None:
+        """Return the last note, if it was written within ``HANDOVER_S``; else None."""
+        notes = self.handovers(limit=1)
+        return notes[0] if notes and self.clock() - notes[0].at_s < HANDOVER_S else None
 
 
 def _shelving(values: dict[str, Any]) -> Shelving:

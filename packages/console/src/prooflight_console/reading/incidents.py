@@ -108,6 +108,20 @@ class LabelledIncident:
         return self.of_misprints and not (self.answered and self.word == FALSE_ALARM)
 
 
+def next_alarm(pending: Sequence[LabelledIncident], after: int | None = None) -> LabelledIncident | None:
+    """Return the most urgent alarm that nobody has seen, else the most urgent; None if there is none.
+
+    Parameters
+    ----------
+    pending
+        Alarms that need action, the most urgent first.
+    after
+        Number of an incident that is shown already.
+    """
+    others = [one for one in pending if one.incident.number != after]
+    return next((one for one in others if not one.seen), others[0] if others else None)
+
+
 @dataclass(slots=True)
 class _Tracked:
     tracker: Incidents = field(default_factory=Incidents)
@@ -160,6 +174,12 @@ class RunIncidents:
                 return labelled
         raise not_found(f"run {run.id} has no incident {number}")
 
+    def incident_by_sheet(self, run: RunRow) -> dict[int, int]:
+        """Return the incident that each sheet with an alarm belongs to, in order."""
+        tracked = self._read(run)
+        with tracked.guard:
+            return dict(tracked.of_sheet)
+
     def begun_s(self, run: RunRow) -> list[float]:
         """Return when alarms began or returned, in order, by the source's clock. [s]"""
         tracked = self._read(run)
@@ -199,26 +219,20 @@ class RunIncidents:
 
     def labels(self, run: RunRow) -> Callable[[int], Label | None]:
         """Return a function that gives the label in force for a sheet of the run."""
-        tracked = self._read(run)
-        with tracked.guard:
-            of_sheet = dict(tracked.of_sheet)
+        of_sheet = self.incident_by_sheet(run)
         labels = Labels(self._label_store.of_run(run_key(run)))
         return lambda sheet: labels.of(sheet, of_sheet.get(sheet))
 
     def sheets_of(self, run: RunRow, number: int) -> list[int]:
         """Return the sheets of an incident, in order."""
-        tracked = self._read(run)
-        with tracked.guard:
-            return [sheet for sheet, incident in tracked.of_sheet.items() if incident == number]
+        return [sheet for sheet, incident in self.incident_by_sheet(run).items() if incident == number]
 
     def sampled(self, run: RunRow) -> list[SampledSheet]:
         """Return the sheets of a run that were sampled for review, with their labels."""
         follower = self._reading.follower
         if follower is None:
             return []
-        tracked = self._read(run)
-        with tracked.guard:
-            of_sheet = dict(tracked.of_sheet)
+        of_sheet = self.incident_by_sheet(run)
         records = follower.sampled_pages(run.id, damaged=lambda _: None)
         return sampled_sheets(records, self._label_store.of_run(run_key(run)), of_sheet)
 

@@ -222,6 +222,7 @@ class Live:
             reprints=reprints,
             together=counts,
             gate=None if run is None else self._gate.of(run, reprints.gated),
+            handover=self._alarm_store.last_handover(),
             begun_s=() if run is None else self._incidents.begun_s(run),
         )
         return self._publish("now", facts.now_facts(self._now))

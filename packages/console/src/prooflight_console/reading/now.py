@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight_console.alarms.grouping import flood, single_and_grouped
 from prooflight_console.alarms.priority import BLIND, Priority
+from prooflight_console.reading.incidents import next_alarm
 from prooflight_line.journal.exporting import job_warnings
 from prooflight_line.run.pace import overload
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.inspection.sheets import Counts
+    from prooflight_console.alarms.alarm_store import Handover
     from prooflight_console.alarms.grouping import Group
     from prooflight_console.reading.gate_health import GateHealth
     from prooflight_console.reading.incidents import LabelledIncident
@@ -104,6 +106,8 @@ class Now:
     """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
     """Health of the gate; None if the run has no gate."""
+    handover: Handover | None = None
+    """The last note of hand-over, if it is of the last shift."""
     overload: tuple[int, int] | None = None
     """Late sheets, and how many of the last they are of; None if inspection keeps pace."""
 
@@ -127,6 +131,11 @@ class Now:
     def upto(self) -> int:
         """Last sheet of these incidents: an acknowledgement of all covers no later one."""
         return max((one.incident.last_sheet for one in self.incidents), default=0)
+
+    @property
+    def next(self) -> LabelledIncident | None:
+        """The incident to look at next."""
+        return next_alarm(self.incidents)
 
     @property
     def shown(self) -> tuple[list[LabelledIncident], list[Group]]:
@@ -161,6 +170,7 @@ def now(
     together: Counts | None = None,
     gate: GateHealth | None = None,
     begun_s: Sequence[float] = (),
+    handover: Handover | None = None,
 ) -> Now:
     """Return the current state of the press.
 
@@ -208,6 +218,7 @@ def now(
         health=last,
         together=together,
         gate=gate,
+        handover=handover,
         overload=slow,
     )
 

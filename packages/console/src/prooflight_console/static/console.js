@@ -22,6 +22,18 @@ one("theme")?.addEventListener("click", () => {
   document.dispatchEvent(new Event("prooflight:theme"));
 });
 
+// --- from alarm to alarm: N opens the next one, arrows the neighbours; a list shows what was done to it ---
+
+document.addEventListener("keydown", (event) => {
+  if (event.target.closest("input, textarea, select, .pane") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const neighbour = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
+  const sought = neighbour ? `a[rel="${neighbour}"]` : `a[data-go="${CSS.escape(event.key.toUpperCase())}"]`;
+  document.querySelector(sought)?.click();
+});
+document.addEventListener("htmx:afterRequest", (event) => {
+  if (event.detail.successful && "reload" in event.target.dataset) location.reload();
+});
+
 // --- the menu closes by itself ---
 
 document.addEventListener("click", (event) => {
@@ -54,7 +66,7 @@ if (welcome) {
 // --- sound of alarms that nobody has answered ---
 
 const Sound = {
-  on: localStorage.getItem("sound") === "on",
+  on: localStorage.getItem("sound") !== "off",
   context: null,
   timer: 0,
   alarm: false,
@@ -86,6 +98,7 @@ const Sound = {
     this.beep(660, 0.25, 0.22);
   },
   beep(hertz, seconds, after = 0) {
+    if (!navigator.userActivation?.hasBeenActive) return; // until somebody touches the page, browsers allow no sound
     this.context ??= new AudioContext();
     if (this.context.state === "suspended") this.context.resume().catch(() => {});
     const at = this.context.currentTime + after;

@@ -13,6 +13,7 @@ from fastapi.responses import HTMLResponse, Response
 
 from prooflight.errors import RequestError
 from prooflight_console.alarms.priority import Priority
+from prooflight_console.alarms.statistics import MOST_FREQUENT
 from prooflight_console.api.common import IncidentNumber, RunId, console
 from prooflight_console.pages.drawings import bars
 from prooflight_console.pages.shell import OperatorPage, ViewerPage, language_of, page
@@ -32,6 +33,10 @@ router = APIRouter(include_in_schema=False)
 Show = Literal["pending", "standing", "ended", "shelved", "all"]
 AT_ONCE: Final = 50
 NOTES: Final = 10
+LEAST_HOURS: Final = 1.0
+"""Time of operation before which no figure is judged. [h] assumed: ISA-18.2's own figures are per hour."""
+MOST_FREQUENT_SHARE: Final = 0.05
+"""Greatest share of the ten most frequent alarms (ISA-18.2, clause 16)."""
 SELECTED: Final[dict[Show, Callable[[LabelledIncident], bool]]] = {
     "pending": lambda one: one.needs_action and not one.shelved,
     "standing": lambda one: one.incident.open,
@@ -146,6 +151,7 @@ def statistics_page(
         figures=figures,
         hours=hours,
         spans=SPANS_H,
+        judged=judged(figures),
         rows=compared(figures, language_of(request, who)),
         kinds=bars(figures.statistics.kinds),
         most=max(figures.bins, default=0),
@@ -163,31 +169,46 @@ class Compared:
 
 
 def compared(figures: AlarmFigures, t: Language) -> list[Compared]:
-    """Return the measures of ISA-18.2 that a console can compute, with their targets (2016, clause 16)."""
+    """Return the measures of ISA-18.2 that a console can compute, with their targets (2016, clause 16).
+
+    None is judged before an hour of operation; the share of the most frequent alarms not before there are so
+    many alarms that it can meet its target.
+    """
     of = figures.statistics
     high = of.priorities[Priority.HIGH] / of.alarms if of.alarms else 0.0
     shares = " · ".join(
         percent(count / of.alarms if of.alarms else 0.0, t) for count in of.priorities.values()
     )
     rate = "–" if of.per_hour is None else t.number(of.per_hour, 1)
+    enough = of.alarms * MOST_FREQUENT_SHARE > MOST_FREQUENT
+    rows = (
+        ("per-hour", rate, "≤ 6 (12)", (of.per_hour or 0.0) > 12),
+        ("most-in-period", t.number(of.most_in_period), "≤ 10", of.most_in_period > 10),
+        ("flood", percent(of.flood_share, t), "< 1 %", of.flood_share >= 0.01),
+        ("hours-above", percent(of.hours_above_share, t), "< 1 %", of.hours_above_share >= 0.01),
+        (
+            "frequent",
+            percent(of.most_frequent_share, t),
+            "≤ 5 %",
+            enough and of.most_frequent_share > MOST_FREQUENT_SHARE,
+        ),
+        ("stale", t.number(figures.stale), "< 5", figures.stale >= 5),
+        ("priorities", shares, "5 · 15 · 80 %", high > 0.05),
+    )
     return [
-        _row("per-hour", rate, "≤ 6 (12)", above=(of.per_hour or 0.0) > 12),
-        _row("most-in-period", t.number(of.most_in_period), "≤ 10", above=of.most_in_period > 10),
-        _row("flood", percent(of.flood_share, t), "< 1 %", above=of.flood_share >= 0.01),
-        _row("hours-above", percent(of.hours_above_share, t), "< 1 %", above=of.hours_above_share >= 0.01),
-        _row("frequent", percent(of.most_frequent_share, t), "≤ 5 %", above=of.most_frequent_share > 0.05),
-        _row("stale", t.number(figures.stale), "< 5", above=figures.stale >= 5),
-        _row("priorities", shares, "5 · 15 · 80 %", above=high > 0.05),
+        Compared(name=name, here=here, target=target, above=above and judged(figures))
+        for name, here, target, above in rows
     ]
+
+
+def judged(figures: AlarmFigures) -> bool:
+    """Return whether there was enough operation to compare the figures with their targets."""
+    return figures.statistics.hours >= LEAST_HOURS
 
 
 def percent(share: float, t: Language) -> str:
     """Return a share in percent."""
     return f"{t.number(100 * share, 0 if share >= 0.1 else 1)}\N{NO-BREAK SPACE}%"
-
-
-def _row(name: str, here: str, target: str, *, above: bool) -> Compared:
-    return Compared(name=name, here=here, target=target, above=above)
 
 
 @router.get("/alarms/hand-over")

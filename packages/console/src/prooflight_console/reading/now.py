@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight_console.alarms.grouping import flood, single_and_grouped
-from prooflight_console.alarms.priority import BLIND, Priority
+from prooflight_console.alarms.priority import BLIND, GOES_ON, Priority
 from prooflight_console.reading.incidents import next_alarm
 from prooflight_line.journal.exporting import job_warnings
 from prooflight_line.run.pace import overload
@@ -37,10 +37,10 @@ State = Literal[
 ]
 """State of the press.
 
-waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: a misprint of high
-priority goes on. blind: sheets are not inspected, one after the other. look: an alarm of medium priority needs
-action. good: none does, though one of low priority may. silent: no sheet comes. fault, interrupted, ended: how the
-run ended.
+waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: misprints go on, of one
+cause or of several, and the press has not stopped since somebody saw them. blind: sheets are not inspected, one
+after the other. look: an alarm of medium priority needs action. good: none does, though one of low priority may.
+silent: no sheet comes. fault, interrupted, ended: how the run ended.
 """
 SILENT_S: Final = 10.0
 """Time without a sheet after which the camera is reported as silent, as ``watch`` does. [s]"""
@@ -119,8 +119,13 @@ class Now:
     @property
     def alarm(self) -> bool:
         """Whether the alarm should sound."""
-        unseen = any(not one.seen and one.priority is Priority.HIGH for one in self.incidents)
-        return unseen or self.state == "overload"
+        unseen = any(not one.seen and one.priority is not Priority.LOW for one in self.incidents)
+        return self.state == "overload" or (self.state in ("stop", "blind") and unseen)
+
+    @property
+    def affected(self) -> int:
+        """Number of the last sheets that these incidents cost, whatever the causes."""
+        return _affected(self.incidents)
 
     @property
     def unseen(self) -> int:
@@ -190,12 +195,13 @@ def now(
     shelved = [one for one in incidents if one.shelved]
     last = health(pages, quiet_s=quiet_s if going else None)
     slow = overload(pages)
+    stands = last.camera == "bad"
     state: State = "no-run"
     if run is not None:
         urgent = pending[0] if pending else None
         if going and slow is not None:
             state = "overload"
-        elif going and urgent is not None and urgent.priority is Priority.HIGH:
+        elif going and urgent is not None and _affected(pending) >= GOES_ON and not (stands and urgent.seen):
             state = "blind" if urgent.incident.kind in BLIND else "stop"
         elif run.state in ("fault", "interrupted"):
             state = "fault" if run.state == "fault" else "interrupted"
@@ -203,7 +209,7 @@ def now(
             state = "ended"
         elif not pages:
             state = "waiting"
-        elif last.camera == "bad":
+        elif stands:
             state = "silent"
         else:
             state = "look" if any(one.priority is not Priority.LOW for one in pending) else "good"
@@ -221,6 +227,12 @@ def now(
         handover=handover,
         overload=slow,
     )
+
+
+def _affected(pending: Sequence[LabelledIncident]) -> int:
+    """Return how many of the last sheets incidents cost; each sheet belongs to one incident."""
+    costly = (one for one in pending if one.priority is not Priority.LOW)
+    return sum(one.recent for one in costly if one.of_misprints or one.incident.kind in BLIND)
 
 
 def _ends_s(one: LabelledIncident) -> float:

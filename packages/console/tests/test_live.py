@@ -266,7 +266,7 @@ def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp
         )
         page = client.get("/").text
     assert "Inspection cannot keep up: 87 of the last 100 sheets not inspected." in page
-    band = page[page.index('class="band overload"') :]
+    band = page[page.index('class="band overload') :]
     assert band.index("Inspection cannot keep up") < band.index('class="run"')
     assert "Reduce the press speed." in page
     assert "fewer different pages" in page

@@ -119,8 +119,12 @@ class Now:
     @property
     def alarm(self) -> bool:
         """Whether the alarm should sound."""
-        unseen = any(not one.seen and one.priority is not Priority.LOW for one in self.incidents)
-        return self.state == "overload" or (self.state in ("stop", "blind") and unseen)
+        return self.state == "overload" or (self.state in ("stop", "blind") and self.unseen_costly > 0)
+
+    @property
+    def unseen_costly(self) -> int:
+        """Number of incidents of more than low priority that nobody has seen."""
+        return sum(not one.seen and one.priority is not Priority.LOW for one in self.incidents)
 
     @property
     def affected(self) -> int:

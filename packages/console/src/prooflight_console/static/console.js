@@ -22,12 +22,12 @@ one("theme")?.addEventListener("click", () => {
   document.dispatchEvent(new Event("prooflight:theme"));
 });
 
-// --- from alarm to alarm: N opens the next one, arrows the neighbours; a list shows what was done to it ---
+// --- from alarm to alarm: N opens the next one, arrows the neighbours, Z undoes a label; a list shows what was done to it ---
 
 document.addEventListener("keydown", (event) => {
   if (event.target.closest("input, textarea, select, .pane") || event.ctrlKey || event.metaKey || event.altKey) return;
   const neighbour = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
-  const sought = neighbour ? `a[rel="${neighbour}"]` : `a[data-go="${CSS.escape(event.key.toUpperCase())}"]`;
+  const sought = neighbour ? `a[rel="${neighbour}"]` : `[data-go="${CSS.escape(event.key.toUpperCase())}"]`;
   document.querySelector(sought)?.click();
 });
 document.addEventListener("htmx:afterRequest", (event) => {
@@ -93,6 +93,11 @@ const Sound = {
       this.timer = setInterval(() => this.call(), 4000);
     }
   },
+  unseen: 0,
+  note(unseen) { // one soft tone for an alarm that does not stop the press
+    if (unseen > this.unseen && this.on && !this.alarm) this.beep(520, 0.3);
+    this.unseen = unseen;
+  },
   call() {
     this.beep(880, 0.18);
     this.beep(660, 0.25, 0.22);
@@ -137,6 +142,7 @@ if (live) {
       if (focused) part.querySelector(`[href="${CSS.escape(focused)}"], [hx-post="${CSS.escape(focused)}"]`)?.focus();
     }
     Sound.set(told.alarm);
+    Sound.note(told.unseen);
     document.title = document.title.replace(/^(● )?/, told.alarm ? "● " : "");
   };
   const show = (told) => {
@@ -189,4 +195,5 @@ if (live) {
   });
   addEventListener("pagehide", () => events.close());
   Sound.set(live.dataset.alarm === "1");
+  Sound.unseen = Number(live.dataset.unseen);
 }

@@ -141,7 +141,7 @@ class Made:
 def trained_press(
     press: Press, make_page: Callable[..., Page], tmp_path_factory: pytest.TempPathFactory
 ) -> Press:
-    """The press with our detector, made fit by 18 of 24 designs, which lets one good page in ten alarm.
+    """The press with the matched filter, made fit by 18 of 24 designs, which lets one good page in ten alarm.
 
     The process that needs it first makes it, and the others of this run read it.
     """

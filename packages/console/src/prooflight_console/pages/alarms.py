@@ -123,8 +123,8 @@ def shelve(
         state.shelve(who, run_row, incident, priority=priority, seconds=60 * minutes, reason=reason)
     except RequestError as error:
         wrong = str(error)
-    told = state.incidents.one(run_row, incident)
-    return page(request, who, "alarms/shelve", run=run_row, told=told, wrong=wrong)
+    labelled = state.incidents.one(run_row, incident)
+    return page(request, who, "alarms/shelve", run=run_row, told=labelled, wrong=wrong)
 
 
 @router.post("/runs/{run}/shelvings/{shelving}/end")

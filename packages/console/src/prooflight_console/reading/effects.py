@@ -44,20 +44,20 @@ class Effects:
 
 
 def effects(
-    incidents: RunIncidents, reprints: Reprints, stations: Stations, run: RunRow, told: LabelledIncident
+    incidents: RunIncidents, reprints: Reprints, stations: Stations, run: RunRow, labelled: LabelledIncident
 ) -> Effects:
     """Return what labels of a run have changed so far, and what those of this incident can change."""
-    labels = incidents.labels(run)
+    label_of = incidents.labels(run)
     misprints = {one.incident.number for one in incidents.of(run) if one.of_misprints}
-    words = [
-        None if (label := labels(sheet)) is None else label.word
+    in_force = [
+        None if (label := label_of(sheet)) is None else label.word
         for sheet, number in incidents.incident_by_sheet(run).items()
         if number in misprints
     ]
-    confirmed = sum(word in OF_GOOD for word in words)
+    confirmed = sum(label in OF_GOOD for label in in_force)
     press = stations.press(run)
     sampled = incidents.sampled(run)
-    of_incident = set(incidents.sheets_of(run, told.incident.number))
+    of_incident = set(incidents.sheets_of(run, labelled.incident.number))
     return Effects(
         to_print_again=reprints.count(run).count,
         false_alarms=FalseAlarms(
@@ -65,7 +65,7 @@ def effects(
             rate=guaranteed_rate(press, run.facts.detector),
             good=run.pages - run.not_inspected - run.misprints + confirmed,
             confirmed=confirmed,
-            unanswered=sum(word is None or word == UNKNOWN for word in words),
+            unanswered=sum(label is None or label == UNKNOWN for label in in_force),
             suspended_from=run.promise_suspended_from,
         ),
         sampled=sum(one.record.sheet in of_incident for one in sampled),

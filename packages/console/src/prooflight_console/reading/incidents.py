@@ -193,23 +193,23 @@ class RunIncidents:
         first_s = self._reading.first_time_s(run)
         with tracked.guard:
             begun, reached = list(tracked.begun), dict(tracked.reached)
-        found: list[Annunciation] = []
+        annunciations: list[Annunciation] = []
         next_s: dict[int, float] = {}
         for number, time_s in reversed(begun):
             at_s = run.facts.started_s + time_s - first_s
             until_s, next_s[number] = next_s.get(number, math.inf), at_s
-            said_s = [word.at_s for word in labelled[number].standing if at_s <= word.at_s < until_s]
-            found.append(
+            labels_s = [label.at_s for label in labelled[number].standing if at_s <= label.at_s < until_s]
+            annunciations.append(
                 Annunciation(
                     run=run.id,
                     incident=number,
                     kind=labelled[number].incident.kind,
                     priority=reached[number],
                     at_s=at_s,
-                    acknowledged_s=min(said_s) - at_s if said_s else None,
+                    acknowledged_s=min(labels_s) - at_s if labels_s else None,
                 )
             )
-        return found[::-1]
+        return annunciations[::-1]
 
     def of_sheet(self, run: RunRow, sheet: int) -> int | None:
         """Return the incident that a sheet belongs to; None if there is none."""

@@ -268,3 +268,34 @@ def test_a_file_of_schema_2_gets_the_tables_of_alarms(console: Served, tmp_path:
     again = served(tmp_path, run=False)
     assert again.client(Role.OPERATOR).post(SHELVE, json=ASKED).status_code == 201
     again.close()
+
+
+def test_a_run_that_does_not_inspect_is_red_until_the_press_stands_and_somebody_has_seen_it(
+    console: Served, journal: Journal
+) -> None:
+    operator = console.client(Role.OPERATOR)
+    for sheet in range(31, 34):
+        journal.record(1, good(sheet, verdict=Verdict.skipped(f"p{sheet + 1:04}", "the lamp is too dark")))
+    journal.commit()
+    assert now(console, operator)["state"] == "blind"
+    page = operator.get("/").text
+    assert 'class="band blind unseen-alarm"' in page
+    assert "the lamp is too dark" in page
+    console.clock.now_s += 60.0
+    assert now(console, operator)["state"] == "blind", "nobody has seen it"
+    operator.post("/runs/1/incidents/seen", data={"upto": "33"}).raise_for_status()
+    told = now(console, operator)
+    assert (told["state"], told["alarm"]) == ("silent", False)
+
+
+def test_misprints_of_different_causes_are_red_together(console: Served, journal: Journal) -> None:
+    operator = console.client(Role.OPERATOR)
+    for sheet, kind in ((31, "streak"), (32, "scum")):
+        journal.record(1, misprint(sheet, kind=kind))
+    journal.commit()
+    told = now(console, operator)
+    assert [one["priority"] for one in told["incidents"]] == ["medium"] * 3
+    assert (told["state"], told["alarm"]) == ("stop", True)
+    assert "Misprints with different causes" in operator.get("/").text
+    operator.post(f"{API}/incidents/1/words", json={"word": "false-alarm"}).raise_for_status()
+    assert now(console, operator)["state"] == "look", "a false alarm wastes nothing"

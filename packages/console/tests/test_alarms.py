@@ -102,6 +102,9 @@ def test_a_shelving_is_ended_and_replaced_and_the_audit_says_by_whom(console: Se
     assert now(console, operator)["shelved"] == 0
     deeds = [entry.what for entry in console.accounts.audited() if entry.what.startswith("alarms.")]
     assert deeds == ["alarms.unshelve", "alarms.shelve", "alarms.shelve"]
+    page = console.client(Role.ADMIN).get("/setup/audit").text
+    for text in ("ended the shelving of an alarm", "priority: Medium", "time [min]: 15", "run 1, incident 1"):
+        assert text in page
 
 
 @pytest.mark.parametrize(

@@ -238,7 +238,8 @@ def _shown(
     record = values["record"]
     values |= {"run": run, "told": labelled, "sheet": sheet}
     if labelled is not None:
-        values |= _of_incident(state, run, labelled) | {"effects": _effects(state, run, labelled)}
+        changed = _effects(state, run, labelled) if labelled.labels else None
+        values |= _of_incident(state, run, labelled) | {"effects": changed}
     values["pictures"] = state.pictures.describe(run, record, wait=False)
     values["can_replay"] = record.evidence is not None and state.stations.press(run) is not None
     return page(request, who, "incident", **values)

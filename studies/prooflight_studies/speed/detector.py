@@ -64,7 +64,6 @@ class _Scanned:
         expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
         in_place = predict(page, sensors=sensors, geometry=geometry)
         design = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
-        _ = design.added.images
         return cls(
             design=design, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads
         )

@@ -59,6 +59,7 @@ LISTED: Final = {
         module="jobs.codes", what="List a job's bar codes as this press's camera will read them."
     ),
     "watch": Listed(package=LINE, what="Inspect a press while it runs."),
+    "queue": Listed(package=LINE, what="Take jobs from a hot folder, check and queue them."),
     "plant": Listed(package=LINE, what="Check the plant's gate and outlets; simulate a controller."),
     "runs": Listed(package=LINE, what="List all runs in the journal."),
     "run": Listed(package=LINE, what="Show, label, export, replay or reconcile one run; tidy up."),

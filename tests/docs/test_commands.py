@@ -58,6 +58,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "characterise-a-camera": (PRESETS,),
     "watch": ("job.pdf", "my.press"),
     "hot-folder": ("short job.pdf", "my.press"),
+    "services": (),
     "journal": ("job.pdf", "my.press"),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),

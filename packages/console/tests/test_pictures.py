@@ -20,6 +20,7 @@ from packages.console.tests.drawn_sheets import MIDDLE, write_drawn
 from packages.line.tests.journal.sample_rows import CUT_MM, facts, misprint
 from PIL import Image
 
+from prooflight.files.content import content_digest
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.pages.files import write_tiff
@@ -29,7 +30,7 @@ from prooflight_console.pictures import expected
 from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_at, write_levels
 from prooflight_console.pictures.pictures import tidy
 from prooflight_console.pictures.tiles import Cut, SheetPicture
-from prooflight_line.journal.journal import Journal, content_digest
+from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from prooflight.errors import RequestError
+from prooflight.files.content import content_digest
 from prooflight_line.job_queue.arrivals import Arrivals, being_written
 from prooflight_line.job_queue.examining import Examined
 from prooflight_line.job_queue.filling import fill_once
 from prooflight_line.job_queue.hot_folder import REASON, STAGES, HotFolder
-from prooflight_line.journal.journal import content_digest
 
 FILES = {"a.pdf": b"good a", "b.pdf": b"bad b", "again.pdf": b"good a", "c.tif": b"good c", REASON: b"bad r"}
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import InputError, JobError, RequestError, sentence
+from prooflight.inspection.prepared_store import MOST_BYTES, PreparedStore, clean
 from prooflight.pages.check import checked_page
 from prooflight.pages.files import page_name
 from prooflight.pages.job import JobSource, opened
 from prooflight.pages.parallel import in_order
 from prooflight.press.pages import job_source
-from prooflight_line.run.prepared_store import PreparedStore
 from prooflight_line.run.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
@@ -112,6 +112,8 @@ def examine(
             return Examined(pages=pages, warnings=warnings, refused=f"{page_name(number)}: {result.refused}")
         warnings += result.warnings
         remark = remark or result.unprepared
+    if store is not None and store.folder.is_dir():
+        clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
     if inspector is not None and store is None:
         remark = "nothing can be stored for this press: each run prepares the job"
     return Examined(pages=pages, warnings=warnings, prepared=store is not None and not remark, remark=remark)

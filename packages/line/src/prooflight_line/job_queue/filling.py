@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from prooflight.files.content import content_digest
 from prooflight_line.job_queue.arrivals import being_written, state_of
 from prooflight_line.job_queue.examining import Examined
-from prooflight_line.journal.journal import content_digest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

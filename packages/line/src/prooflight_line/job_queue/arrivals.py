@@ -59,8 +59,8 @@ class Arrivals:
                 continue
             if state is None:
                 continue
-            known = before.get(name)
-            since = now if known is None or known[0] != state else known[1]
+            earlier = before.get(name)
+            since = now if earlier is None or earlier[0] != state else earlier[1]
             if now - since >= self.settle_s and not being_written(path):
                 ready.append((state[2], name))
             else:

@@ -87,14 +87,14 @@ class HotFolder:
 
     def entries(self, *stages: Stage) -> list[Entry]:
         """Return the jobs of these stages in the order of their arrival; those that are moving may be absent."""
-        found = []
+        entries = []
         for stage in stages:
             for each in (self.path / stage).iterdir():
                 named = _NAME.fullmatch(each.name)
                 if named is not None and not each.is_symlink() and each.is_dir():
                     number, digest = int(named[1]), named[2] or ""
-                    found.append(Entry(path=each, stage=stage, number=number, digest=digest))
-        return sorted(found, key=lambda entry: entry.number)
+                    entries.append(Entry(path=each, stage=stage, number=number, digest=digest))
+        return sorted(entries, key=lambda entry: entry.number)
 
     @contextmanager
     def filling(self) -> Iterator[None]:

@@ -46,22 +46,22 @@ def doctor(
     from prooflight_line.journal.opening import journal_path
 
     loaded = None if press is None else Press.load(press)
-    found = list(findings(journal_path(url_of(journal))))
+    rows = list(findings(journal_path(url_of(journal))))
     speed = None
     if loaded is not None:
         steps = range(SHEETS) if json else show.progress(range(SHEETS), total=SHEETS, what="inspecting")
         speed = measure_speed(loaded, steps=steps)
     if json:
-        show.print_json({"findings": found, "speed": None if speed is None else asdict(speed)})
+        show.print_json({"findings": rows, "speed": None if speed is None else asdict(speed)})
     else:
         table = show.table_of("This machine", _COLUMNS, text_columns=_COLUMNS)
-        for one in found:
+        for one in rows:
             table.add_row(
                 one.what, Text(one.state, style=STYLES[one.state]), visible(one.detail), visible(one.remedy)
             )
         show.people.print(table)
         show.people.print(_speed_line(speed))
-    if any(one.state == "lacking" for one in found):
+    if any(one.state == "lacking" for one in rows):
         raise typer.Exit(LACKING)
 
 

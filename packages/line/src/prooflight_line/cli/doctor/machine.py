@@ -179,9 +179,9 @@ def _of_clock() -> Finding:
         return Finding(
             what="clock", state="look", detail="this system does not say whether it is synchronised"
         )
-    asked = ctypes.create_string_buffer(_TIMEX_BYTES)  # its field modes is 0: nothing is set
+    timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # its field modes is 0: nothing is set
     try:
-        state = int(ctypes.CDLL(None, use_errno=True).adjtimex(asked))
+        state = int(ctypes.CDLL(None, use_errno=True).adjtimex(timex))
     except (OSError, AttributeError):
         state = -1
     if state < 0:

@@ -70,7 +70,6 @@ def register(program: typer.Typer) -> None:
 
 
 def watch(
-    context: typer.Context,
     job: JobPath,
     press: PressArtefact,
     source: SourceOption,
@@ -103,6 +102,7 @@ def watch(
     trays: TraysOption = None,
     queue: QueueOption = False,
     json: Json = False,
+    context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
     """Inspect a press while it runs, and say of every misprint where it is.
 

@@ -17,6 +17,7 @@ from prooflight_console.access import include, refuse_unguarded
 from prooflight_console.accounts.account_store import Accounts
 from prooflight_console.accounts.passwords import Passwords, Tries
 from prooflight_console.accounts.provider import Provider
+from prooflight_console.alarms.alarm_store import AlarmStore
 from prooflight_console.api import ROUTERS as API_ROUTERS
 from prooflight_console.bodies import BoundedBodies
 from prooflight_console.console import Console
@@ -78,7 +79,8 @@ def console_app(
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)
     label_store = LabelStore(settings.journal)
-    incidents = RunIncidents(reading, label_store)
+    alarm_store = AlarmStore(accounts)
+    incidents = RunIncidents(reading, label_store, alarm_store)
     gates = Gates(reading, trays=settings.trays)
     reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
@@ -86,7 +88,7 @@ def console_app(
     zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
     )
-    live = Live(reading, incidents, label_store, reprints, clock=ticking, ahead=pictures.ahead)
+    live = Live(reading, incidents, label_store, reprints, alarm_store, clock=ticking, ahead=pictures.ahead)
     console = Console(
         settings=settings,
         accounts=accounts,
@@ -98,6 +100,7 @@ def console_app(
         gates=gates,
         reprints=reprints,
         live=live,
+        alarm_store=alarm_store,
         stations=stations,
         pictures=pictures,
         zones=zones,

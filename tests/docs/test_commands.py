@@ -65,6 +65,8 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "design-a-camera": (PRESETS,),
     "characterise-a-camera": (PRESETS,),
     "watch": ("job.pdf", "my.press"),
+    "hot-folder": ("short job.pdf", "my.press"),
+    "services": (),
     "journal": ("job.pdf", "my.press"),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),

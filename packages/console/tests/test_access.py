@@ -14,7 +14,7 @@ from packages.console.tests.consoles import PASSWORD, Served
 from prooflight_console.access import EndpointError, endpoint_rows, include, refuse_unguarded
 from prooflight_console.accounts.roles import Role, Scope
 from prooflight_console.app import console_app
-from prooflight_console.problems import MEDIA_TYPE
+from prooflight_console.problems import FOR_PROGRAMS, MEDIA_TYPE
 from prooflight_console.settings import ConsoleSettings
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def test_little_is_open_to_all(app: FastAPI) -> None:
         ("POST", "/welcome/name"),
         ("GET", "/static/{name:path}"),
         ("POST", "/api/v1/session"),
+        ("GET", "/healthz"),
+        ("GET", "/readyz"),
     }
 
 
@@ -101,7 +103,7 @@ def test_nobody_gets_anything(console: Served) -> None:
             continue
         address = re.sub(r"\{[^}]+\}", "1", path)
         answer = client.request(method, address, json=WORD, follow_redirects=False)
-        if not path.startswith("/api/") and method == "GET":
+        if not path.startswith(FOR_PROGRAMS) and method == "GET":
             assert answer.status_code == 303, path
             assert answer.headers["location"].startswith("/sign-in?next=")
         else:

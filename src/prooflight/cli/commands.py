@@ -59,9 +59,13 @@ LISTED: Final = {
         module="jobs.codes", what="List a job's bar codes as this press's camera will read them."
     ),
     "watch": Listed(package=LINE, what="Inspect a press while it runs."),
+    "queue": Listed(package=LINE, what="Take jobs from a hot folder, check and queue them."),
     "plant": Listed(package=LINE, what="Check the plant's gate and outlets; simulate a controller."),
     "runs": Listed(package=LINE, what="List all runs in the journal."),
     "run": Listed(package=LINE, what="Show, label, export, replay or reconcile one run; tidy up."),
+    "doctor": Listed(package=LINE, what="Say what this machine lacks, and how fast an inspection is."),
+    "backup": Listed(package=LINE, what="Back up a journal and all that belongs to it, while runs go on."),
+    "restore": Listed(package=LINE, what="Verify a backup, and restore it; nothing is overwritten."),
     "serve": Listed(package=CONSOLE, what="Serve the console in a browser; manage its users."),
     "audit": Listed(package=CONSOLE, what="Check the record of actions in the console."),
     "press": Listed(module="press", what="Build a press artefact, show its content, train its detectors."),

@@ -28,6 +28,7 @@ from prooflight_console.pictures.pictures import Pictures
 from prooflight_console.reading.gate import Gates
 from prooflight_console.reading.incidents import RunIncidents
 from prooflight_console.reading.live import Live
+from prooflight_console.reading.metrics import Metrics
 from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
@@ -87,6 +88,7 @@ def console_app(
     zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
     )
+    live = Live(reading, incidents, label_store, reprints, alarm_store, clock=ticking, ahead=pictures.ahead)
     console = Console(
         settings=settings,
         accounts=accounts,
@@ -97,15 +99,14 @@ def console_app(
         trends=Trends(reading),
         gates=gates,
         reprints=reprints,
+        live=live,
         alarm_store=alarm_store,
-        live=Live(
-            reading, incidents, label_store, reprints, alarm_store, clock=ticking, ahead=pictures.ahead
-        ),
         stations=stations,
         pictures=pictures,
         zones=zones,
         tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
+        metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from prooflight_console.reading.gate import Gates
     from prooflight_console.reading.incidents import RunIncidents
     from prooflight_console.reading.live import Live
+    from prooflight_console.reading.metrics import Metrics
     from prooflight_console.reading.reprints import Reprints
     from prooflight_console.reading.runs import Reading
     from prooflight_console.reading.stations import Stations
@@ -56,6 +57,7 @@ class Console:
     zones: ZonesService
     tolerances: Tolerances
     rasters: Rasters
+    metrics: Metrics
     began_s: float
     """Unix time at which the console started. [s]"""
     provider: Provider | None = None

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     ProblemPage = Callable[[Request, int, str, str, Mapping[str, str]], Response]
 
 MEDIA_TYPE: Final = "application/problem+json"
+FOR_PROGRAMS: Final = ("/api/", "/metrics")
 TITLES: Final = {
     400: "Invalid request",
     401: "Sign-in required",
@@ -68,7 +69,7 @@ def not_found(what: str) -> Problem:
 def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
     """Return the response to an exception; ``page`` makes the one that people read."""
     status, kind, detail, headers, errors = _described(error)
-    if not request.url.path.startswith("/api/"):
+    if not request.url.path.startswith(FOR_PROGRAMS):
         return page(request, status, TITLES.get(status, ""), detail, headers)
     body = ProblemBody(
         type=f"urn:prooflight:{kind}",

@@ -6,6 +6,7 @@ from prooflight_console.api import (
     events,
     gate,
     incidents,
+    monitoring,
     people,
     press,
     runs,
@@ -18,4 +19,5 @@ from prooflight_console.api import (
 ROUTERS = (
     *(session.router, runs.router, sheets.router, incidents.router, alarms.router, press.router, gate.router),
     *(events.router, people.router, audit.router, zones.router, tolerances.router),
+    monitoring.router,
 )

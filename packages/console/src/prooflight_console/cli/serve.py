@@ -75,6 +75,9 @@ TraysOption = Annotated[
         help="The controller's log of its trays, which may grow: as `run reconcile --trays`.",
     ),
 ]
+QueueOption = Annotated[
+    Path | None, typer.Option("--queue", metavar="FOLDER", help="Hot folder whose jobs /metrics counts.")
+]
 OidcOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE.toml", help="OpenID provider at which people may sign in as well: [oidc]."),
@@ -111,6 +114,7 @@ def serve(
     origin: OriginOption = None,
     trusted_proxy: TrustedProxyOption = None,
     trays: TraysOption = None,
+    queue: QueueOption = None,
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
     demo: DemoOption = False,
@@ -153,6 +157,7 @@ def serve(
         secure=certificate is not None or any(one.startswith("https:") for one in addresses),
         origins=addresses,
         trays=None if trays is None else trays.absolute(),
+        queue=queue,
         trusted_proxies=tuple(map(_network, trusted_proxy or ())),
         provider=provider,
     )

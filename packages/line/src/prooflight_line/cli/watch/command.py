@@ -36,6 +36,7 @@ from prooflight_line.cli.watch.options import (
     KeepOption,
     MisprintOption,
     PlantOption,
+    QueueOption,
     SampleOption,
     ServeOption,
     ServePortOption,
@@ -99,7 +100,9 @@ def watch(
     serve: ServeOption = False,
     serve_port: ServePortOption = 8080,
     trays: TraysOption = None,
+    queue: QueueOption = False,
     json: Json = False,
+    context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
     """Inspect a press while it runs, and say of every misprint where it is.
 
@@ -120,13 +123,17 @@ def watch(
         run_until_ended,
     )
     from prooflight_line.cli.watch.view import Watching
+    from prooflight_line.job_queue.hot_folder import HotFolder
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.run.pager import SheetEdge, TriggerCount
+    from prooflight_line.run.status import Phase
 
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
+    taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
+    job = job if taken is None else taken.entry.file
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     read = _read_job(
@@ -205,6 +212,8 @@ def watch(
         lines_shown(planned, journal) as planned,
     ):
         status = run_until_ended(planned, read.plant, recorder, console)
+    if taken is not None:
+        taken.finished = status.phase is Phase.STOPPED and not status.to_come
     console.end_sheets()
     if not json:
         show.people.print(console.line(status))

@@ -110,3 +110,6 @@ TraysOption = Annotated[
     Path | None,
     typer.Option("--trays", metavar="FILE", help="The controller's log of its trays, for the console."),
 ]
+QueueOption = Annotated[
+    bool, typer.Option("--queue", help="JOB is a hot folder: print the next job of its queue, see `queue`.")
+]

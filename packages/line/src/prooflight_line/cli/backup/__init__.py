@@ -1,0 +1,1 @@
+"""`prooflight backup` and `prooflight restore`."""

@@ -1,0 +1,137 @@
+"""``prooflight queue``: jobs that come by themselves, from a hot folder to the press's queue."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.text import Text
+
+from prooflight.cli import faults, show
+from prooflight.cli.options import Json, Profile
+from prooflight.errors import visible
+from prooflight.reporting.wording import count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from prooflight_line.job_queue.examining import Examined, PageResult
+    from prooflight_line.job_queue.filling import TakenIn
+    from prooflight_line.job_queue.hot_folder import Entry
+
+SETTLE_S: Final = 2.0
+"""Assumed: a copy over a network pauses for less."""
+AGAIN_S: Final = 10.0
+"""Time after which work goes on that this machine failed at, as on a full disk."""
+
+FolderPath = Annotated[Path, typer.Argument(metavar="FOLDER", help="Hot folder, on a disk of this machine.")]
+
+app = typer.Typer(help="Take jobs from a hot folder, check and queue them.", no_args_is_help=True)
+
+
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.add_typer(app, name="queue")
+
+
+@app.command()
+def fill(
+    folder: FolderPath,
+    press: Annotated[
+        Path | None,
+        typer.Option("--press", metavar="X.press", help="Press for which jobs are checked and prepared."),
+    ] = None,
+    profile: Profile = None,
+    settle: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", help="Time for which a file must not change.", min=0.1, max=3600),
+    ] = SETTLE_S,
+    once: Annotated[bool, typer.Option("--once", help="Take in what is whole now, and end.")] = False,
+    json: Json = False,
+) -> None:
+    """Take jobs from a hot folder as they come: queue the good ones, reject the others with a reason.
+
+    Runs until it is ended, at any moment and in any way: nothing is lost, and the next one goes on.
+    """
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.press.artefact import Press
+    from prooflight_line.job_queue.arrivals import Arrivals
+    from prooflight_line.job_queue.examining import examine
+    from prooflight_line.job_queue.filling import fill_once
+    from prooflight_line.job_queue.hot_folder import HotFolder
+
+    inspector = None if press is None else Inspector(Press.load(press))
+    opened = HotFolder.open(folder)
+
+    def examined(path: Path) -> Examined:
+        def shown(results: Iterator[PageResult], pages: int) -> Iterator[PageResult]:
+            return results if json else show.progress(results, total=pages, what=f"checking {path.name}")
+
+        return examine(path, inspector=inspector, profile=profile, shown=shown)
+
+    arrivals = Arrivals(folder=folder, settle_s=settle)
+    with opened.filling():
+        if once:
+            arrivals.whole()  # each file's state, with which its state after this time is compared
+            time.sleep(settle)
+        while True:
+            try:
+                for one in fill_once(opened, arrivals, examined):
+                    show_taken_in(one, json=json)
+            except OSError as error:
+                if once:
+                    raise
+                faults.report(
+                    f"{error.filename or folder}: {error.strerror or error}; tried again in {AGAIN_S:g} s"
+                )
+                time.sleep(AGAIN_S)
+            if once:
+                break
+            arrivals.wait()
+
+
+@app.command("list")
+def list_jobs(folder: FolderPath, json: Json = False) -> None:
+    """List the jobs of a hot folder, in the order of their arrival, and where each is."""
+    from prooflight_line.job_queue.hot_folder import STAGES, HotFolder
+
+    entries = HotFolder.open(folder).entries(*STAGES)
+    if json:
+        show.print_json([_facts(entry) for entry in entries])
+        return
+    columns = ("job", "is", "why")
+    table = show.table_of(str(folder), ("number", *columns), text_columns=columns)
+    for entry in entries:
+        table.add_row(str(entry.number), visible(entry.file.name), entry.stage, visible(entry.reason))
+    show.people.print(table)
+
+
+def show_taken_in(taken: TakenIn, *, json: bool) -> None:
+    """Print where a job has ended."""
+    entry, examined = taken.entry, taken.examined
+    if json:
+        prepared = {"warnings": examined.warnings, "prepared": examined.prepared, "remark": examined.remark}
+        show.print_json(_facts(entry) | {"pages": examined.pages} | prepared)
+        return
+    remark = entry.reason
+    if entry.stage == "queued":
+        parts = [count(examined.pages, "page"), count(examined.warnings, "warning")]
+        parts += ["prepared"] if examined.prepared else [examined.remark] if examined.remark else []
+        remark = ", ".join(parts)
+    style = "yellow" if entry.stage == "rejected" else ""
+    line = Text.assemble(
+        (entry.stage, style), f" {entry.number} {visible(entry.file.name)}: {visible(remark)}"
+    )
+    show.people.print(line, soft_wrap=True)
+
+
+def _facts(entry: Entry) -> dict[str, Any]:
+    return {
+        "number": entry.number,
+        "job": entry.file.name,
+        "stage": entry.stage,
+        "path": str(entry.file),
+        "reason": entry.reason,
+    }

@@ -57,8 +57,8 @@ def find_repeats(packed, repeats):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "packed (H, _), repeats (H), planes (4, 2), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
-    "quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
+    "packed (H, _), repeats (H), planes (4, 2), quantised.codes (65536, 16), quantised.inner (_, 4), "
+    "quantised.outer (_, 8), quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
     "across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), bits, crossed, line_from, line_to, light (L, P)",
     where=(
@@ -71,12 +71,12 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
 ):
     """Filter lines line_from .. line_to - 1 in one table of a page at any placement, above the backing's level.
 
-    Arguments as in ``filter_lines``; repeats: raster rows that are known to equal the one above; planes: as in ``compose_row``, by which each row is composed when it is
-    needed, since writing and reading a whole raster takes longer; bits: a raster pixel has 2^bits phases;
-    crossed: raster rows that a line crosses. Rows are filtered across eight at once and transposed, so that
-    the pixels that a camera pixel sees along are adjacent too: each has room for as many rows as its line
-    needs, and the first ones are repeated after the last. Rows and columns count from ``taps`` before the
-    page on.
+    Arguments as in ``filter_lines``; repeats: raster rows that are known to equal the one above; planes: as in
+    ``compose_row``, by which each row is composed when it is needed, since writing and reading a whole raster
+    takes longer; bits: a raster pixel has 2^bits phases; crossed: raster rows that a line crosses. Rows are
+    filtered across eight at once and transposed, so that the pixels that a camera pixel sees along are adjacent
+    too: each has room for as many rows as its line needs, and the first ones are repeated after the last. Rows
+    and columns count from ``taps`` before the page on.
     """
     rows, columns = packed.shape
     pixels = light.shape[1]

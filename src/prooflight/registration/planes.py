@@ -41,6 +41,10 @@ FURTHER: Final = 10.0
 fringes leave its place undecided."""
 
 
+PAIRS_OF: Final = {count: np.array([*combinations(range(count), 2)]).T for count in (3, 4)}
+"""Pairs (2, n) among so many planes."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FringeRegister:
     """Register of the planes from fringes, used for prediction; evidence is taken from registration."""
@@ -168,7 +172,7 @@ def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     candidates: list[tuple[float, Steps]] = []
     for count in (3, 4):
         more = _of_planes(tuple(ways), count)
-        i, j = (more[:, places] for places in np.triu_indices(count, 1))
+        i, j = (more[:, places] for places in PAIRS_OF[count])
         of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
         predicted = of_pairs + single[more].sum(axis=1)
         most = np.sort(predicted)[:TRIED].max(initial=-np.inf)
@@ -207,11 +211,12 @@ def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
     """Return the planes and the ways in which they may go a raster pixel further."""
+    reach = patches.overlaps.reach
     return [
         (ink, way)
         for ink in patches.overlaps.inks
         for way in (-1, 1)
-        if abs(steps[INKS * axis + ink] + way) <= patches.overlaps.reach
+        if abs(steps[INKS * axis + ink] + way) <= reach
     ]
 
 

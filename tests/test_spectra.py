@@ -81,6 +81,18 @@ def test_tabulated_illuminants_are_100_at_560_nm(name: str) -> None:
     assert spectra.illuminant(name)[WAVE_NM == 560] == pytest.approx(100, rel=1e-5)
 
 
+def test_cie_tables_are_colour_sciences() -> None:
+    tables = spectra._cie()
+    assert tables["wave_nm"] == WAVE_NM.tolist()
+    for name, power in tables["illuminants"].items():
+        theirs = colour.SDS_ILLUMINANTS[name]
+        assert power == spectra.resample(theirs.wavelengths, theirs.values).tolist()
+    photopic = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
+    assert tables["photopic"] == spectra.resample(photopic.wavelengths, photopic.values).tolist()
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    assert tables["observer"] == spectra.resample(observer.wavelengths, observer.values.T).T.tolist()
+
+
 def test_there_is_no_illuminant_of_that_name() -> None:
     with pytest.raises(KeyError):
         spectra.illuminant("D66")

@@ -6,8 +6,10 @@ Everything spectral in this package is on one grid: 36 bands, 380 to 730 nm in s
 
 from __future__ import annotations
 
+import json
 from functools import cache
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -63,33 +65,31 @@ def resample(wave_nm: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
 
 
 @cache
+def _cie() -> dict[str, Any]:
+    """Return the tables of CIE 015:2018 as colour-science has them, resampled on the grid: loading it takes seconds."""
+    tables: dict[str, Any] = json.loads(Path(__file__).with_name("cie.json").read_text(encoding="utf-8"))
+    return tables
+
+
+@cache
 def illuminant(name: str) -> NDArray[np.float64]:
     """Return the relative power of a CIE illuminant on the grid (36,), e.g. D65, D50, A, FL2.
 
-    Values: CIE 015:2018 as tabulated by colour-science. KeyError if there is no such illuminant.
+    KeyError if there is no such illuminant.
     """
-    import colour  # imported late: it takes a second
-
-    table = colour.SDS_ILLUMINANTS[name]
-    return on_grid(resample(table.wavelengths, table.values))
+    return on_grid(_cie()["illuminants"][name])
 
 
 @cache
 def luminous_efficiency() -> NDArray[np.float64]:
     """Return V(lambda), CIE 1924 photopic, on the grid (36,)."""
-    import colour
-
-    table = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
-    return on_grid(resample(table.wavelengths, table.values))
+    return on_grid(_cie()["photopic"])
 
 
 @cache
 def colour_matching() -> NDArray[np.float64]:
     """Return the CIE 1931 2-degree colour matching functions on the grid (36, 3)."""
-    import colour
-
-    table = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    return resample(table.wavelengths, np.asarray(table.values).T).T.copy()
+    return np.array(_cie()["observer"])
 
 
 def photons_per_joule() -> NDArray[np.float64]:
@@ -118,7 +118,7 @@ def lab(reflectance: NDArray[np.floating], light: str = "D50") -> NDArray[np.flo
 
 def delta_e00(lab_a: ArrayLike, lab_b: ArrayLike) -> NDArray[np.float64]:
     """Return the CIEDE2000 difference of CIELAB values (..., 3) -> (...) (CIE 142; colour-science's implementation)."""
-    import colour
+    import colour  # imported late: it takes seconds
 
     return np.asarray(
         colour.delta_E(np.asarray(lab_a), np.asarray(lab_b), method="CIE 2000"), dtype=np.float64

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.lens_correction import LensCorrection
 from prooflight.pages.raster import Page
-from prooflight.prediction.predict import expected_light, predict
+from prooflight.prediction.predict import expected_light, predict, repeats_of
 from prooflight.prediction.printed import PrintedPage
 from prooflight.prediction.quantised_table import quantised_table
 from prooflight.scans.placement import IN_PLACE, Placement, Warp
@@ -245,10 +245,11 @@ def test_planes_that_lie_apart_are_predicted_as_of_the_raster_composed(
     press: Press, odd_sensor: SensorModel, placement: Placement, planes: list[tuple[int, int]]
 ) -> None:
     cmyk = np.random.default_rng(6).integers(0, 256, (24, 21, 4))
-    cmyk[10:15] = cmyk[10]  # rows that are alike, which are looked up once
+    cmyk[10:15] = cmyk[:2] = cmyk[10]  # rows that are alike, which are looked up once
     printed = PrintedPage(page=page_of(cmyk, 300.0), planes=np.array(planes))
     how = {"sensors": [odd_sensor], "geometry": press.geometry, "placement": placement, "threads": 1}
-    by_rows, composed = predict(printed, **how), predict(printed.composed(), **how)
+    by_rows = predict(printed, repeats=repeats_of(printed.page), **how)
+    composed = predict(printed.composed(), **how)
     np.testing.assert_array_equal(by_rows.expected_dn, composed.expected_dn)
     np.testing.assert_array_equal(by_rows.variance_dn2, composed.variance_dn2)
     assert (composed.expected_dn != predict(printed.page, **how).expected_dn).any()

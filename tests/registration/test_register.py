@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -323,6 +323,12 @@ def test_a_fit_is_the_most_likely_one_written_out() -> None:
     sd = np.sqrt(np.einsum("tak,kl,tal->ta", rows[:5], covariance, rows[:5]))
     assert found.sd_mm(np.arange(5), shares[:5]) == pytest.approx(sd, rel=1e-6)
     assert found.left_mm == pytest.approx(moves - rows @ expected, abs=1e-7)
+    other = rng.normal(0, 0.05, (30, 2))
+    how: dict[str, Any] = {"weight": rng.uniform(0.1, 1, 30), "pose": Pose(x_mm=0.1, turn=1e-3)}
+    fresh = fitted(basis, np.arange(30), other, precision, shares, **how)
+    before = fitted(basis, np.arange(30), moves, precision, shares, **how)
+    again = fitted(basis, np.arange(30), other, precision, shares, **how, root=before.root)
+    assert again.solution == pytest.approx(fresh.solution, abs=1e-12)
 
 
 def unmoved(gain: np.ndarray) -> TileMoves:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.prediction.filtering import copy_row
 from prooflight.kernels.prediction.lines import same_row
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def write_row(stored, at, lengths_at, out):  # type: ignore[no-untyped-def]
     if lengths_at < 0:
         if at < 0 or at + out.size > stored.values.size:
             return False
-        out[:] = stored.values[at : at + out.size]
+        copy_row(stored.values[at : at + out.size], out)
         return True
     x = 0
     while x < out.size:
@@ -102,7 +103,7 @@ def write_runs(stored, first, last, out):  # type: ignore[no-untyped-def]
     for row in range(first, last):
         at, lengths_at = stored.value_at[row], stored.length_at[row]
         if row > first and at == stored.value_at[row - 1] and lengths_at == stored.length_at[row - 1]:
-            out[row] = out[row - 1]
+            copy_row(out[row - 1], out[row])
         elif not write_row(stored, at, lengths_at, out[row]):
             return False
     return True

@@ -18,7 +18,7 @@ from prooflight.kernels.prediction.lines import (
     to_columns,
 )
 from prooflight.kernels.prediction.lookup import AT_ONCE, lookup_light
-from prooflight.kernels.prediction.moving import filter_moved_lines
+from prooflight.kernels.prediction.moving import filter_moved_lines, find_repeats
 from prooflight.pages.parallel import shared_out
 from prooflight.prediction.lens_correction import correct_light
 from prooflight.prediction.printed import PrintedPage
@@ -59,6 +59,7 @@ def predict(
     sensors: Sequence[SensorModel],
     geometry: ScanGeometry,
     placement: Placement = IN_PLACE,
+    repeats: NDArray[np.bool_] | None = None,
     threads: int | None = None,
 ) -> Prediction:
     """Predict all lines of a page at ``placement``, as designed or with its planes displaced.
@@ -69,6 +70,7 @@ def predict(
     is sheared by its turn, but not stretched by its stretch. Displacements are linear between nodes 16 camera
     pixels apart (``sampling_grid``).
 
+    repeats: which raster rows equal the one above (``repeats_of``), so that they are not read; None: not known.
     threads: number of bands of lines that run at once; by default one a core.
     """
     page, planes = raster_and_planes(page, placement)
@@ -85,7 +87,7 @@ def predict(
         workers,
         shape[1],
         [
-            _filtering(page, planes, sensor, where, table, backing, out)
+            _filtering(page, repeats, planes, sensor, where, table, backing, out)
             for sensor, table, backing, out in filtered
         ],
     )
@@ -97,6 +99,13 @@ def predict(
     ]
     _in_bands(workers, shape[1], levels)
     return Prediction(expected_dn=light, variance_dn2=spread)
+
+
+def repeats_of(page: Page) -> NDArray[np.bool_]:
+    """Return which raster rows (rows,) equal the one above."""
+    repeats = np.empty(len(page.cmyk), np.bool_)
+    find_repeats(page.packed, repeats)
+    return repeats
 
 
 def raster_and_planes(page: Page | PrintedPage, placement: Placement) -> tuple[Page, NDArray[np.int64]]:
@@ -208,6 +217,7 @@ def _in_bands(workers: int, lines: int, works: Sequence[Callable[..., None]]) ->
 
 def _filtering(
     page: Page,
+    repeats: NDArray[np.bool_] | None,
     planes: NDArray[np.int64],
     sensor: SensorModel,
     where: SamplingGrid,
@@ -222,6 +232,7 @@ def _filtering(
     return partial(
         filter_moved_lines,
         page.packed,
+        np.zeros(len(page.cmyk), np.bool_) if repeats is None else repeats,
         planes,
         quantised_table(table),
         np.float32(backing),

@@ -259,6 +259,7 @@ def fitted(
     pose: Pose = UPRIGHT,
     negligible: float = NEGLIGIBLE,
     weight: NDArray[np.float64] | None = None,
+    root: NDArray[np.float64] | None = None,
 ) -> Field:
     """Fit pose, planes and field to measured tiles.
 
@@ -273,6 +274,7 @@ def fitted(
     precision : (n, 2, 2) of these [1/mm^2]
     shares : (n, 2, 4) of inks in the tiles' edges
     weight : (n,) of the tiles; by default Huber weights about a first such field
+    root : with ``weight``, ``Field.root`` of a fit that differed in ``moves_mm`` alone; None: there was none
     """
     waves = basis.waves
     count = int((waves.share >= negligible).sum())
@@ -286,18 +288,23 @@ def fitted(
     given = np.ones(tiles.size) if weight is None else weight
     for last in (True,) if weight is not None else (False, True):
         weighted = precision * given[:, None, None]
-        root, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+        if root is None or weight is None:
+            factor, solution = normal_equations(*cosines, *numbers, at, fixed, weighted, moves_mm, scale)
+            cholesky(factor)
+        else:
+            factor = root
+            pull = np.einsum("nab,nb->na", weighted, moves_mm)
+            solution = np.concatenate([np.einsum("anj,na->j", fixed, pull), (pull.T @ at).ravel()]) * scale
         solution[:POSE] += mean / scale[:POSE]
-        cholesky(root)
-        forward(root, solution)
-        backward(root, solution)
+        forward(factor, solution)
+        backward(factor, solution)
         solution *= scale
         left = moves_mm - np.einsum("anj,j->na", fixed, solution[:SMOOTH])
         left -= at @ solution[SMOOTH:].reshape(2, count).T
         if not last:
             given = trust(left, precision, hopeless=np.inf)
     return Field(
-        basis=basis, count=count, solution=solution, root=root, weight=given, left_mm=left, mean=mean
+        basis=basis, count=count, solution=solution, root=factor, weight=given, left_mm=left, mean=mean
     )
 
 

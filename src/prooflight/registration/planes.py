@@ -41,6 +41,10 @@ FURTHER: Final = 10.0
 fringes leave its place undecided."""
 
 
+PAIRS_OF: Final = {count: np.array([*combinations(range(count), 2)]).T for count in (3, 4)}
+"""Pairs (2, n) among so many planes."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FringeRegister:
     """Register of the planes from fringes, used for prediction; evidence is taken from registration."""
@@ -155,7 +159,7 @@ def _singles(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 def _pairs(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     ways = _ways(patches, steps, axis)
-    return [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in _of_planes(tuple(ways), 2)]
+    return [_stepped(steps, axis, dict((ways[i], ways[j]))) for i, j in _of_planes(tuple(ways), 2).tolist()]
 
 
 def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -164,25 +168,26 @@ def _many(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
     here, *ones = patches.costs([steps, *_singles(patches, steps, axis)])
     single = np.array(ones) - here
     pair = np.zeros((len(ways), len(ways)))
-    places = np.array(_of_planes(tuple(ways), 2), np.int64).reshape(-1, 2)
-    pair[tuple(places.T)] = patches.costs(_pairs(patches, steps, axis))
+    pair[tuple(_of_planes(tuple(ways), 2).T)] = patches.costs(_pairs(patches, steps, axis))
     candidates: list[tuple[float, Steps]] = []
     for count in (3, 4):
-        if more := _of_planes(tuple(ways), count):
-            i, j = np.array([list(combinations(some, 2)) for some in more]).transpose(2, 0, 1)
-            of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
-            predicted = of_pairs + single[np.array(more)].sum(axis=1)
-            stepped = [_stepped(steps, axis, dict(ways[way] for way in some)) for some in more]
-            candidates += zip(predicted.tolist(), stepped, strict=True)
+        more = _of_planes(tuple(ways), count)
+        i, j = (more[:, places] for places in PAIRS_OF[count])
+        of_pairs = (pair[i, j] - here - single[i] - single[j]).sum(axis=1)
+        predicted = of_pairs + single[more].sum(axis=1)
+        most = np.sort(predicted)[:TRIED].max(initial=-np.inf)
+        for at in np.flatnonzero(predicted <= most):
+            stepped = _stepped(steps, axis, dict(ways[way] for way in more[at]))
+            candidates.append((float(predicted[at]), stepped))
     return [other for _, other in sorted(candidates)[:TRIED]]
 
 
 @lru_cache(maxsize=64)
-def _of_planes(ways: tuple[tuple[int, int], ...], count: int) -> list[tuple[int, ...]]:
-    """Return the combinations of ``count`` of the ways, by their indices, in which every way is of another plane."""
-    return [
-        some for some in combinations(range(len(ways)), count) if len({ways[way][0] for way in some}) == count
-    ]
+def _of_planes(ways: tuple[tuple[int, int], ...], count: int) -> NDArray[np.int64]:
+    """Return the combinations (n, count) of the ways, by their indices, in which every way is of another plane."""
+    every = combinations(range(len(ways)), count)
+    different = [some for some in every if len({ways[way][0] for way in some}) == count]
+    return np.array(different, np.int64).reshape(-1, count)
 
 
 def _askew(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
@@ -206,11 +211,12 @@ def _mirrored(patches: Patches, steps: Steps, axis: int) -> list[Steps]:
 
 def _ways(patches: Patches, steps: Steps, axis: int) -> list[tuple[int, int]]:
     """Return the planes and the ways in which they may go a raster pixel further."""
+    reach = patches.overlaps.reach
     return [
         (ink, way)
         for ink in patches.overlaps.inks
         for way in (-1, 1)
-        if abs(steps[INKS * axis + ink] + way) <= patches.overlaps.reach
+        if abs(steps[INKS * axis + ink] + way) <= reach
     ]
 
 

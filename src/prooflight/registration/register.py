@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -109,6 +109,8 @@ class PlacedTiles:
     """Weight of each tile, (tiles,)."""
     shares: NDArray[np.float64]
     """Shares of inks in the tiles' edges across and along, (tiles, 2, 4)."""
+    roots: dict[bytes, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    """``Field.root`` by the planes that are given: it does not depend on where they are."""
 
     def placed(
         self, planes_mm: NDArray[np.float64], given: NDArray[np.bool_]
@@ -144,10 +146,18 @@ class PlacedTiles:
         off = self.off_mm - np.einsum("nap,pa->na", self.shares * given, planes_mm)
         shares = np.where(given, 0.0, self.shares)
         shares[..., first] = (self.shares * given).sum(axis=2)  # what they have in common
-        field = fitted(
-            self.landmarks.basis, every, off, self.precision, shares, pose=self.pose, weight=self.weight
+        fit = fitted(
+            self.landmarks.basis,
+            every,
+            off,
+            self.precision,
+            shares,
+            pose=self.pose,
+            weight=self.weight,
+            root=self.roots.get(given.tobytes()),
         )
-        return field, field.planes_mm[first]
+        self.roots[given.tobytes()] = fit.root
+        return fit, fit.planes_mm[first]
 
     def corrected(self, by_mm: NDArray[np.float64]) -> PlacedTiles:
         """Return the tiles with those whose planes share edges moved right and down by (2,) [mm].

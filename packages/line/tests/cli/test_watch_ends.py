@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from tests.cli.word_jobs import write_word_job
 
-import prooflight
 from prooflight.cli import run
 from prooflight.scans.recorded import recorded_scans
 from prooflight_line.journal.journal import Journal
@@ -219,7 +218,7 @@ def silent(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[str
 def started(given: list[str], stdin: int | None) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "prooflight", *given],
-        env={**os.environ, "PYTHONPATH": str(Path(prooflight.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

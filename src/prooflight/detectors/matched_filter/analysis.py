@@ -44,7 +44,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
-from prooflight.prediction.predict import Prediction
+from prooflight.prediction.predict import Prediction, repeats_of
 from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
@@ -86,6 +86,8 @@ class PreparedPage:
     """A design prepared for its scans."""
 
     page: Page
+    repeats: NDArray[np.bool_]
+    """See ``predict``."""
     landmarks: Landmarks
     overlaps: Overlaps | None = None
     """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
@@ -122,6 +124,7 @@ class PreparedPage:
         """Its images, and how it is seen."""
         return DesignImages(
             page=self.page,
+            repeats=self.repeats,
             images=self.images,
             hidden=self.hidden,
             beat=self.beat,
@@ -238,6 +241,7 @@ def prepare_page(
         overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm)
     return PreparedPage(
         page=page,
+        repeats=repeats_of(page),
         landmarks=landmarks,
         overlaps=overlaps,
         images=QuantisedImages.of(modes.images),

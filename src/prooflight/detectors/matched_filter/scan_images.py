@@ -47,6 +47,8 @@ class DesignImages:
     """What a prepared design has of images, in its nominal place and in binned pixels, and how it is seen."""
 
     page: Page
+    repeats: NDArray[np.bool_]
+    """See ``predict``."""
     images: QuantisedImages
     """``Modes.images``."""
     hidden: NDArray[np.float32] | None
@@ -97,6 +99,7 @@ class PlacedPage:
                 sensors=design.sensors,
                 geometry=design.geometry,
                 placement=placement,
+                repeats=design.repeats,
                 threads=threads,
             )
         sensors, geometry = design.camera_sensors, design.camera_geometry

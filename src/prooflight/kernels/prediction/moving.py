@@ -39,9 +39,26 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
         first[i] = np.int32(i * slots + (slot - depth if slot >= depth else slot))
 
 
+@inner_kernel()
+def is_repeated(repeats, row, planes):  # type: ignore[no-untyped-def]
+    """Return whether a composed row equals the one above, since the row of every plane does."""
+    for ink in range(planes.shape[0]):
+        own = row - planes[ink, 1]
+        if own == 0 or own == repeats.size or (0 < own < repeats.size and not repeats[own]):
+            return False
+    return True
+
+
+@kernel("packed (H, _), repeats (H)")
+def find_repeats(packed, repeats):  # type: ignore[no-untyped-def]
+    """Set repeats (rows,) where a raster row equals the one above."""
+    for row in range(repeats.size):
+        repeats[row] = row > 0 and same_row(packed[row], packed[row - 1])
+
+
 @kernel(
-    "packed (H, _), planes (4, 2), quantised.codes (65536, 16), quantised.inner (_, 4), quantised.outer (_, 8), "
-    "quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
+    "packed (H, _), repeats (H), planes (4, 2), quantised.codes (65536, 16), quantised.inner (_, 4), "
+    "quantised.outer (_, 8), quantised.bits (4), backing, across.places (I, J), across.pitch, across.segment, "
     "across.cumulative (_), along.places (K, M), along.pitch, along.segment, "
     "along.cumulative (_), bits, crossed, line_from, line_to, light (L, P)",
     where=(
@@ -50,16 +67,16 @@ def to_slots(first, depth, slots):  # type: ignore[no-untyped-def]
     ),
 )
 def filter_moved_lines(  # type: ignore[no-untyped-def]
-    packed, planes, quantised, backing, across, along, bits, crossed, line_from, line_to, light
+    packed, repeats, planes, quantised, backing, across, along, bits, crossed, line_from, line_to, light
 ):
     """Filter lines line_from .. line_to - 1 in one table of a page at any placement, above the backing's level.
 
-    Arguments as in ``filter_lines``; planes: as in ``compose_row``, by which each row is composed when it is
-    needed, since writing and reading a whole raster takes longer; bits: a raster pixel has 2^bits phases;
-    crossed: raster rows that a line crosses. Rows are filtered across eight at once and transposed, so that
-    the pixels that a camera pixel sees along are adjacent too: each has room for as many rows as its line
-    needs, and the first ones are repeated after the last. Rows and columns count from ``taps`` before the
-    page on.
+    Arguments as in ``filter_lines``; repeats: raster rows that are known to equal the one above; planes: as in
+    ``compose_row``, by which each row is composed when it is needed, since writing and reading a whole raster
+    takes longer; bits: a raster pixel has 2^bits phases; crossed: raster rows that a line crosses. Rows are
+    filtered across eight at once and transposed, so that the pixels that a camera pixel sees along are adjacent
+    too: each has room for as many rows as its line needs, and the first ones are repeated after the last. Rows
+    and columns count from ``taps`` before the page on.
     """
     rows, columns = packed.shape
     pixels = light.shape[1]
@@ -82,6 +99,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     y_begins, y_weight_starts = y_first.reshape(-1), y_weights_at.reshape(-1)
     is_displaced = planes.any()
     composed = np.empty((2 if is_displaced else 0, columns), np.uint32)
+    turn = 0
     before = few[0]
     next_row = -1
     last_row = -2
@@ -98,13 +116,15 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                     continue
                 place_row(across.places, across.pitch, row, x_places)
                 begin_row(x_places, reach, bits, taps, columns, x_first, x_weights_at)
-                here = packed[row]
-                if is_displaced:
-                    here = composed[row % 2]
-                    compose_row(packed, row, planes, here)
-                if row - 1 != last_row or not same_row(here, before):
-                    lookup_packed(here, quantised, backing, few, source[taps : taps + columns])
-                before = here
+                if row - 1 != last_row or not is_repeated(repeats, row, planes):
+                    here = packed[row]
+                    if is_displaced:
+                        turn = 1 - turn
+                        here = composed[turn]
+                        compose_row(packed, row, planes, here)
+                    if row - 1 != last_row or not same_row(here, before):
+                        lookup_packed(here, quantised, backing, few, source[taps : taps + columns])
+                    before = here
                 last_row = row
                 filter_row(source, x_begins, across_table, x_weight_starts, taps, block[k, :pixels])
             slot = next_row % depth

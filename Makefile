@@ -37,8 +37,8 @@ freeze: $(VENV)/.installed-dev
 # otherwise is kept apart. The tests of what calls kernels: rooms, and of rooms that hardly do the files that do. Commands,
 # reports and studies call no others. Slow tests are left out, for time.
 CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tests/inspection tests/prediction \
-	tests/properties tests/simulation tests/journal/test_damaged.py tests/journal/test_replay.py \
-	tests/line/test_pager.py tests/line/test_runner_parts.py tests/line/test_working_memory.py \
+	tests/properties tests/simulation packages/line/tests/journal/test_damaged.py packages/line/tests/journal/test_replay.py \
+	packages/line/tests/run/test_pager.py packages/line/tests/run/test_runner_parts.py packages/line/tests/run/test_working_memory.py \
 	tests/pages/test_taking_together.py
 test-bounds: $(VENV)/.installed-dev
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest $(ON_TWO_CORES) -m "not slow" $(CALL_KERNELS)
@@ -48,7 +48,7 @@ check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/codespell src studies tests validation examples docs changes README.md CONTRIBUTING.md CHANGELOG.md
+	$(BIN)/codespell src packages studies tests validation examples docs changes README.md CONTRIBUTING.md CHANGELOG.md
 
 # A minute of spoilt files for every reader: each must be read, or refused in one line.
 fuzz: $(VENV)/.installed-dev
@@ -69,11 +69,11 @@ format: $(VENV)/.installed-dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-$(VENV)/.installed: requirements/run.txt pyproject.toml studies/pyproject.toml
+$(VENV)/.installed: requirements/run.txt pyproject.toml $(wildcard */pyproject.toml packages/*/pyproject.toml)
 	@echo "Installing into $(VENV), which takes a minute or two"
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements/run.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e studies
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e packages/line -e packages/console -e studies
 	touch $@
 
 $(VENV)/.installed-dev: requirements/dev.txt $(VENV)/.installed
@@ -88,14 +88,16 @@ $(VENV)/.installed-docs: requirements/docs.txt $(VENV)/.installed
 changelog: $(VENV)/.installed-dev
 	$(BIN)/towncrier build --yes
 
-# Rewrites all lock files from pyproject.toml; needs uv on the path. The extra gpu is left out: tests that need it skip.
+# Rewrites all lock files from the packages' pyproject.toml; needs uv on the path. The extra gpu is left out: tests that need it skip.
+PROJECTS := pyproject.toml packages/line/pyproject.toml packages/console/pyproject.toml studies/pyproject.toml
+OURS := $(foreach name,prooflight prooflight-line prooflight-console,--no-emit-package $(name))
 lock:
-	uv pip compile pyproject.toml studies/pyproject.toml --extra pdf --extra demo --extra plant --extra server --group build \
+	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra plant --group build \
 		--universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet --no-emit-package prooflight -o requirements/run.txt
-	uv pip compile pyproject.toml studies/pyproject.toml --extra pdf --extra demo --extra viva --extra basler \
-		--extra plant --extra server --extra oidc --group build --group dev --universal --python-version 3.11 \
-		--generate-hashes --no-header --quiet --no-emit-package prooflight -c requirements/run.txt \
+		--generate-hashes --no-header --quiet $(OURS) -o requirements/run.txt
+	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra viva --extra basler \
+		--extra plant --extra oidc --group build --group dev --universal --python-version 3.11 \
+		--generate-hashes --no-header --quiet $(OURS) -c requirements/run.txt \
 		-o requirements/dev.txt
 	uv pip compile --group docs --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet -c requirements/run.txt -c requirements/dev.txt -o requirements/docs.txt

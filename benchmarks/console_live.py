@@ -26,8 +26,8 @@ from typing import Any
 import httpx
 import numpy as np
 
-from prooflight.server.accounts.account_store import Accounts
-from prooflight.server.accounts.roles import Role
+from prooflight_console.accounts.account_store import Accounts
+from prooflight_console.accounts.roles import Role
 
 PASSWORD = "correct horse battery"
 SETTLE_S = 2.0

@@ -15,15 +15,22 @@ PAPER_MAP = (DOCS / "paper-map.md").read_text()
 ARCHITECTURE = (DOCS / "ARCHITECTURE.md").read_text()
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-LAYERS = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+LAYERS = [layer for of in PROJECT["tool"]["importlinter"]["contracts"][:2] for layer in of["layers"]]
 ROOMS = {room.strip() for layer in LAYERS for room in layer.split("|")} - {"__main__"}
-PACKAGES = [ROOT / "src" / "prooflight", ROOT / "studies" / "prooflight_studies"]
+PACKAGES = [
+    ROOT / "src" / "prooflight",
+    ROOT / "packages" / "line" / "src" / "prooflight_line",
+    ROOT / "packages" / "console" / "src",
+    ROOT / "studies" / "prooflight_studies",
+]
 
 
 def named_modules(text: str) -> list[str]:
     """Dotted names in it that begin with a room or with the studies' harness."""
     names = set(re.findall(r"`([a-z_]+(?:\.[a-z_0-9]+)+)`", text))
-    return sorted(name for name in names if name.partition(".")[0] in ROOMS | {"harness"})
+    return sorted(
+        name for name in names if name.partition(".")[0] in ROOMS | {"harness", "prooflight_console"}
+    )
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(prooflight\w*\.[\w.]+)`", PAPER_MAP))))
@@ -40,7 +47,10 @@ def test_paper_map_names_exist(name: str) -> None:
     pytest.fail(f"{name} cannot be imported")
 
 
-@pytest.mark.parametrize("path", sorted(set(re.findall(r"`((?:tests|validation)/[\w/]+\.py)`", PAPER_MAP))))
+TEST_FILES = re.findall(r"`((?:tests|validation|packages|studies)/[\w/]+\.py)`", PAPER_MAP)
+
+
+@pytest.mark.parametrize("path", sorted(set(TEST_FILES)))
 def test_paper_map_tests_exist(path: str) -> None:
     assert (ROOT / path).is_file()
 

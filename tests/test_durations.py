@@ -59,7 +59,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     slow = {
         "tests/cli/test_a.py::test_b": 30.0,
         "tests/cli/test_a.py::test_c": 90.0,
-        "tests/line/test_d.py::test_e": 6.0,
+        "packages/line/tests/run/test_d.py::test_e": 6.0,
     }
     file.write_text(json.dumps({"quick": 5, "quick_s": 240, "slow": slow}), encoding="utf-8")
     monkeypatch.setattr(durations, "DURATIONS", file)
@@ -76,7 +76,7 @@ def test_how_long_it_takes_and_what_is_left_out_is_said(
     takes, leaves_out, where = durations.pytest_report_header(config(markexpr=durations.QUICK))
     assert "about 2 min on 2 cores" in takes
     assert "3 tests that take more than 1 s" in leaves_out
-    assert where == "left out: tests/cli 2, tests/line 1"
+    assert where == "left out: packages/line 1, tests/cli 2"
     assert durations.pytest_report_header(config()) == ["all tests take about 3 min on 2 cores"]
     assert durations.pytest_report_header(config(file_or_dir=["tests/cli"])) == []
 

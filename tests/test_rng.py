@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 import prooflight
+import prooflight_console
+import prooflight_line
 import prooflight_studies
 from prooflight import rng
 from prooflight.rng import FREE, PURPOSES, stream
 
-ROOMS = [Path(package.__file__).parent for package in (prooflight, prooflight_studies)]
+PACKAGES = (prooflight, prooflight_line, prooflight_console, prooflight_studies)
+ROOMS = [Path(package.__file__).parent for package in PACKAGES]
 
 FIRST_DRAWS = {
     "a4-design": ((1009, 5), 1_919_216_677_537_076_213),

@@ -13,16 +13,16 @@ import cv2
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.line_camera.page_steps import lens_mtf50
-from prooflight.commissioning.line_camera.seen import sensor_views
 from prooflight.inks.ruler_layout import RulerLayout
 from prooflight.inks.ruler_print import RASTER_DPI, ruler_raster
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.press.press_file import PressFile
-from prooflight.reporting.camera_live import CameraShown, draw_camera
 from prooflight.rng import stream
-from prooflight.scans.cameras.camera import Health
+from prooflight_line.camera_set_up.page_steps import lens_mtf50
+from prooflight_line.camera_set_up.seen import sensor_views
+from prooflight_line.cameras.camera import Health
+from prooflight_line.reporting.camera_live import CameraShown, draw_camera
 
 IMAGES = Path(__file__).parents[1] / "images"
 SHOWN_LINES = 2400

@@ -9,9 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from prooflight.server.access import endpoint_rows
-from prooflight.server.app import console_app
-from prooflight.server.settings import ConsoleSettings
+from prooflight_console.access import endpoint_rows
+from prooflight_console.app import console_app
+from prooflight_console.settings import ConsoleSettings
 
 if TYPE_CHECKING:
     from fastapi import FastAPI

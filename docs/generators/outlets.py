@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.records import PageRecord
-from prooflight.line.monitor.run import PageEvidence
-from prooflight.line.outcomes import Outcome
-from prooflight.plant.events import Event, SheetAtGate, SheetJudged
-from prooflight.plant.gate.deciding import CODE_TEXTS, GateDecider, disposition_of
-from prooflight.plant.gate.passed import NAMES, PassedSheets
-from prooflight.plant.gate.registers import Code, Result
-from prooflight.plant.stream import EventStream
 from prooflight.press.gate import GateSettings, PlcSettings
+from prooflight_line.journal.records import PageRecord
+from prooflight_line.plant.events import Event, SheetAtGate, SheetJudged
+from prooflight_line.plant.gate.deciding import CODE_TEXTS, GateDecider, disposition_of
+from prooflight_line.plant.gate.passed import NAMES, PassedSheets
+from prooflight_line.plant.gate.registers import Code, Result
+from prooflight_line.plant.stream import EventStream
+from prooflight_line.run.monitor.run import PageEvidence
+from prooflight_line.run.outcomes import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from prooflight.plant.gate.deciding import SheetDecision
+    from prooflight_line.plant.gate.deciding import SheetDecision
 
 GOOD: Final = Verdict(page="p0002", verdict="good", detector="matched_filter")
 MISPRINT: Final = Verdict(page="p0002", verdict="misprint", detector="matched_filter", kind="streak")
@@ -169,7 +169,7 @@ def _row(code: Code, messages: SheetMessages, *, name: str = "") -> list[str]:
 
 
 def _xjmf(judged: Event) -> str:
-    from prooflight.plant.outlets import xjmf_messages as xjmf
+    from prooflight_line.plant.outlets import xjmf_messages as xjmf
 
     root = xjmf.read(xjmf.signals([judged], device_id="press", job="job"))
     names = {"x": xjmf.NAMESPACE}
@@ -182,7 +182,7 @@ def _xjmf(judged: Event) -> str:
 
 
 def _opcua(sheet: SheetJudged) -> str:
-    from prooflight.plant.outlets import opcua, opcua_types
+    from prooflight_line.plant.outlets import opcua, opcua_types
 
     states = {opcua_types.COMPLETED: "completed", opcua_types.ABORTED: "aborted"}
     return f"{states[opcua.result_state(sheet)]}, severity {opcua.severity(sheet)}"

@@ -10,7 +10,7 @@ from docs.generators.outlets import outlets_page
 from docs.generators.registers import register_page
 
 from prooflight.files.atomic import whole_file
-from prooflight.plant.events import BODIES, KINDS, schema
+from prooflight_line.plant.events import BODIES, KINDS, schema
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -52,7 +52,7 @@ def write(folder: Path) -> None:
 
 
 def _page() -> str:
-    from prooflight.plant.outlets import mqtt, opcua, opcua_types, posting, webhook, xjmf_messages
+    from prooflight_line.plant.outlets import mqtt, opcua, opcua_types, posting, webhook, xjmf_messages
 
     document = schema()
     parts: dict[str, Any] = document["$defs"]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.plant.gate.deciding import CODE_TEXTS
-from prooflight.plant.gate.handshake import HANDSHAKE, State
-from prooflight.plant.gate.registers import READ, WRITTEN, Fault, Result
+from prooflight_line.plant.gate.deciding import CODE_TEXTS
+from prooflight_line.plant.gate.handshake import HANDSHAKE, State
+from prooflight_line.plant.gate.registers import READ, WRITTEN, Fault, Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from prooflight.plant.gate.registers import Register
+    from prooflight_line.plant.gate.registers import Register
 
 STATES: Final = {
     State.AWAY: "no connection, or no answer in time; it is tried again",
@@ -89,7 +89,8 @@ def register_page() -> str:
 # The gate's registers
 
 Written by `python -m docs.generators.plant` from the tables that Prooflight itself goes by
-(`prooflight.plant.gate.registers`, `prooflight.plant.gate.handshake`). How to use a gate: [how-to](../how-to/gate.md).
+(`prooflight_line.plant.gate.registers`, `prooflight_line.plant.gate.handshake`).
+How to use a gate: [how-to](../how-to/gate.md).
 Why it is built so: [decision 26](../explanation/decisions/plant-and-console/0026-gate.md).
 
 Prooflight is the Modbus TCP client, the controller the server. Registers are holding registers. Addresses here count

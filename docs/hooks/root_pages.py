@@ -10,7 +10,13 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "packages/line/README.md": "line.md",
+    "packages/console/README.md": "console.md",
+}
 DECISIONS = "explanation/decisions/"
 
 
@@ -20,7 +26,7 @@ def on_config(config: MkDocsConfig) -> None:
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """README, CONTRIBUTING and CHANGELOG as pages of the site."""
+    """The packages' READMEs, CONTRIBUTING and CHANGELOG as pages of the site."""
     for source, page in PAGES.items():
         text = (ROOT / source).read_text(encoding="utf-8")
         files.append(File.generated(config, page, content=as_page(text)))
@@ -31,7 +37,7 @@ def as_page(text: str) -> str:
     """A text of the root with links that hold in the site."""
 
     def here(link: re.Match[str]) -> str:
-        target = link[1].removeprefix("docs/")
+        target = re.sub(r"^(\.\./)+", "", link[1]).removeprefix("docs/")
         return f"]({PAGES.get(target, target)}{link[2] or ''})"
 
     return re.sub(r"\]\((?!https?:)([^)#]+)(#[^)]*)?\)", here, text)

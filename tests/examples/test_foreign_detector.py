@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from packages.line.tests.journal.journals import facts, record
 from tests.examples.test_registered import install
-from tests.journal.journals import facts, record
 
 import prooflight as pf
 from prooflight.cli import run
@@ -17,10 +17,10 @@ from prooflight.detectors import registry
 from prooflight.detectors.optional import ChecksRuns, PricesZones, Recalibrates
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import PressError
-from prooflight.journal.journal import Journal
-from prooflight.journal.labels import LabelStore, run_key
 from prooflight.pages.files import write_tiff
 from prooflight.scans.recorded import write_scan
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.labels import LabelStore, run_key
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from prooflight.detectors.verdict import Ink, Region, Verdict
-from prooflight.journal import packs
-from prooflight.journal.exporting import page_facts, run_facts, write_csv
-from prooflight.journal.journal import Journal
-from prooflight.journal.records import PageRecord, Retention, RunEnd, RunFacts
-from prooflight.journal.schema import JournalError
-from prooflight.journal.unclaimed import unclaimed_folder
+from prooflight_line.journal import packs
+from prooflight_line.journal.exporting import page_facts, run_facts, write_csv
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord, Retention, RunEnd, RunFacts
+from prooflight_line.journal.schema import JournalError
+from prooflight_line.journal.unclaimed import unclaimed_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable

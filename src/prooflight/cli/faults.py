@@ -21,7 +21,7 @@ from prooflight.files.user_folders import user_folder
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-PACKAGES: Final = ("prooflight",)
+PACKAGES: Final = ("prooflight", "prooflight_line", "prooflight_console")
 """Packages whose log records are printed."""
 LOG_BYTES: Final = 1_000_000
 """Size of the log file, and of the one before it: some 300 tracebacks."""

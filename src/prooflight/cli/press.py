@@ -14,7 +14,6 @@ from rich.table import Table
 
 from prooflight.cli import rip_model, show, visible_marks
 from prooflight.cli.options import Json
-from prooflight.cli.runs import feedback
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Build a press artefact, show its content, train its detectors.", no_args_is_help=True)
 
-feedback.register_of_presses(app)
 rip_model.register(app)
 
 FULL = 160

@@ -89,7 +89,7 @@ class PrintState:
     """Variation of one print within that of good ones, for the run's control charts."""
 
     amounts: Mapping[str, float] = field(default_factory=dict)
-    """Amounts by channel of ``line.monitor.channels``."""
+    """Amounts by channel of ``run.monitor.channels``."""
     excess: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))
     """(parts, columns) light of narrow columns minus the expected light, in parts of the page's height."""
     light: NDArray[np.floating] = field(default_factory=lambda: np.zeros((1, 0)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.testing.peer import plugged_in
+from prooflight_line.testing.peer import plugged_in
 from prooflight_studies.cameras.deaths import Turning, until, watched
 from prooflight_studies.cameras.job import from_file
 from prooflight_studies.console.serving import megabytes

@@ -14,9 +14,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.scans.camera_settings import CameraSettings
-from prooflight.scans.cameras.backends import camera_named, ready
-from prooflight.scans.cameras.source import CameraLines
-from prooflight.testing.peer import ID, alone, plugged_in
+from prooflight_line.cameras.backends import camera_named, ready
+from prooflight_line.cameras.source import CameraLines
+from prooflight_line.testing.peer import ID, alone, plugged_in
 from prooflight_studies.cameras.job import from_file
 from prooflight_studies.cameras.rig import next_message, verdict
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
-    from prooflight.testing.peer import Peer
+    from prooflight_line.testing.peer import Peer
     from prooflight_studies.cameras.rig import Rig
 
 KINDS: Final = ("unplugged", "frozen", "hung")

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
-from prooflight.cli.watch.sources import camera_lines
 from prooflight.scans.camera_settings import CameraSettings
-from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
-from prooflight.scans.cameras.source import CameraLines
-from prooflight.testing.peer import plugged_in
+from prooflight_line.cameras.backends import BACKENDS, camera_named, ready
+from prooflight_line.cameras.source import CameraLines
+from prooflight_line.cli.watch.sources import camera_lines
+from prooflight_line.testing.peer import plugged_in
 from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 
 if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
-    from prooflight.scans.cameras.several import SeveralCameras
+    from prooflight_line.cameras.several import SeveralCameras
     from prooflight_studies.cameras.rig import Rig
 
 WATCHED_HZ: Final = 1000.0

@@ -14,9 +14,9 @@ from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.weighted_conformal import exact_interval
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
-from prooflight.scans.cameras.camera import Grab
-from prooflight.scans.cameras.counting import PERIOD, LineCounter
 from prooflight.scans.raw import write_block
+from prooflight_line.cameras.camera import Grab
+from prooflight_line.cameras.counting import PERIOD, LineCounter
 from prooflight_studies.cameras.job import rows_from_file
 from prooflight_studies.cameras.rig import PIXELS, next_message, verdict
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from prooflight.rng import stream
 from prooflight.scans.camera_settings import CameraSettings
-from prooflight.scans.cameras.backends import BACKENDS, camera_named, ready
-from prooflight.scans.cameras.source import CameraLines
-from prooflight.testing.peer import plugged_in
+from prooflight_line.cameras.backends import BACKENDS, camera_named, ready
+from prooflight_line.cameras.source import CameraLines
+from prooflight_line.testing.peer import plugged_in
 from prooflight_studies.cameras.job import OVER_THE_WIRE
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from prooflight.prediction.predict import predict
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.scans.alignment import built_fraction
-from prooflight.scans.cameras.camera import Grab
-from prooflight.scans.cameras.counting import LineCounter
-from prooflight.scans.cameras.in_step import InStep
+from prooflight_line.cameras.camera import Grab
+from prooflight_line.cameras.counting import LineCounter
+from prooflight_line.cameras.in_step import InStep
 from prooflight_studies.cameras.camera_offset import camera_offset
 from prooflight_studies.running.rig import DESIGN_SEED, Pieces
 

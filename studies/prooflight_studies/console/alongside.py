@@ -16,8 +16,8 @@ import numpy as np
 from scipy import stats
 
 from prooflight.errors import RequestError
-from prooflight.server.running import LOOPBACK, Listening, spawned
-from prooflight.server.settings import ConsoleSettings
+from prooflight_console.running import LOOPBACK, Listening, spawned
+from prooflight_console.settings import ConsoleSettings
 from prooflight_studies.console.listeners import Listeners
 from prooflight_studies.console.serving import (
     cpu_s,

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.errors import RequestError
-from prooflight.journal.journal import Journal
-from prooflight.server.accounts.roles import Role
-from prooflight.server.running import LOOPBACK, Listening, spawned
-from prooflight.server.settings import ConsoleSettings
+from prooflight_console.accounts.roles import Role
+from prooflight_console.running import LOOPBACK, Listening, spawned
+from prooflight_console.settings import ConsoleSettings
+from prooflight_line.journal.journal import Journal
 from prooflight_studies.console.listeners import CHROMIUM, COOKIE, FLAGS
 from prooflight_studies.console.serving import free_port, nothing, session, wait_until_it_answers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.journal.records import PageRecord, RunFacts
+    from prooflight_line.journal.records import PageRecord, RunFacts
 
 PAGES: Final = {
     "/sign-in": "main",

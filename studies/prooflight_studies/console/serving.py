@@ -8,12 +8,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from prooflight.server.accounts.account_store import Accounts
-from prooflight.server.accounts.roles import Role
-from prooflight.server.running import LOOPBACK
+from prooflight_console.accounts.account_store import Accounts
+from prooflight_console.accounts.roles import Role
+from prooflight_console.running import LOOPBACK
 
 if TYPE_CHECKING:
-    from prooflight.server.settings import ConsoleSettings
+    from prooflight_console.settings import ConsoleSettings
 
 STARTS_S: Final = 60.0
 

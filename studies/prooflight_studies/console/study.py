@@ -16,11 +16,11 @@ import numpy as np
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.errors import RequestError
-from prooflight.journal.journal import Journal
-from prooflight.journal.records import PageRecord, RunFacts
-from prooflight.line.recording import COMMIT_S, Recorder
-from prooflight.server.running import LOOPBACK, Listening, spawned
-from prooflight.server.settings import ConsoleSettings
+from prooflight_console.running import LOOPBACK, Listening, spawned
+from prooflight_console.settings import ConsoleSettings
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord, RunFacts
+from prooflight_line.run.recording import COMMIT_S, Recorder
 from prooflight_studies.console.alongside import LoadPlan, measure_load
 from prooflight_studies.console.listeners import Listeners, Window
 from prooflight_studies.console.loads import measure_loads

@@ -24,29 +24,29 @@ import numpy as np
 from starlette.testclient import TestClient
 
 from prooflight.cli import show
-from prooflight.cli.runs.gate import reprints
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.journal import Journal
-from prooflight.journal.records import PageRecord, RunEnd, RunFacts
-from prooflight.line.monitor.run import PageEvidence
-from prooflight.line.outcomes import Outcome
-from prooflight.plant.gate.gate import Gate
-from prooflight.plant.gate.handshake import State
-from prooflight.plant.gate.registers import unpacked_of_plc
-from prooflight.plant.simulator.belt import Belt, BeltSheet
-from prooflight.plant.simulator.plc import SimulatedPlc
 from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.rng import stream
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.lines import LineBlock
-from prooflight.server.accounts.roles import Role
-from prooflight.server.app import console_app
-from prooflight.server.settings import ConsoleSettings
+from prooflight_console.accounts.roles import Role
+from prooflight_console.app import console_app
+from prooflight_console.settings import ConsoleSettings
+from prooflight_line.cli.runs.gate import reprints
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord, RunEnd, RunFacts
+from prooflight_line.plant.gate.gate import Gate
+from prooflight_line.plant.gate.handshake import State
+from prooflight_line.plant.gate.registers import unpacked_of_plc
+from prooflight_line.plant.simulator.belt import Belt, BeltSheet
+from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.run.monitor.run import PageEvidence
+from prooflight_line.run.outcomes import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from prooflight.plant.gate.exchange import Exchange
+    from prooflight_line.plant.gate.exchange import Exchange
 
 DISTANCE_MM, SPEED_MM_S, SHEET_MM, PITCH_MM, LINE_MM = 1200.0, 1500.0, 120.0, 180.0, 0.5
 STEP_S: Final = 0.02

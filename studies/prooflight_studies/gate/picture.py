@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-from prooflight.plant.gate.handshake import HANDSHAKE, State
+from prooflight_line.plant.gate.handshake import HANDSHAKE, State
 from prooflight_studies.harness.picture import new_figure, write_figure
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from prooflight.plant.simulator.plc import TrayRow
+    from prooflight_line.plant.simulator.plc import TrayRow
 
 PLACES: Final = {State.AWAY: 0.0, State.JOINING: 1.6, State.ALIGNING: 3.2, State.READY: 4.8}
 COLOURS: Final = {

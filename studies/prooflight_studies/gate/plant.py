@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from prooflight.plant.simulator.belt import Belt, BeltSheet
-from prooflight.plant.simulator.plc import SimulatedPlc
-from prooflight.plant.simulator.server import SCAN_S, PlcServer
-from prooflight.testing.relay import Relay
+from prooflight_line.plant.simulator.belt import Belt, BeltSheet
+from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.server import SCAN_S, PlcServer
+from prooflight_line.testing.relay import Relay
 from prooflight_studies.gate.plan import DELAY_S, DISTANCE_MM, LASTS_S
 from prooflight_studies.gate.stand_in import ScaledClock, settings_of
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from prooflight.plant.simulator.plc import TrayRow
+    from prooflight_line.plant.simulator.plc import TrayRow
     from prooflight_studies.gate.plan import Failure, Plan
 
 READY_S: Final = 6.0

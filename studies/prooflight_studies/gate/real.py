@@ -11,18 +11,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from prooflight.plant.gate.log import log_path, rows_of
-from prooflight.plant.simulator.belt import Belt
-from prooflight.plant.simulator.plc import SimulatedPlc
-from prooflight.plant.simulator.server import PlcServer
 from prooflight.press.press_file import PressFile
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+from prooflight_line.plant.gate.log import log_path, rows_of
+from prooflight_line.plant.simulator.belt import Belt
+from prooflight_line.plant.simulator.plc import SimulatedPlc
+from prooflight_line.plant.simulator.server import PlcServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from prooflight.plant.simulator.plc import TrayRow
+    from prooflight_line.plant.simulator.plc import TrayRow
 
 COARSER: Final = 8
 """Fewer and wider pixels than the prototype's 2048, so that two cores keep up with their detector."""

@@ -18,16 +18,16 @@ from unittest import mock
 import numpy as np
 
 from prooflight.detectors.verdict import Verdict
-from prooflight.journal.journal import Journal
-from prooflight.journal.records import PageRecord, RunFacts
-from prooflight.line.monitor.run import PageEvidence
-from prooflight.line.outcomes import InOrder, Outcome
-from prooflight.line.recording import Recorder
-from prooflight.line.sheets.records import SeenPage
-from prooflight.plant.gate.gate import Gate
-from prooflight.plant.gate.link import Wire
 from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.scans.lines import LineBlock, LineFault
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord, RunFacts
+from prooflight_line.plant.gate.gate import Gate
+from prooflight_line.plant.gate.link import Wire
+from prooflight_line.run.monitor.run import PageEvidence
+from prooflight_line.run.outcomes import InOrder, Outcome
+from prooflight_line.run.recording import Recorder
+from prooflight_line.run.sheets.records import SeenPage
 from prooflight_studies.gate.plan import (
     DISTANCE_MM,
     GEOMETRY,

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight import __version__
-from prooflight.journal.journal import Journal
-from prooflight.plant.gate.gate import exchange_s
-from prooflight.plant.gate.log import LoggedDecisions, PlantError, log_path, rows_of
-from prooflight.plant.gate.reconciling import read_trays, reconciled
+from prooflight_line.journal.journal import Journal
+from prooflight_line.plant.gate.gate import exchange_s
+from prooflight_line.plant.gate.log import LoggedDecisions, PlantError, log_path, rows_of
+from prooflight_line.plant.gate.reconciling import read_trays, reconciled
 from prooflight_studies.gate import browser
 from prooflight_studies.gate.journeys import PACE, journeys
 from prooflight_studies.gate.picture import draw_handshake, draw_trays
@@ -35,8 +35,8 @@ from prooflight_studies.harness.page import write_page
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from prooflight.plant.gate.reconciling import Reconciliation
-    from prooflight.plant.simulator.plc import TrayRow
+    from prooflight_line.plant.gate.reconciling import Reconciliation
+    from prooflight_line.plant.simulator.plc import TrayRow
     from prooflight_studies.gate.plant import Happened
 
 PARTS: Final = ("latency", "watch", "plant", "counts")

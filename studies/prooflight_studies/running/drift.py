@@ -10,15 +10,15 @@ import numpy as np
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
 from prooflight.detectors.matched_filter.print_state import determined_shares, fitted_amounts
-from prooflight.line.following import Adapting
-from prooflight.line.monitor.evidence import columns, columns_mm
-from prooflight.line.monitor.run import PageEvidence, RunMonitor
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
+from prooflight_line.run.following import Adapting
+from prooflight_line.run.monitor.evidence import columns, columns_mm
+from prooflight_line.run.monitor.run import PageEvidence, RunMonitor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage
-    from prooflight.line.monitor.run import Announcement
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight_line.run.monitor.run import Announcement
 
 LEAST_DETERMINED: Final = 0.5
 """Least share of an ink's amount that a page must determine for its drift to be monitored on it."""

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.line.settings import Settings
-from prooflight.line.status import VERDICTS
-from prooflight.line.watching import watched
 from prooflight.pages.process import settle_process
 from prooflight.rng import stream
 from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
+from prooflight_line.run.settings import Settings
+from prooflight_line.run.status import VERDICTS
+from prooflight_line.run.watching import watched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.inspection.inspector import Inspector
-    from prooflight.line.outcomes import Outcome
     from prooflight.scans.lines import LineBlock, LineSource
     from prooflight.simulation.drum import Turn
+    from prooflight_line.run.outcomes import Outcome
     from prooflight_studies.running.rig import Ring
 
 EARLY_SHEET: Final = 100

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.line.sheets.thumbnails import thumbnail_of
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import design_page
@@ -17,16 +16,17 @@ from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, DrumFault
 from prooflight.simulation.scans import scan_page
 from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
+from prooflight_line.run.sheets.thumbnails import thumbnail_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.drum import Turn
+    from prooflight_line.run.sheets.thumbnails import Thumbnail
 
 TEXTS: Final = 3
 """Number of words by which the forms of one template differ."""

@@ -13,26 +13,26 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.commissioning.build import build_press
-from prooflight.journal.journal import Journal
-from prooflight.journal.records import RunFacts
-from prooflight.line.outcomes import missing_page, skipped
-from prooflight.line.pager import Pager
-from prooflight.line.sheets.records import MissingPage, SeenPage
-from prooflight.line.status import VERDICTS
 from prooflight.press.press_file import PressFile
 from prooflight.rng import stream
 from prooflight.simulation.drum import AMOUNTS, LINE_FAULTS, ORDER_FAULTS, Drum, turns
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import RunFacts
+from prooflight_line.run.outcomes import missing_page, skipped
+from prooflight_line.run.pager import Pager
+from prooflight_line.run.sheets.records import MissingPage, SeenPage
+from prooflight_line.run.status import VERDICTS
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.soak.sheets import RepeatedJob, drawn_faults, soak_ring, truth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from prooflight.journal.records import PageRecord
-    from prooflight.line.sheets.thumbnails import Thumbnail
     from prooflight.press.artefact import Press
     from prooflight.simulation.drum import DrumFault, Turn
+    from prooflight_line.journal.records import PageRecord
+    from prooflight_line.run.sheets.thumbnails import Thumbnail
     from prooflight_studies.soak.sheets import Passed, SoakRing
 
 SHEETS, QUICK_SHEETS = 3600, 240

@@ -1,6 +1,6 @@
 """``prooflight camera``: a camera's response and sharpness, variants of its design, and its measured sensor block.
 
-The commands for connected cameras are in ``line_cameras``.
+Those for connected cameras are of the package prooflight-line.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.camera import line_cameras, set_up, tables, view
+from prooflight.cli.camera import tables
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError
 from prooflight.files.given import shortly
@@ -36,11 +36,6 @@ Picture = Annotated[Path | None, typer.Option(metavar="F.png", help="Draw the cu
 
 def register(program: typer.Typer) -> None:
     """Add these commands to the program."""
-    app.command("list")(line_cameras.list_cameras)
-    app.command("features")(line_cameras.features)
-    app.command("view")(view.view)
-    app.command("record")(line_cameras.record)
-    app.command("set-up")(set_up.set_up)
     program.add_typer(app, name="camera")
 
 

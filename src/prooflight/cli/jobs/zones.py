@@ -57,7 +57,6 @@ def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZone
 def register(app: typer.Typer) -> None:
     """Add these commands to the program."""
     from prooflight.cli.jobs.check import check
-    from prooflight.cli.jobs.prepare import prepare
 
     job = typer.Typer(
         help="Check and prepare a job before it is printed, and make zones from its marked places.",
@@ -65,7 +64,6 @@ def register(app: typer.Typer) -> None:
     )
     job.callback()(_job)
     job.command("check")(check)
-    job.command("prepare")(prepare)
     job.command("zones")(job_zones)
     zones = typer.Typer(help="Price and draw zones.", no_args_is_help=True)
     zones.command("price")(price)

@@ -1,0 +1,20 @@
+"""The interface for programs, under /api/v1."""
+
+from prooflight_console.api import (
+    audit,
+    events,
+    gate,
+    incidents,
+    people,
+    press,
+    runs,
+    session,
+    sheets,
+    tolerances,
+    zones,
+)
+
+ROUTERS = (
+    *(session.router, runs.router, sheets.router, incidents.router, press.router, gate.router),
+    *(events.router, people.router, audit.router, zones.router, tolerances.router),
+)

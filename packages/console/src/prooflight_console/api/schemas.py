@@ -1,0 +1,468 @@
+"""Schemas of requests and answers, for OpenAPI and for authors of clients."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from prooflight.detectors.disposition import DecidedBy, Disposition
+from prooflight_console.accounts.roles import Role, Scope
+from prooflight_console.reading.now import State
+
+Cursor = int | None
+
+
+class Answer(BaseModel):
+    """Answer of a console; later versions may add fields."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class RunAnswer(Answer):
+    """A run."""
+
+    id: int
+    state: Literal["running", "interrupted", "finished", "stopped", "fault"]
+    started: str
+    ended: str | None
+    job: str
+    job_digest: str
+    press: str
+    press_digest: str
+    detector: str
+    source: str
+    sheets: int | None
+    pages: int
+    misprints: int
+    not_inspected: int
+    late: int
+    faulty: int
+    absent: int
+    dropped_pages: int
+    dropped_evidence: int
+    promise_suspended_from: int | None
+    detail: str
+
+
+class RunsAnswer(Answer):
+    """Runs, the latest first."""
+
+    items: list[RunAnswer]
+    next: Cursor
+    damaged: int
+
+
+class SheetAnswer(Answer):
+    """A sheet with its verdict."""
+
+    run: int
+    row: int
+    sheet: int
+    job_page: int | None
+    page: str
+    verdict: Literal["good", "misprint", "not-inspected"]
+    disposition: Disposition
+    decided_by: DecidedBy
+    kind: str | None
+    probability: float | None
+    score: float | None
+    threshold: float | None
+    p_value: float | None
+    reason: str
+    regions: list[dict[str, Any]]
+    late: bool
+    faults: list[str]
+    notes: list[str]
+    nuisance: dict[str, float | None]
+    asked: float | None = Field(
+        description="A person is asked for a word on this sheet, which was drawn with this probability."
+    )
+
+
+class SheetsAnswer(Answer):
+    """A list of sheets."""
+
+    items: list[SheetAnswer]
+    next: Cursor
+    damaged: int
+
+
+class WordAnswer(Answer):
+    """A label that a person gave to a sheet or an incident."""
+
+    id: int
+    sheet: int | None
+    incident: str | None
+    word: str
+    note: str
+    by: str
+    at_s: float
+    upto: int | None = Field(
+        description="On an incident, the last sheet that the person saw; null: all of them."
+    )
+    undoes: int | None = Field(description="Of `undone`: the word that does not count any more.")
+
+
+class WholeSheetAnswer(SheetAnswer):
+    """A sheet, with its evidence and labels."""
+
+    incident: int | None
+    evidence: bool
+    words: list[WordAnswer]
+
+
+class EvidenceArray(Answer):
+    """One array of the evidence."""
+
+    name: str
+    dtype: str
+    shape: list[int]
+
+
+class EvidenceAnswer(Answer):
+    """Evidence of a sheet that is stored."""
+
+    arrays: list[EvidenceArray]
+    cuts: list[dict[str, Any]]
+
+
+class ReplayAnswer(Answer):
+    """A verdict that was computed again from its evidence."""
+
+    run: int
+    sheet: int
+    page: str
+    same: bool
+    promise_suspended: bool
+    figures: dict[str, dict[str, float | str | None]]
+
+
+class IncidentAnswer(Answer):
+    """Alarms of one cause."""
+
+    number: int
+    kind: str
+    scope: str
+    where: str
+    box_mm: list[float] | None
+    first_sheet: int
+    last_sheet: int
+    reopened_sheet: int = Field(description="With which it last opened or came back.")
+    count: int
+    sheets: list[int]
+    pages: list[str]
+    since_s: float
+    last_s: float
+    disposition: Disposition
+    reason: str
+    returned: int
+    open: bool
+    word: str | None
+    answered: bool = Field(description="Whether the word covers its sheets up to the last one.")
+    seen: bool = Field(description="Whether somebody has looked since it last opened or came back.")
+    words: list[WordAnswer]
+
+
+class IncidentsAnswer(Answer):
+    """Incidents of a run, by number."""
+
+    items: list[IncidentAnswer]
+    next: Cursor
+
+
+class ReprintAnswer(Answer):
+    """Sheets to print again, with reasons: those that the job needs and that are not in the good tray.
+
+    A set is printed again as a whole. by: ``trays`` for a run with a gate; ``verdicts`` for sheets that were
+    not judged good, that nobody called false alarms and that nobody vouched for.
+    """
+
+    count: int
+    unprinted: int = Field(description="Of these, sheets that were not printed when the run ended.")
+    trays_from: Literal["file", "wire"] | None = Field(
+        description="The controller's log of its trays, or what it said over the wire; null: there is no gate."
+    )
+    vouched: list[int] = Field(
+        description="Sheets of the run that are delivered since a person vouched for them."
+    )
+    disagreements: list[dict[str, Any]] = Field(
+        description="Sheets of which log and wire name different trays; they are to be printed again."
+    )
+    sheets: list[dict[str, Any]]
+    pages: dict[str, int]
+    truncated: bool
+    by: Literal["trays", "verdicts"]
+
+
+class WordRequest(BaseModel):
+    """A label for a sheet or an incident; `good` on an alarm is a false alarm."""
+
+    model_config = ConfigDict(extra="forbid")
+    word: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
+    note: Annotated[str, Field(max_length=1000)] = ""
+    upto: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        default=None, description="On an incident, the last sheet that was seen; default its last one."
+    )
+
+
+class VouchRequest(BaseModel):
+    """Reason why a sheet is good."""
+
+    model_config = ConfigDict(extra="forbid")
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class DriftAnswer(Answer):
+    """Measurements of good prints over a run, in bins of sheets."""
+
+    sheets: list[int]
+    channels: list[dict[str, Any]]
+
+
+class HistogramAnswer(Answer):
+    """Histogram of inspection times."""
+
+    edges_ms: list[float]
+    counts: list[int]
+    median_ms: float | None
+    p99_ms: float | None
+    greatest_ms: float | None
+    late: int
+
+
+class FiguresAnswer(Answer):
+    """Figures by which runs are compared; null if unknown."""
+
+    pages: int
+    misprints: int
+    not_inspected: int
+    late: int
+    lost_lines: int
+    sheets_per_s: float | None
+    inspection_median_ms: float | None
+    inspection_p99_ms: float | None
+    verdict_median_ms: float | None = Field(description="From a sheet's last line to its verdict.")
+    verdict_p99_ms: float | None
+    verdict_p999_ms: float | None
+    busy: float | None = Field(description="Inspectors that were at work, on average.")
+
+
+class ChannelAnswer(Answer):
+    """A measurement of good prints over a run, in its bins; null if no sheet of the bin has it."""
+
+    name: str
+    what: str
+    unit: str
+    tolerance: float | None = Field(description="Beyond it, either way, a page is a misprint.")
+    mean: list[float | None]
+    least: list[float | None]
+    greatest: list[float | None]
+
+
+class ComparedRun(Answer):
+    """One of two runs in a comparison."""
+
+    run: RunAnswer
+    figures: FiguresAnswer
+    sheets: list[int] = Field(description="With which each bin begins.")
+    charts: dict[str, list[ChannelAnswer]]
+    troubles: dict[str, list[int]] = Field(
+        description="Sheets of each bin that lost lines, were late, or were not inspected."
+    )
+    latency: HistogramAnswer
+
+
+class CompareAnswer(Answer):
+    """Two runs side by side."""
+
+    run: ComparedRun
+    against: ComparedRun
+
+
+class ReportAnswer(Answer):
+    """A run in figures, for people who are responsible for its quality."""
+
+    run: RunAnswer
+    kinds: dict[str, int]
+    incidents: int
+    misprint_incidents: int = Field(description="Of these, those of misprints, which can be answered.")
+    answered: int
+    false_alarms: int = Field(description="Misprints by verdict whose alarm people called false.")
+    to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
+    unprinted: int
+    promised: str | None
+    realised_per_good_sheet: float | None
+    sample: dict[str, Any] = Field(
+        description="What people were asked and told of alarms and of the random sample, and what that says of the run."
+    )
+    tolerances: list[dict[str, Any]] = Field(
+        description="False alarms that come again at one place, with what tolerating them would cost; none is applied."
+    )
+    heat: dict[str, Any]
+    words_by: dict[str, dict[str, int]]
+    together: dict[str, Any] | None
+    """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
+
+
+class NowAnswer(Answer):
+    """Current state of the press."""
+
+    state: State
+    alarm: bool
+    run: RunAnswer | None
+    cause: int | None
+    overload: dict[str, int] | None
+    """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
+    incidents: list[dict[str, Any]]
+    to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
+    unprinted: int
+    together: dict[str, Any] | None
+    """Counts of sheets and sets by outcome; None if every page is a sheet of its own, without sets."""
+    health: dict[str, Any]
+
+
+class AboutAnswer(Answer):
+    """Version and state of the console."""
+
+    version: str
+    journal: str
+    journal_trouble: str
+    journal_megabytes: float | None
+    listeners: int
+    up_s: float
+
+
+class SessionAnswer(Answer):
+    """The person who is signed in, or the token's owner."""
+
+    name: str
+    role: Role
+    csrf: str
+    ends_s: float
+    scopes: list[Scope] | None
+
+
+class SignInRequest(BaseModel):
+    """Name and password."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    password: Annotated[str, Field(min_length=1, max_length=400)]
+
+
+class PersonAnswer(Answer):
+    """A person who may sign in."""
+
+    id: int
+    name: str
+    role: Role
+    locked: bool
+    ready: bool
+    created_s: float
+    issuer: str | None = None
+    """OpenID provider at which they sign in; null if here."""
+
+
+class PeopleAnswer(Answer):
+    """All people who may sign in."""
+
+    items: list[PersonAnswer]
+
+
+class NewPerson(BaseModel):
+    """A person to add."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    role: Role
+
+
+class PersonChange(BaseModel):
+    """Changes of a person; a field that is left out stays as it is."""
+
+    model_config = ConfigDict(extra="forbid")
+    role: Role | None = None
+    locked: bool | None = None
+
+
+class LinkAnswer(Answer):
+    """A link by which a person chooses a password; it works once, for a day."""
+
+    name: str
+    link: str
+
+
+class TokenAnswer(Answer):
+    """A token, without its secret."""
+
+    id: int
+    name: str
+    owner: str
+    scopes: list[Scope]
+    created_s: float
+    ends_s: float
+    revoked_s: float | None
+
+
+class TokensAnswer(Answer):
+    """A list of tokens."""
+
+    items: list[TokenAnswer]
+
+
+class NewToken(BaseModel):
+    """A token to add."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    scopes: Annotated[list[Scope], Field(min_length=1, max_length=len(Scope))]
+    days: Annotated[float, Field(gt=0, le=3660)] = 365.0
+
+
+class NewTokenAnswer(TokenAnswer):
+    """A new token with its secret, which is shown this once."""
+
+    secret: str
+
+
+class AuditAnswer(Answer):
+    """Entries of the audit, the latest first."""
+
+    items: list[dict[str, Any]]
+    next: Cursor
+
+
+class ChainAnswer(Answer):
+    """Result of verifying the audit."""
+
+    whole: bool
+    entries: int
+    head: str
+    broken_at: int | None
+    why: str
+
+
+class PictureAnswer(Answer):
+    """Size of a sheet's pictures and of their tiles."""
+
+    width: int
+    height: int
+    tile: int
+    levels: int
+    width_mm: float
+    height_mm: float
+    layers: list[str]
+    regions: list[dict[str, Any]]
+    cuts: list[dict[str, Any]]
+    whole: bool = Field(description="Whether all of the scan was kept, not cuts of it alone.")
+    note: str
+
+
+class CameraAnswer(Answer):
+    """Current view of a run's camera; a program requests it every second, which keeps the view coming."""
+
+    seen: dict[str, Any] | None = Field(
+        description="Per sensor: profiles along the line, saturation, black, noise, focus; lines/s, lost lines. "
+        "Null: nobody watches with this journal, or whoever does has not answered yet."
+    )

@@ -1,0 +1,140 @@
+"""The console as an ASGI application, composed of its services."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Final
+
+from fastapi import FastAPI
+from starlette.middleware.gzip import GZipMiddleware
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
+
+from prooflight import __version__
+from prooflight_console import problems
+from prooflight_console.access import include, refuse_unguarded
+from prooflight_console.accounts.account_store import Accounts
+from prooflight_console.accounts.passwords import Passwords, Tries
+from prooflight_console.accounts.provider import Provider
+from prooflight_console.api import ROUTERS as API_ROUTERS
+from prooflight_console.bodies import BoundedBodies
+from prooflight_console.console import Console
+from prooflight_console.headers import Headers
+from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
+from prooflight_console.pages.shell import problem_page
+from prooflight_console.pictures.pictures import Pictures
+from prooflight_console.reading.gate import Gates
+from prooflight_console.reading.incidents import RunIncidents
+from prooflight_console.reading.live import Live
+from prooflight_console.reading.reprints import Reprints
+from prooflight_console.reading.runs import Reading
+from prooflight_console.reading.stations import Stations
+from prooflight_console.reading.trend import Trends
+from prooflight_console.zones.prices import Prices
+from prooflight_console.zones.rasters import Rasters
+from prooflight_console.zones.service import ZonesService
+from prooflight_console.zones.tolerances import Tolerances
+from prooflight_line.journal.labels import LabelStore
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from prooflight_console.settings import ConsoleSettings
+
+DESCRIPTION: Final = """Runs of a press: sheets, verdicts, incidents, evidence, pictures, live events.
+
+Programs send `Authorization: Bearer TOKEN`. Errors are `application/problem+json`. Lists give `next`, the cursor of the
+page behind it, or null. Lengths are millimetres on the page as printed, times are UTC."""
+
+
+def console_app(
+    settings: ConsoleSettings,
+    *,
+    clock: Callable[[], float] = time.time,
+    ticking: Callable[[], float] = time.monotonic,
+    passwords: Passwords | None = None,
+    prices: Prices | None = None,
+) -> FastAPI:
+    """Return the application with all its services and endpoints.
+
+    Parameters
+    ----------
+    clock
+        Unix time. [s]
+    ticking
+        Monotonic time. [s]
+    prices
+        Service that computes prices of zones; None for the usual one.
+
+    Raises
+    ------
+    EndpointError
+        If an endpoint does not state who may call it.
+    ConsoleFileError, RequestError
+        If the console's file or its settings cannot be used.
+    """
+    accounts = Accounts(settings.data, clock=clock, passwords=passwords)
+    reading = Reading(settings.journal)
+    label_store = LabelStore(settings.journal)
+    incidents = RunIncidents(reading, label_store)
+    gates = Gates(reading, trays=settings.trays)
+    reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
+    stations = Stations(presses=settings.presses, jobs=settings.jobs)
+    pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
+    zones = ZonesService(
+        jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
+    )
+    console = Console(
+        settings=settings,
+        accounts=accounts,
+        label_store=label_store,
+        tries=Tries(ticking),
+        reading=reading,
+        incidents=incidents,
+        trends=Trends(reading),
+        gates=gates,
+        reprints=reprints,
+        live=Live(reading, incidents, label_store, reprints, clock=ticking, ahead=pictures.ahead),
+        stations=stations,
+        pictures=pictures,
+        zones=zones,
+        tolerances=Tolerances(zones, reading, incidents),
+        rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
+        began_s=clock(),
+        provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
+    )
+
+    @asynccontextmanager
+    async def alive(_app: FastAPI) -> AsyncIterator[None]:
+        looking = asyncio.create_task(console.live.run())
+        try:
+            yield
+        finally:
+            console.live.close()
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+            console.zones.prices.close()
+            console.pictures.close()
+            reading.close()
+            accounts.close()
+
+    app = FastAPI(
+        title="Prooflight console",
+        version=__version__,
+        description=DESCRIPTION,
+        openapi_url=None,  # served by an endpoint that requires a role
+        docs_url=None,
+        redoc_url=None,
+        lifespan=alive,
+    )
+    app.state.console = console
+    include(app, *API_ROUTERS, *PAGE_ROUTERS)
+    problems.handle(app, page=problem_page)
+    app.add_middleware(BoundedBodies)
+    app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
+    app.add_middleware(Headers, secure=settings.secure)
+    if settings.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
+    refuse_unguarded(app)
+    return app

@@ -1,0 +1,1 @@
+"""Commands of the console, which the program ``prooflight`` finds by entry points."""

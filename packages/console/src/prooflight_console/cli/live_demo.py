@@ -1,0 +1,82 @@
+"""``prooflight serve --demo``: a job printed live on the simulated press, watched, and shown in the console."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from prooflight.cli import show
+from prooflight.errors import ProoflightError
+
+if TYPE_CHECKING:
+    from prooflight_console.running import Listening
+
+FOLDER: Final = Path("prooflight-demo")
+JOB, PRESS, JOURNAL = "sample-job.pdf", "two-sensors.press", "console.sqlite"
+MISPRINTS: Final = "streak:0.9,spots-voids:0.9,missing-content:0.9,ghost-smear:0.9"
+EVERY: Final = 7
+FAULT_EVERY: Final = 60
+SHEETS: Final = 100_000
+"""Number of sheets: a day at one a second."""
+SEED: Final = 1
+
+
+def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float = 1.0) -> None:
+    """Create job and press if they do not exist yet, and watch the press print until Ctrl-C."""
+    from prooflight_line.cli.watch.command import watch
+
+    job, press = FOLDER / JOB, FOLDER / PRESS
+    _prepare(job, press)
+    watch(
+        job,
+        press,
+        f"drum:{pages_per_s:g}",
+        sheets=sheets,
+        detector=None,
+        deadline_ms=2000.0,
+        journal=str(FOLDER / JOURNAL),
+        keep="misprints",
+        trigger=None,
+        camera=None,
+        threads=None,
+        misprint=MISPRINTS,
+        every=EVERY,
+        fault_every=FAULT_EVERY,
+        profile=None,
+        seed=SEED,
+        serve=True,
+        serve_port=listening.port,
+    )
+
+
+def _prepare(job: Path, press: Path) -> None:
+    from prooflight.cli.jobs.demonstration import demo_press
+    from prooflight.pages.job import JobSource
+    from prooflight.press.artefact import Press
+
+    say = show.steps(quiet=False)
+    if not job.exists():
+        from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+        say("composing the sample job")
+        make_sample_job(job, seed=SEED)
+    try:
+        Press.load(press)
+    except (OSError, ProoflightError):
+        with JobSource(path=job, dpi=1.0).open() as opened:
+            sizes = opened.page_sizes_mm
+        built = demo_press(
+            sizes,
+            world="press",
+            seed=SEED,
+            progress=say,
+            shown=lambda days, total, what: show.progress(iter(days), total=total, what=what),
+        )
+        built.save(press)
+
+
+def ended(error: typer.Exit) -> int:
+    """Return the exit code of a demonstration, whose misprints are intended."""
+    return 0 if error.exit_code in (1, 3) else error.exit_code

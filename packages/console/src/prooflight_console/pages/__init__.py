@@ -1,0 +1,22 @@
+"""The pages for people."""
+
+from prooflight_console.pages import (
+    assets,
+    camera,
+    incident,
+    now,
+    press,
+    provider,
+    report,
+    reprint,
+    search,
+    setup,
+    sign_in,
+    zones,
+)
+
+ROUTERS = (
+    *(assets.router, sign_in.router, provider.router),
+    *(now.router, incident.router, reprint.router),
+    *(report.router, search.router, press.router, setup.router, camera.router, zones.router),
+)

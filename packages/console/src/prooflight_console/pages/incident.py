@@ -1,0 +1,214 @@
+"""The page of an incident and that of one sheet: pictures, labels, and one tap to label it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from fastapi import APIRouter, Form, Path, Query, Request
+from fastapi.responses import Response
+
+from prooflight.inspection.sheets import came
+from prooflight_console.accounts.roles import Role
+from prooflight_console.api.common import (
+    IncidentNumber,
+    OperatorThemselves,
+    RunId,
+    SheetNumber,
+    console,
+    etag,
+    not_modified,
+    unchanged,
+)
+from prooflight_console.pages.shell import OperatorPage, ViewerPage, page
+from prooflight_line.journal.labels import UNDONE, Labels, run_key
+from prooflight_line.plant.gate.log import log_path
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight_console.accounts.roles import Who
+    from prooflight_console.console import Console
+    from prooflight_console.reading.incidents import LabelledIncident
+    from prooflight_line.journal.labels import Label
+    from prooflight_line.journal.records import PageRecord, RunRow
+
+router = APIRouter(include_in_schema=False)
+
+A_WHILE: Final = "private, max-age=3600"
+NO_SCAN: Final = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64"><path d="M20 12h17l8 8v32H20zM37 12v8h8M26 '
+    '32h13M26 40h13" fill="none" stroke="#8a98a4" stroke-width="2.5" stroke-linejoin="round"/></svg>'
+)
+
+
+@router.get("/runs/{run}/incidents/{incident}")
+def incident_page(
+    request: Request,
+    who: ViewerPage,
+    run: RunId,
+    incident: IncidentNumber,
+    sheet: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+) -> Response:
+    """Return the page of an incident, with one of its sheets."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    labelled = state.incidents.one(run_row, incident)
+    return _shown(request, who, run_row, labelled, labelled.incident.last_sheet if sheet is None else sheet)
+
+
+@router.get("/runs/{run}/sheets/{sheet}")
+def sheet_page(request: Request, who: ViewerPage, run: RunId, sheet: SheetNumber) -> Response:
+    """Return the page of a sheet, with its incident if it belongs to one."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    number = state.incidents.of_sheet(run_row, sheet)
+    labelled = None if number is None else state.incidents.one(run_row, number)
+    return _shown(request, who, run_row, labelled, sheet)
+
+
+@router.get("/runs/{run}/sheets/{sheet}/thumbnail")
+def thumbnail(request: Request, _who: ViewerPage, run: RunId, sheet: SheetNumber) -> Response:
+    """Return a small picture of the sheet's first region, or a mark if no scan of it is stored."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    tag = etag(run_key(run_row), sheet, "thumbnail", state.pictures.version)
+    if unchanged(request, tag):
+        return not_modified(tag, A_WHILE)
+    picture = state.pictures.thumbnail(run_row, state.reading.sheet(run_row.id, sheet))
+    headers = {"ETag": tag, "Cache-Control": A_WHILE}
+    if picture is None:
+        return Response(NO_SCAN, media_type="image/svg+xml", headers=headers)
+    return Response(picture, media_type="image/webp", headers=headers)
+
+
+@router.post("/runs/{run}/incidents/{incident}/word")
+def say(
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    incident: IncidentNumber,
+    word: Annotated[str, Form(max_length=40)],
+    note: Annotated[str, Form(max_length=1000)] = "",
+    upto: Annotated[int | None, Form(ge=0, lt=2**63)] = None,
+) -> Response:
+    """Label an incident by one tap, and return the list of labels. upto: the last sheet shown."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    state.say(who, word, run_row, incident=incident, note=note, upto=upto)
+    return _incident_part(request, who, run_row, incident)
+
+
+@router.post("/runs/{run}/sheets/{sheet}/word")
+def say_of_sheet(
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    sheet: SheetNumber,
+    word: Annotated[str, Form(max_length=40)],
+    note: Annotated[str, Form(max_length=1000)] = "",
+) -> Response:
+    """Label a sheet by one tap: good, misprint, don't know."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    state.reading.sheet(run_row.id, sheet)
+    state.say(who, word, run_row, sheet=sheet, note=note)
+    return _sheet_part(request, who, run_row, sheet)
+
+
+@router.post("/runs/{run}/sheets/{sheet}/vouch")
+def vouch(
+    request: Request,
+    who: OperatorThemselves,
+    run: RunId,
+    sheet: SheetNumber,
+    reason: Annotated[str, Form(max_length=1000)] = "",
+) -> Response:
+    """Record that a person has this one sheet in hand and that it is good."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    if not reason.strip():
+        return _sheet_part(request, who, run_row, sheet, vouch_wrong=True)
+    state.vouch(who, run_row, sheet, reason=reason)
+    return _sheet_part(request, who, run_row, sheet)
+
+
+@router.post("/runs/{run}/words/{word}/undo")
+def undo(
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    word: Annotated[int, Path(ge=1, lt=2**63)],
+    shown: Annotated[int, Query(ge=0, lt=2**63, description="The sheet on whose page it was undone.")],
+) -> Response:
+    """Undo a label, and return the list that it was in."""
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    undone = state.undo(who, run_row, word)
+    if undone.incident is not None:
+        return _incident_part(request, who, run_row, int(undone.incident), sheet=shown)
+    return _sheet_part(request, who, run_row, shown)
+
+
+def _incident_part(
+    request: Request, who: Who, run: RunRow, incident: int, *, sheet: int | None = None
+) -> Response:
+    labelled = console(request).incidents.one(run, incident)
+    shown = labelled.incident.last_sheet if sheet is None else sheet
+    return page(request, who, "incident_words", run=run, told=labelled, sheet=shown, history_of=history_of)
+
+
+def _sheet_part(
+    request: Request, who: Who, run: RunRow, sheet: int, *, vouch_wrong: bool = False
+) -> Response:
+    values = _of_sheet(console(request), who, run, sheet) | {"vouch_wrong": vouch_wrong}
+    return page(request, who, "sheet_words", run=run, sheet=sheet, **values)
+
+
+def _of_sheet(state: Console, who: Who, run: RunRow, sheet: int) -> dict[str, Any]:
+    """Return the values of a sheet itself for its page."""
+    record, labels = state.reading.sheet(run.id, sheet), state.incidents.labels_of(run, sheet)
+    doubtful = not (record.verdict.verdict == "good" and record.disposition == "accept")
+    doubtful |= log_path(state.reading.path, run.id).is_file()
+    return {
+        "record": record,
+        "said": labels,
+        "label": Labels(labels).of(sheet),
+        "history_of": history_of,
+        "next_asked": _next_sampled(state, run, record),
+        "may_vouch": who.role.may(Role.OPERATOR) and doubtful and came(record),
+        "vouch_wrong": False,
+    }
+
+
+def history_of(labels: Sequence[Label]) -> list[tuple[Label, Label | None]]:
+    """Return labels, the latest first, each with the entry that undid it; None if it stands."""
+    undone = {label.undoes: label for label in labels if label.undoes is not None}
+    return [(label, undone.get(label.id)) for label in reversed(labels) if label.word != UNDONE]
+
+
+def _shown(
+    request: Request, who: Who, run: RunRow, labelled: LabelledIncident | None, sheet: int
+) -> Response:
+    state = console(request)
+    values = _of_sheet(state, who, run, sheet)
+    record = values["record"]
+    values |= {"run": run, "told": labelled, "sheet": sheet}
+    values["pictures"] = state.pictures.describe(run, record, wait=False)
+    values["can_replay"] = record.evidence is not None and state.stations.press(run) is not None
+    return page(request, who, "incident", **values)
+
+
+def _next_sampled(state: Console, run: RunRow, record: PageRecord) -> int | None:
+    """Return the next sampled sheet that passed and has no label.
+
+    Returns None if there is none, or if this sheet was not sampled.
+    """
+    if record.asked is None or record.verdict.verdict != "good":
+        return None
+    open_questions = [
+        one.record.sheet
+        for one in state.incidents.sampled(run)
+        if not one.alarm and not one.state and one.record.sheet != record.sheet
+    ]
+    later = [number for number in open_questions if number > record.sheet]
+    return next(iter(later or open_questions), None)

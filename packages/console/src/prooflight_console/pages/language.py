@@ -1,0 +1,59 @@
+"""Texts of pages, in English and in German."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+ENGLISH: Final = "en"
+
+
+class Language:
+    """Texts of one language by their keys.
+
+    An unknown key is an error; a kind that a package adds is shown by its name.
+    """
+
+    def __init__(self, code: str) -> None:
+        self.code = code
+        folder = files("prooflight_console.pages") / "languages"
+        self._words: dict[str, str] = {}
+        for name in (f"{code}.json", f"{code}-office.json"):
+            self._words |= json.loads((folder / name).read_text("utf-8"))
+
+    def __call__(self, key: str, **values: Any) -> str:
+        """Return the text of a key with the values inserted; raises KeyError."""
+        return self._words[key].format(**values)
+
+    def named(self, group: str, name: str | None) -> str:
+        """Return the text of an item of a group (``kind``, ``action``, ...), or its name if untranslated."""
+        return self._words.get(f"{group}.{name or 'none'}", str(name))
+
+    def count(self, key: str, number: int) -> str:
+        """Return a number and its noun: ``KEY.one`` or ``KEY.many``."""
+        return self._words[f"{key}.one" if number == 1 else f"{key}.many"].format(n=self.number(number))
+
+    def number(self, value: float, digits: int = 0) -> str:
+        """Return a number with the language's separators."""
+        text = f"{value:,.{digits}f}"
+        return text if self.code == ENGLISH else text.translate(str.maketrans(",.", "\u202f,"))
+
+    def keys(self) -> set[str]:
+        """Return all keys."""
+        return set(self._words)
+
+    def group(self, beginning: str) -> dict[str, str]:
+        """Return the texts whose keys have this prefix, by the rest of the key, for scripts."""
+        return {
+            key.removeprefix(beginning): words
+            for key, words in self._words.items()
+            if key.startswith(beginning)
+        }
+
+
+@cache
+def language(code: str) -> Language:
+    """Return one of ``LANGUAGES``."""
+    return Language(code)

@@ -1,0 +1,117 @@
+"""Runs, sheets and incidents as plain values for JSON."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from prooflight_line.journal.exporting import page_facts, run_facts
+
+if TYPE_CHECKING:
+    from prooflight_console.reading.incidents import LabelledIncident
+    from prooflight_console.reading.now import Now
+    from prooflight_line.journal.following import Written
+    from prooflight_line.journal.labels import Label
+    from prooflight_line.journal.records import RunRow
+
+
+MOST_INCIDENTS = 20
+"""Incidents in a state that is sent live."""
+
+
+def run_of(run: RunRow) -> dict[str, Any]:
+    """Return a run, without the settings that it was started with."""
+    fields = run_facts(run)
+    return {name: value for name, value in fields.items() if name not in ("settings", "counts")}
+
+
+def whole_run(run: RunRow) -> dict[str, Any]:
+    """Return a run with all its fields."""
+    return run_facts(run)
+
+
+def sheet_of(row: Written) -> dict[str, Any]:
+    """Return a sheet as programs read it."""
+    return {"run": row.run_id, "row": row.row, **page_facts(row.page)}
+
+
+def live_sheet(row: Written) -> dict[str, Any]:
+    """Return the fields of a sheet that the strip of live sheets needs."""
+    verdict = row.page.verdict
+    return {
+        "run": row.run_id,
+        "sheet": row.page.sheet,
+        "page": verdict.page,
+        "verdict": verdict.verdict,
+        "disposition": row.page.disposition,
+        "decided_by": row.page.decided_by,
+        "kind": verdict.kind,
+        "late": row.page.late,
+        "faults": list(row.page.faults),
+    }
+
+
+def label_of(label: Label) -> dict[str, Any]:
+    """Return a label."""
+    fields = asdict(label)
+    del fields["run"]
+    return fields
+
+
+def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
+    """Return an incident with its labels."""
+    fields = _finite(asdict(labelled.incident))
+    return {
+        **fields,
+        "open": labelled.incident.open,
+        "word": labelled.word,
+        "answered": labelled.answered,
+        "seen": labelled.seen,
+        "words": [label_of(label) for label in labelled.labels],
+    }
+
+
+def brief_incident(labelled: LabelledIncident) -> dict[str, Any]:
+    """Return the fields of an incident that a list needs."""
+    incident = labelled.incident
+    names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")
+    labels = {"word": labelled.word, "answered": labelled.answered, "seen": labelled.seen}
+    return {name: getattr(incident, name) for name in names} | labels
+
+
+def now_facts(now: Now) -> dict[str, Any]:
+    """Return the current state of the press, with ages in whole seconds, lest every poll bring a change."""
+    health = asdict(now.health)
+    quiet_s = now.health.quiet_s
+    if quiet_s is not None:
+        health["quiet_s"] = math.floor(quiet_s) if quiet_s >= 2 else 0
+    if (rate := now.health.sheets_per_s) is not None:
+        health["sheets_per_s"] = round(rate, 2)
+    return {
+        "state": now.state,
+        "alarm": now.alarm,
+        "run": None if now.run is None else run_of(now.run),
+        "cause": None if now.cause is None else now.cause.incident.number,
+        "incidents": [brief_incident(labelled) for labelled in now.incidents[:MOST_INCIDENTS]],
+        "overload": None
+        if now.overload is None
+        else dict(zip(("late", "recent"), now.overload, strict=True)),
+        "to_print_again": now.reprints.count,
+        "unprinted": now.reprints.unprinted,
+        "together": None if now.together is None else now.together.facts,
+        "health": _finite(health)
+        | {
+            "camera": now.health.camera,
+            "inspection": now.health.inspection,
+            "gate": None if now.gate is None else asdict(now.gate) | {"lamp": now.gate.lamp},
+        },
+    }
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(part) for name, part in value.items()}
+    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

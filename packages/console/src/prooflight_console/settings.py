@@ -1,0 +1,46 @@
+"""Settings with which a console is started."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from prooflight_console.accounts.provider_file import ProviderSettings
+
+SUFFIX: Final = ".console.sqlite"
+CACHE_SUFFIX: Final = ".console.tiles"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsoleSettings:
+    """Settings of one console, whose journal need not exist yet."""
+
+    journal: Path
+    data: Path
+    """The console's own database file."""
+    tiles: Path
+    """Folder in which pictures are cached."""
+    tiles_bytes: int = 2_000_000_000
+    """Largest size of the cache; the pictures used longest ago are removed first. [bytes]"""
+    presses: tuple[Path, ...] = ()
+    """Press artefacts for repeating verdicts and picturing expected pages, selected by their digests."""
+    jobs: tuple[Path, ...] = ()
+    """Jobs, selected by their digests."""
+    secure: bool = False
+    """Whether the console is reached by TLS; cookies are then sent by TLS alone."""
+    origins: tuple[str, ...] = field(default=())
+    """Further addresses at which browsers reach the console, as behind a proxy: https://console.example."""
+    trays: Path | None = None
+    """The controller's log of its trays, which may grow."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses or networks of proxies whose ``X-Forwarded-For`` is trusted."""
+    provider: ProviderSettings | None = None
+    """OpenID provider at which people may sign in as well."""
+
+    @classmethod
+    def of(cls, journal: Path, *, data: Path | None = None, **values: object) -> ConsoleSettings:
+        """Return settings with database and pictures next to the journal unless ``values`` name others."""
+        own = data or journal.with_name(journal.name + SUFFIX)
+        return cls(journal=journal, data=own, tiles=own.with_name(own.name + ".tiles"), **values)  # type: ignore[arg-type]

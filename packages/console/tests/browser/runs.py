@@ -1,0 +1,158 @@
+"""Runs as a press floor has them, written by the journal's own writer: drift, streaks, spots, lost lines, late sheets.
+
+They are made up from a seed: no press prints, no camera looks, nothing is detected.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight.cmyk import INK_NAMES
+from prooflight.detectors.verdict import Region, Verdict
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord, RunEnd, RunFacts
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NOON_S: Final = 1_780_000_000.0
+"""When the first run began: 28 May 2026. [s]"""
+JOBS: Final = ("spring-catalogue.pdf", "annual-report.pdf", "labels-0417.pdf", "spring-catalogue.pdf")
+TIMES: Final = {"median_ms": 141.2, "p99_ms": 262.9, "p999_ms": 402.5, "greatest_ms": 431.0, "count": 600}
+EVIL: Final = '<img src=x onerror="document.title=1"><script>document.title=1</script>'
+"""Script that somebody put into a name."""
+
+
+def facts(number: int, **changes: Any) -> RunFacts:
+    """Of the ``number``-th run."""
+    told = RunFacts(
+        job=JOBS[number % len(JOBS)],
+        job_digest="",
+        press="press-2",
+        press_digest=hashlib.sha256(b"press-2").hexdigest(),
+        detector="matched_filter",
+        source="genicam:linea-4k",
+        started_s=NOON_S + 5400.0 * number,
+        sheets=600,
+        settings={"deadline_s": 0.5, "inspectors": 2, "source_clock": True, "room": 6, "stall_s": 10.0},
+    )
+    return replace(told, **changes)
+
+
+def sheet(number: int, rng: np.random.Generator, *, drifts: float = 1.0) -> PageRecord:
+    """A good one. drifts: how much faster than usual its press drifts."""
+    slow = drifts * number / 600
+    nuisance = {}
+    for at, ink in enumerate(INK_NAMES):
+        nuisance[f"gain-{ink}"] = float(0.02 * np.sin(number / 90 + at) + 0.028 * slow + rng.normal(0, 0.006))
+        nuisance[f"register-{ink}-x"] = float(0.05 * np.cos(number / 140 + at) + rng.normal(0, 0.012))
+        nuisance[f"register-{ink}-y"] = float(0.07 * slow + 0.03 * at - 0.05 + rng.normal(0, 0.015))
+    nuisance |= {"shift-x": float(0.4 * slow + rng.normal(0, 0.08)), "shift-y": float(rng.normal(0, 0.1))}
+    nuisance |= {f"light-{name}": float(-0.018 * slow + rng.normal(0, 0.002)) for name in ("first", "second")}
+    nuisance |= {f"lamp-{wave}": float(rng.normal(0, 0.004) / wave) for wave in range(1, 7)}
+    verdict = Verdict(
+        page=f"p{number % 24 + 1:04}",
+        verdict="good",
+        score=float(rng.normal(-1.5, 0.6)),
+        threshold=2.0,
+        probability=0.001,
+        milliseconds=float(np.exp(rng.normal(np.log(120), 0.2))),
+        detector="matched_filter",
+    )
+    return PageRecord(
+        sheet=number,
+        job_page=number,
+        verdict=verdict,
+        late=False,
+        first_line=3100 * number,
+        time_s=0.2 * number,
+        nuisance=nuisance,
+    )
+
+
+def misprint(
+    number: int,
+    rng: np.random.Generator,
+    *,
+    kind: str,
+    box_mm: tuple[float, float, float, float],
+    accepted: bool = False,
+    page: str | None = None,
+) -> PageRecord:
+    """One whose cut of the scan is kept."""
+    good = sheet(number, rng)
+    region = Region.rounded(box_mm, score=float(rng.normal(12, 1)), kind=kind)
+    verdict = replace(
+        good.verdict,
+        verdict="misprint",
+        stopping_costs_more=accepted,
+        kind=kind,
+        regions=(region,),
+        score=float(rng.normal(7, 1)),
+        probability=0.98,
+        page=page or good.verdict.page,
+    )
+    cut, box = _cut(kind, box_mm, rng)
+    evidence = {"cut0": cut, "cut0_mm": np.array(box), "wrong_page": np.array(False)}
+    return replace(good, verdict=verdict, evidence=evidence)
+
+
+def _cut(
+    kind: str, box_mm: tuple[float, float, float, float], rng: np.random.Generator
+) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+    """Paper with some lines of text, and what is wrong with it."""
+    cut = np.full((2, 140, 140), 3000.0)
+    for top in range(8, 140, 16):
+        cut[:, top : top + 5, :] -= 2200 * np.repeat(rng.random(35) < 0.45, 4)
+    if kind == "streak":
+        cut[:, :, 66:71] -= 700
+    else:
+        rows, columns = np.ogrid[:140, :140]
+        cut[:, np.hypot(rows - 70, columns - 70) < 14] = 500
+    cut += rng.normal(0, 30, cut.shape)
+    x, y, width, height = box_mm
+    box = (x + width / 2 - 7.4, y + min(height, 20) / 2 - 7.4, 14.8, 14.8)
+    return np.clip(cut, 0, 4095).astype(np.uint16), box
+
+
+def troubled(number: int, rng: np.random.Generator, seed: int) -> PageRecord:
+    """A sheet of a run that has its share of everything."""
+    if 210 <= number < 260 and number % 2 == seed % 2:
+        x = 61.0 + rng.normal(0, 0.4)
+        return misprint(number, rng, kind="streak", box_mm=(x, 0.0, 1.6, 297.0))
+    if number % 97 == 40:
+        place = rng.normal([140.0, 210.0], 7.0)
+        return misprint(
+            number, rng, kind="spots-voids", box_mm=(*place, *rng.uniform(3, 9, 2)), accepted=True
+        )
+    if number % 151 == 90:
+        return misprint(number, rng, kind="missing-content", box_mm=(18.0, 24.0, 74.0, 31.0))
+    good = sheet(number, rng, drifts=1 + seed % 3)
+    if number in (330, 331, 332):
+        reason = f"the camera lost {3 * number - 900} lines of it"
+        verdict = Verdict(page=good.verdict.page, verdict="not-inspected", reason=reason)
+        return replace(good, verdict=verdict, faults=("lost-lines",), nuisance={})
+    if number in (470, 471):
+        return replace(good, late=True, verdict=replace(good.verdict, milliseconds=640.0))
+    return good
+
+
+def write_runs(path: Path, *, runs: int = 3, sheets: int = 400, going: bool = True, **changes: Any) -> None:
+    """Some runs; going: the last has no end, and a streak goes on in it. changes: of what each says of itself."""
+    with Journal.open(str(path)) as journal:
+        for number in range(runs):
+            rng = np.random.default_rng([26, number])
+            begun = facts(number, sheets=sheets, **changes)
+            run = journal.begin_run(begun)
+            last = going and number == runs - 1
+            for at in range(258 if last else sheets):
+                journal.record(run, troubled(at, rng, number))
+            journal.commit()
+            if not last:
+                counts = {"elapsed_s": sheets / 5 + number, "stages": {"verdict": TIMES}}
+                ended_s = begun.started_s + sheets / 5
+                journal.end_run(run, RunEnd(ended_s=ended_s, ending="finished", counts=counts))

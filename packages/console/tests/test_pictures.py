@@ -1,0 +1,330 @@
+"""Tiles: levels by closed form, pieces of the scan where they lie, a huge page in little memory, a bounded cache."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+import textwrap
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from packages.console.tests.consoles import served
+from packages.console.tests.drawn_sheets import MIDDLE, write_drawn
+from packages.line.tests.journal.sample_rows import CUT_MM, facts, misprint
+from PIL import Image
+
+from prooflight.files.content import content_digest
+from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.redeciding import evidence_to_store
+from prooflight.pages.files import write_tiff
+from prooflight.spectra import srgb_encoded
+from prooflight_console.accounts.roles import Role
+from prooflight_console.pictures import expected
+from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_at, write_levels
+from prooflight_console.pictures.pictures import tidy
+from prooflight_console.pictures.tiles import Cut, SheetPicture
+from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.records import PageRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+
+API = "/api/v1"
+
+
+def decoded(picture: bytes | None) -> NDArray[np.uint8]:
+    assert picture is not None
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
+
+
+@given(width=st.integers(1, 30_000), height=st.integers(1, 30_000))
+def test_each_level_is_half_of_the_one_above_and_the_lowest_one_tile(width: int, height: int) -> None:
+    levels = levels_of(width, height)
+    for extent in (width, height):
+        sizes = [size_at(extent, level, levels) for level in range(levels)]
+        assert sizes[-1] == extent
+        assert sizes[0] <= TILE
+        assert all(-(-fine // 2) == coarse for coarse, fine in pairwise(sizes))
+    assert levels == 1 or max(size_at(width, 1, levels), size_at(height, 1, levels)) > TILE
+
+
+@given(width=st.integers(1, 1300), height=st.integers(1, 1300), seed=st.integers(0, 9))
+def test_a_picture_comes_back_in_tiles_and_means(
+    tmp_path_factory: pytest.TempPathFactory, width: int, height: int, seed: int
+) -> None:
+    signal = np.random.default_rng(seed).random((height, width), np.float32)
+    made = write_levels(
+        tmp_path_factory.mktemp("levels"),
+        lambda first, last: signal[first:last],
+        width=width,
+        height=height,
+        size_mm=(width / 10, height / 10),
+    )
+    again = Pyramid.read(made.folder)
+    assert again == made
+    rows = []
+    for top in range(0, height, TILE):
+        row = [made.part(made.levels - 1, left, top, TILE) for left in range(0, width, TILE)]
+        rows.append(np.concatenate(row, axis=1))
+    stored = 0.5 / expected.FULL + 1e-6  # what 16 bits round off
+    np.testing.assert_allclose(np.concatenate(rows), signal, atol=stored)
+    if made.levels > 1:
+        padded = np.pad(signal, ((0, height % 2), (0, width % 2)), mode="edge")
+        means = padded.reshape(padded.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3))
+        lower = made.part(made.levels - 2, 0, 0, TILE)
+        np.testing.assert_allclose(lower, means[:TILE, :TILE], atol=3 * stored)
+
+
+def test_a_page_of_20_000_by_14_000_pixels_takes_little_memory(tmp_path: Path) -> None:
+    """In a process of its own, whose greatest memory the system tells: levels are written, and a tile is read."""
+    program = f"""
+        import resource, sys
+        import numpy as np
+        from pathlib import Path
+        from prooflight_console.pictures.expected import Pyramid, write_levels
+        from prooflight_console.pictures.tiles import SheetPicture
+
+        def peak():  # of anonymous memory: pages of mapped files are the system's to take back
+            status = Path("/proc/self/status").read_text()
+            return int(status.split("RssAnon:")[1].split()[0]) / 1024
+        begun, most = peak(), 0.0
+        row = np.linspace(0, 1, 20_000, dtype=np.float32)
+        def band(first, last):
+            global most
+            most = max(most, peak())
+            return np.broadcast_to(row, (last - first, 20_000))
+        made = write_levels(Path({str(tmp_path / "page")!r}), band, width=20_000, height=14_000,
+                            size_mm=(2000.0, 1400.0))
+        most = max(most, peak())
+        picture = SheetPicture(width=made.width, height=made.height, width_mm=made.width_mm, height_mm=made.height_mm,
+                               levels=made.levels, cuts=(), expected=made)
+        for level in range(made.levels):
+            assert picture.tile("expected", level, 0, 0)
+        assert picture.tile("expected", made.levels - 1, 39, 27)
+        assert picture.tile("expected", made.levels - 1, 40, 0) is None
+        print(max(most, peak()) - begun)
+    """
+    ran = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    whole_mb = 20_000 * 14_000 * 4 / 1e6  # as float32: 1,120 MB
+    assert float(ran.stdout) < whole_mb / 4
+
+
+def picture(cuts: tuple[Cut, ...]) -> SheetPicture:
+    return SheetPicture(
+        width=1000,
+        height=1500,
+        width_mm=100.0,
+        height_mm=150.0,
+        levels=levels_of(1000, 1500),
+        cuts=cuts,
+        expected=None,
+    )
+
+
+def test_a_cut_lies_where_it_was_seen_at_every_level() -> None:
+    dark = Cut(signal=np.zeros((60, 40), np.float32), box_mm=(60.0, 120.0, 4.0, 6.0))
+    shown = picture((dark,))
+    for level in range(shown.levels):
+        scale = 2.0 ** (level - shown.levels + 1)
+        whole = np.full(
+            (size_at(1500, level, shown.levels), size_at(1000, level, shown.levels), 3), 255, np.uint8
+        )
+        for row in range(-(-whole.shape[0] // TILE)):
+            for column in range(-(-whole.shape[1] // TILE)):
+                tile = decoded(shown.tile("scan", level, column, row))
+                whole[
+                    row * TILE : row * TILE + tile.shape[0], column * TILE : column * TILE + tile.shape[1]
+                ] = tile
+        found = np.argwhere(whole[..., 0] < 128)
+        corners = found.min(axis=0), found.max(axis=0) + 1
+        np.testing.assert_allclose(corners, np.array([[1200, 600], [1260, 640]]) * scale, atol=1)
+
+
+def test_a_cut_over_four_tiles_has_no_seam() -> None:
+    ramp = np.tile(np.linspace(0, 1, 200, dtype=np.float32), (200, 1))
+    shown = picture((Cut(signal=ramp, box_mm=(41.2, 41.2, 20.0, 20.0)),))
+    tiles = [[decoded(shown.tile("scan", shown.levels - 1, c, r)) for c in (0, 1)] for r in (0, 1)]
+    whole = np.concatenate([np.concatenate(row, axis=1) for row in tiles])[..., 0].astype(float)
+    middle = whole[512, 415:610]
+    expected_ramp = 255 * srgb_encoded((np.arange(415, 610) + 0.5 - 412) / 200)
+    assert np.abs(middle - expected_ramp).max() < 12  # WebP's loss
+
+
+def test_places_outside_are_no_tiles() -> None:
+    shown = picture(())
+    assert shown.layers == ()
+    shown = picture((Cut(signal=np.zeros((9, 9), np.float32), box_mm=(0.0, 0.0, 1.0, 1.0)),))
+    assert shown.tile("expected", 0, 0, 0) is None
+    assert shown.tile("scan", shown.levels, 0, 0) is None
+    assert shown.tile("scan", shown.levels - 1, 2, 0) is None
+    assert shown.tile("scan", shown.levels - 1, 1, 2) is not None
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"cut0_mm": np.array([np.nan, 0, 1, 1])},
+        {"cut0_mm": np.array([0, 0, 0, 0])},
+        {"cut0_mm": np.array([1e30, 1e30, 1, 1])},
+        {"cut0_mm": np.zeros(7)},
+        {"cut0": np.zeros((3, 3), np.uint16)},
+        {"cut0": np.zeros((1, 0, 5), np.uint16)},
+    ],
+)
+def test_cuts_that_lie_nowhere_are_left_out(tmp_path: Path, spoilt: dict[str, Any]) -> None:
+    console = served(tmp_path)
+    with Journal.open(str(console.journal)) as journal:
+        record = misprint(30)
+        assert record.evidence is not None
+        odd = {**record.evidence, **spoilt}
+        journal.record(1, misprint(30, kept=False).__class__(**{**_fields(record), "evidence": odd}))
+    client = console.client(Role.VIEWER)
+    told = client.get(f"{API}/runs/1/sheets/30/pictures")
+    assert told.status_code == 200
+    assert client.get(f"{API}/runs/1/sheets/30/pictures/scan/0/0/0").status_code in (200, 404)
+    console.close()
+
+
+def _fields(record: PageRecord) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in PageRecord.__slots__}
+
+
+def test_what_was_looked_at_longest_ago_goes_first(tmp_path: Path) -> None:
+    for age, name in enumerate(("newest", "older", "oldest")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "level00.npy").write_bytes(bytes(1000))
+        os.utime(tmp_path / name, (1000 - age, 1000 - age))
+    tidy(tmp_path, 2000, keep=tmp_path / "newest")
+    assert {path.name for path in tmp_path.iterdir()} == {"newest", "older"}
+    tidy(tmp_path, 10, keep=tmp_path / "newest")
+    assert {path.name for path in tmp_path.iterdir()} == {"newest"}, "what is asked for stays"
+
+
+def test_seen_expected_and_difference_of_a_real_misprint(
+    tmp_path: Path, press: Press, make_page: Callable[..., Page]
+) -> None:
+    """A hole in the scan is lighter than expected there and nowhere else, and the scan lies on the page."""
+    page = make_page(7)
+    job = tmp_path / "job.tif"
+    write_tiff(page, job)
+    artefact = tmp_path / "rig.press"
+    press.save(artefact)
+    inspector = Inspector.of(press, "chi-square")
+    planned = inspector.planned(page)
+    scan = np.rint(planned.expected.expected_dn).astype(np.uint16)
+    lines, columns = press.geometry.on_page(page.width_mm, page.height_mm)
+    first = lines.start + 100, columns.start + 100
+    hole = slice(first[0], first[0] + 40), slice(first[1], first[1] + 40)
+    paper = int(press.sensors[0].white_dn)
+    scan[0, hole[0], hole[1]] = paper
+    inspection = inspector.inspect(page, scan)
+    assert inspection.verdict.verdict == "misprint"
+    console = served(tmp_path, run=False, presses=(artefact,), jobs=(job,))
+    with Journal.open(str(console.journal)) as journal:
+        told = facts(job_digest=content_digest(job), press_digest=press.digest, detector="chi-square")
+        run = journal.begin_run(told)
+        record = PageRecord(
+            sheet=0,
+            job_page=0,
+            verdict=inspection.verdict,
+            late=False,
+            first_line=0,
+            time_s=0.0,
+            evidence=evidence_to_store(inspection, page, press),
+        )
+        journal.record(run, record)
+    client = console.client(Role.VIEWER)
+    told_pictures = client.get(f"{API}/runs/1/sheets/0/pictures").json()
+    assert told_pictures["layers"] == ["scan", "expected", "difference"]
+    assert (told_pictures["width_mm"], told_pictures["height_mm"]) == pytest.approx(
+        (page.width_mm, page.height_mm), abs=0.2
+    )
+    top = told_pictures["levels"] - 1
+    tiles = {
+        layer: decoded(client.get(f"{API}/runs/1/sheets/0/pictures/{layer}/{top}/0/0").content).astype(int)
+        for layer in ("scan", "expected", "difference")
+    }
+    at = slice(105, 135), slice(105, 135)
+    assert tiles["scan"][at].min() > 240, "paper"
+    assert tiles["expected"][at].mean() < 235
+    blue = tiles["difference"][..., 2] - tiles["difference"][..., 0]
+    assert blue[at].mean() > 25, "lighter than expected"
+    beside = np.ones(blue.shape, bool)
+    beside[90:150, 90:150] = False
+    assert np.abs(blue[beside]).max() < 60, "nothing else differs: the scan lies where the page does"
+    replayed = client.get(f"{API}/runs/1/sheets/0/replay").json()
+    assert replayed["same"] is True
+    console.close()
+
+
+def test_a_sheet_that_passed_and_was_drawn_is_shown_whole(
+    tmp_path: Path, press: Press, make_page: Callable[..., Page]
+) -> None:
+    """It lies on its page although the paper had moved and stretched, and differs where something is wrong alone."""
+    console = served(tmp_path, run=False, **write_drawn(tmp_path, make_page(7), press))
+    client = console.client(Role.OPERATOR)
+    first = client.get("/runs/1/sheets/0").text
+    assert 'id="coming"' in first, "nobody waits for what takes seconds"
+    told_pictures = client.get(f"{API}/runs/1/sheets/0/pictures").json()
+    assert (told_pictures["layers"], told_pictures["whole"]) == (["scan", "expected", "difference"], True)
+    assert 'id="viewers"' in client.get("/runs/1/sheets/0").text
+    top = told_pictures["levels"] - 1
+    tiles = {
+        layer: decoded(client.get(f"{API}/runs/1/sheets/0/pictures/{layer}/{top}/0/0").content).astype(int)
+        for layer in ("scan", "expected", "difference")
+    }
+    assert np.abs(tiles["scan"] - tiles["expected"]).mean() < 6
+    blue = tiles["difference"][..., 2] - tiles["difference"][..., 0]
+    row, column = np.unravel_index(int(np.argmax(cv2.blur(blue.astype(np.float32), (9, 9)))), blue.shape)
+    assert abs(row - MIDDLE[0]) < 8
+    assert abs(column - MIDDLE[1]) < 8
+    assert client.get("/runs/1/sheets/0/thumbnail").headers["content-type"] == "image/webp"
+    console.close()
+
+
+def test_a_page_that_cannot_be_pictured_is_shown_without_and_tried_once(
+    tmp_path: Path, press: Press, caplog: pytest.LogCaptureFixture
+) -> None:
+    job, artefact = tmp_path / "job.tif", tmp_path / "rig.press"
+    job.write_bytes(b"no picture at all")
+    press.save(artefact)
+    console = served(tmp_path, run=False, presses=(artefact,), jobs=(job,))
+    with Journal.open(str(console.journal)) as journal:
+        told = facts(job_digest=content_digest(job), press_digest=press.digest, detector="chi-square")
+        journal.record(journal.begin_run(told), misprint(10))
+    client = console.client(Role.VIEWER)
+    for _ in range(2):
+        answer = client.get(f"{API}/runs/1/sheets/10/pictures").json()
+        assert (answer["layers"], answer["note"]) == (["scan"], "no-picture")
+        console.console.pictures._sheets.clear()
+    assert caplog.text.count("page 11 of job.tif cannot be pictured") == 1
+    console.close()
+
+
+def test_the_cut_of_a_run_without_its_job_is_shown_on_an_empty_page(tmp_path: Path) -> None:
+    console = served(tmp_path)
+    client = console.client(Role.VIEWER)
+    told = client.get(f"{API}/runs/1/sheets/10/pictures").json()
+    assert (told["layers"], told["note"]) == (["scan"], "no-job")
+    assert told["cuts"] == [{"box_mm": list(CUT_MM)}]
+    assert client.get("/runs/1/sheets/10/thumbnail").headers["content-type"] == "image/webp"
+    console.close()

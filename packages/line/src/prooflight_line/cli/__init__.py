@@ -1,0 +1,1 @@
+"""Commands of the running press, which the program ``prooflight`` finds by entry points."""

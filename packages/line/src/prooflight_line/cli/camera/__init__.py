@@ -1,0 +1,1 @@
+"""``prooflight camera``: commands for a connected camera."""

@@ -1,0 +1,457 @@
+"""Runs in the journal: ``prooflight runs``, and one run: ``run show``, export, replay, reconcile, tidy."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from prooflight.cli import faults, imposition, show
+from prooflight.cli.exit_codes import UNUSABLE_INPUT
+from prooflight.cli.options import Json
+from prooflight.errors import PressError, RequestError, visible
+from prooflight.reporting.wording import count
+from prooflight_line.cli.runs import feedback
+from prooflight_line.cli.runs import gate as run_gate
+from prooflight_line.cli.runs import sheets as sheets_of_run
+from prooflight_line.cli.runs.gate import TraysFile
+from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of, url_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import TextIO
+
+    from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.journal.schema import JournalError
+
+DAMAGED_SHOWN = 5
+"""Number of damaged rows that are named; the rest are counted."""
+DIFFERS = 1
+"""Exit code of ``run replay`` if a figure differs."""
+STATE_STYLE = {
+    "running": "cyan",
+    "interrupted": "yellow",
+    "finished": "green",
+    "stopped": "yellow",
+    "fault": "bold red",
+}
+COUNTS = {
+    "misprints": "misprints",
+    "not_inspected": "not inspected",
+    "late": "late",
+    "faulty": "faults",
+    "dropped_pages": "not recorded",
+}
+"""Counts in a list of runs, shown if any of the runs has some."""
+
+app = typer.Typer(
+    help="Show, label, export, replay or reconcile one run of the journal; tidy up.", no_args_is_help=True
+)
+
+feedback.register_of_runs(app)
+
+
+def register(program: typer.Typer) -> None:
+    """Add these commands to the program."""
+    program.command()(runs)
+    program.add_typer(app, name="run")
+
+
+def runs(
+    journal: JournalUrl = None,
+    last: Annotated[int | None, typer.Option(metavar="N", help="Show the last N runs only.", min=1)] = None,
+    json: Json = False,
+) -> None:
+    """List all runs in the journal, oldest first."""
+    from prooflight_line.journal.exporting import run_facts
+
+    damaged = Damaged()
+    with reading(journal) as opened:
+        listed = opened.runs(damaged=damaged.add)[-last if last else 0 :]
+        path = opened.path
+    if json:
+        show.print_json([run_facts(run) for run in listed])
+    else:
+        show.people.print(_runs_table(listed, path))
+    damaged.report()
+
+
+def _runs_table(listed: list[RunRow], path: Path) -> Table:
+    table = Table(title=f"Runs in {path}", title_justify="left")
+    for heading in ("run", "began", "state", "job"):
+        table.add_column(
+            heading, no_wrap=heading in ("run", "state"), min_width=len("2026-11-21") * (heading == "began")
+        )
+    table.add_column("pages", justify="right", no_wrap=True)
+    shown = [name for name in COUNTS if any(getattr(run, name) for run in listed)]
+    for name in shown:
+        table.add_column(COUNTS[name], justify="right")
+    for run in listed:
+        table.add_row(
+            str(run.id),
+            _local(run.facts.started_s),
+            Text(run.state, style=STATE_STYLE[run.state]),
+            visible(run.facts.job),
+            f"{run.pages:,}",
+            *(f"{getattr(run, name):,}" if getattr(run, name) else "" for name in shown),
+        )
+    return table
+
+
+@app.command("show")
+def show_run(
+    run: RunNumber = "last",
+    journal: JournalUrl = None,
+    every: Annotated[bool, typer.Option("--all", help="Show good pages as well.")] = False,
+    last: Annotated[int, typer.Option(metavar="N", help="Show the last N of the pages.", min=1)] = 40,
+    csv: Annotated[bool, typer.Option("--csv", help="Print all pages as CSV.")] = False,
+    sheets: Annotated[
+        bool, typer.Option("--sheets", help="With --json, print its sheets and sets instead of its pages.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
+    from prooflight_line.journal.exporting import job_warnings, page_facts, write_csv
+    from prooflight_line.journal.labels import LabelStore
+    from prooflight_line.run.labelled_sheets import sample_of_run
+
+    damaged = Damaged()
+    with reading(journal) as opened:
+        run_row = run_of(opened, run)
+        if sheets and json:
+            sheets_of_run.run_facts(opened, run_row, damaged=damaged.add)
+            damaged.report()
+            return
+        if json or csv:
+            pages = opened.pages(run_row.id, damaged=damaged.add)
+            if json:
+                show.print_json([page_facts(page) for page in pages])
+            else:
+                write_csv(pages, sys.stdout)
+            damaged.report()
+            return
+        sampled = sample_of_run(opened, LabelStore(opened.path), run_row)
+        total = 0
+        shown: deque[PageRecord] = deque(maxlen=min(last, sys.maxsize))
+        for page in opened.pages(run_row.id, passed=every, damaged=damaged.add):
+            total += 1
+            shown.append(page)
+        assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
+    show.people.print(_facts_table(run_row))
+    for line in job_warnings(run_row):
+        show.people.print(f"warning: {line}")
+    if run_row.facts.settings.get("sample") or any(one.label for one in sampled):
+        for line in feedback.sample_lines(run_row, sampled):
+            show.people.print(line)
+        if open_questions := sum(not one.state for one in sampled):
+            show.people.print(
+                f"asked, not yet told: {count(open_questions, 'sheet')}; see `prooflight run asked {run_row.id}`"
+            )
+    if total:
+        show.people.print(_page_table(shown, title="All pages" if every else "Pages to look at"))
+    elif not damaged.count:
+        show.people.print(
+            "Every page was good, in time and without a fault." if run_row.pages else "No pages."
+        )
+    if total > len(shown):
+        show.people.print(
+            f"{count(total - len(shown), 'page')} before these; see --last, or `prooflight run export`"
+        )
+    if assembled is not None:
+        imposition.print_sheets([*assembled.sheets, *assembled.sets], assembled.counts, last=last)
+    elif sheets:
+        show.people.print("The run was watched without --layout: every page is a sheet of its own.")
+    damaged.report()
+
+
+@app.command()
+def pair(
+    fronts: Annotated[str, typer.Argument(metavar="FRONTS", help="Run of the fronts, or `last`.")],
+    backs: Annotated[str, typer.Argument(metavar="BACKS", help="Run of the backs, or `last`.")],
+    journal: JournalUrl = None,
+    backs_journal: Annotated[
+        str | None,
+        typer.Option(
+            "--backs-journal", metavar="URL", help="Journal of the backs; default that of the fronts."
+        ),
+    ] = None,
+    pages_a_set: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of pages, of both sides, in a set.", min=2)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Pair two runs of a press with a camera a side into sheets; exits 1 for a misprint, 3 for a missing side."""
+    from prooflight_line.cli.runs import pairing
+
+    damaged = Damaged()
+    with reading(journal) as of_fronts, reading(backs_journal or journal) as of_backs:
+        one, other = (of_fronts, run_of(of_fronts, fronts)), (of_backs, run_of(of_backs, backs))
+        if one[0].path == other[0].path and one[1].id == other[1].id:
+            what = f"run {one[1].id} is given for fronts and for backs"
+            raise RequestError("run pair", what, remedy="give two runs, or --backs-journal")
+        try:
+            pairing.pair(one, other, pages_a_set=pages_a_set, damaged=damaged.add, json=json)
+        finally:
+            damaged.report()
+
+
+@app.command()
+def export(
+    run: RunNumber = "last",
+    journal: JournalUrl = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Write JSON, one object a line.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="File to write; default standard output."),
+    ] = None,
+) -> None:
+    """Export all pages of one run as CSV or JSON."""
+    from prooflight.files.atomic import whole_file
+
+    if csv and json:
+        raise RequestError("run export", "is asked for CSV and for JSON", remedy="choose one")
+    damaged = Damaged()
+    with reading(journal) as opened:
+        pages = opened.pages(run_of(opened, run).id, damaged=damaged.add)
+        if out is None:
+            _write(pages, sys.stdout, json=json)
+        else:
+            with whole_file(out) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
+                _write(pages, file, json=json)
+    damaged.report()
+
+
+@app.command()
+def replay(
+    run: RunNumber,
+    sheet: Annotated[int, typer.Argument(metavar="SHEET", help="Number of the sheet in its run.")],
+    press: Annotated[Path, typer.Option("--press", metavar="X.press", help="The press artefact of the run.")],
+    journal: JournalUrl = None,
+    json: Json = False,
+) -> None:
+    """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
+    from prooflight.inspection.redeciding import replayed
+    from prooflight.press.artefact import Press
+
+    loaded = Press.load(press)
+    with reading(journal) as opened:
+        run_row = run_of(opened, run)
+        page = opened.page(run_row.id, sheet)
+        where = opened.path
+    wanted, given = run_row.facts.press_digest, loaded.digest
+    if wanted not in loaded.digests:
+        what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
+        raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
+    if page.evidence is None:
+        what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
+        raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
+    figures = replayed(page.verdict, page.evidence, loaded)
+    same = all(figure.same for figure in figures)
+    if json:
+        rows = {figure.name: {"recorded": figure.recorded, "again": figure.again} for figure in figures}
+        show.print_json(
+            {
+                "run": run_row.id,
+                "sheet": sheet,
+                "page": page.verdict.page,
+                "same": same,
+                "promise_suspended": page.verdict.promise_suspended,
+                "figures": rows,
+            }
+        )
+    else:
+        headings = ("", "recorded", "again", "")
+        parts = (f"Sheet {sheet} of run {run_row.id}", page.verdict.page, show.reserved(page.verdict))
+        title = ", ".join(filter(None, parts))
+        table = show.table_of(title, headings, text_columns=headings)
+        for figure in figures:
+            label = Text("same", style="green") if figure.same else Text("differs", style="bold red")
+            table.add_row(figure.name.replace("_", "-"), str(figure.recorded), str(figure.again), label)
+        show.people.print(table)
+    if not same:
+        raise typer.Exit(DIFFERS)
+
+
+@app.command()
+def reconcile(
+    run: RunNumber = "last", trays: TraysFile = None, journal: JournalUrl = None, json: Json = False
+) -> None:
+    """Account for every sheet of a run with a gate, in the journal and in the trays alike.
+
+    Exits 1 if a sheet is in the good tray against its decision, 3 if one was judged and not seen at the gate,
+    or if the controller's log differs from what the controller reported over the wire.
+    """
+    with reading(journal) as opened:
+        run_gate.reconcile(opened, run_of(opened, run), trays=trays, json=json)
+
+
+@app.command("reprint-list")
+def reprint_list(
+    run: RunNumber = "last",
+    trays: TraysFile = None,
+    journal: JournalUrl = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE.json", help="File to write; default standard output."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List every sheet that the job needs and that is not in the good tray, its position in the stack, and why.
+
+    For a run without a gate, list every sheet that was not judged good, nor labelled a false alarm, nor
+    vouched for.
+    """
+    with reading(journal) as opened:
+        run_gate.reprint_list(opened, run_of(opened, run), trays=trays, out=out, json=json)
+
+
+@app.command()
+def tidy(
+    days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
+        "inf"
+    ),
+    megabytes: Annotated[
+        float,
+        typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
+    ] = float("inf"),
+    journal: JournalUrl = None,
+    json: Json = False,
+) -> None:
+    """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay."""
+    from prooflight_line.journal.journal import Journal
+    from prooflight_line.journal.records import Retention
+    from prooflight_line.plant.gate.log import log_path
+
+    try:
+        retention = Retention(days=days, megabytes=megabytes)
+    except ValueError as error:
+        raise RequestError("run tidy", str(error), remedy="give a number of days or of megabytes") from error
+    messages: list[str] = []
+    with Journal.open(url_of(journal), announce=messages.append) as opened:
+        tidied = opened.tidy(retention, now_s=time.time())
+        for removed in tidied.runs:
+            log_path(opened.path, removed).unlink(missing_ok=True)
+        left, size = opened.runs(damaged=lambda _: None), opened.megabytes
+        trouble, aside = opened.health.trouble, opened.unclaimed
+    if json:
+        show.print_json(
+            {
+                "removed_runs": tidied.runs,
+                "removed_evidence": tidied.packs,
+                "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
+                "refused": tidied.refused,
+                "put_aside": aside.moved,
+                "put_aside_megabytes": round(aside.moved_bytes / 1e6, 3),
+                "put_aside_in": str(aside.aside),
+                "taken_back": aside.taken_back,
+                "left_among_evidence": aside.left,
+                "runs": len(left),
+                "megabytes": round(size, 3),
+            }
+        )
+    else:
+        evidence = f"{count(tidied.packs, 'file')} of evidence ({tidied.pack_bytes / 1e6:.1f} MB)"
+        show.people.print(
+            f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
+        )
+    for line in (*messages, *tidied.refused):
+        faults.report(line)
+    if tidied.refused or trouble is not None:
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+class Damaged:
+    """Rows that cannot be read: the others are shown first, then these are named, and the command exits 2."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._first: list[JournalError] = []
+
+    def add(self, error: JournalError) -> None:
+        """Add one damaged row."""
+        self.count += 1
+        if len(self._first) < DAMAGED_SHOWN:
+            self._first.append(error)
+
+    def report(self) -> None:
+        """Name the rows and exit, if there are any."""
+        for error in self._first:
+            faults.report(error)
+        if more := self.count - len(self._first):
+            faults.report(f"{count(more, 'more row')} cannot be read")
+        if self.count:
+            raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _write(pages: Iterable[PageRecord], file: TextIO, *, json: bool) -> None:
+    from prooflight_line.journal.exporting import page_facts, write_csv
+    from prooflight_line.journal.schema import json_text
+
+    if not json:
+        write_csv(pages, file)
+        return
+
+    for page in pages:
+        file.write(json_text(page_facts(page)) + "\n")
+
+
+def _local(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def _facts_table(run: RunRow) -> Table:
+    facts, end = run.facts, run.end
+    table = Table(title=f"Run {run.id}", title_justify="left", show_header=False)
+    of_planned = f" of {facts.sheets:,}" if facts.sheets else ""
+    rows: dict[str, Any] = {
+        "job": facts.job,
+        "press": f"{facts.press}, digest {facts.press_digest[:16]}",
+        "detector": facts.detector,
+        "source": facts.source,
+        "began": _local(facts.started_s),
+        "ended": _local(end.ended_s) if end else "",
+        "state": f"{run.state}{f': {end.detail}' if end and end.detail else ''}",
+        "pages": f"{run.pages:,}{of_planned}",
+        "misprints": run.misprints,
+        "not inspected": run.not_inspected,
+        "late": run.late,
+        "with faults": run.faulty,
+        "not recorded": run.dropped_pages,
+        "evidence given up": run.dropped_evidence,
+        "promise": ""
+        if (first := run.promise_suspended_from) is None
+        else f"suspended from sheet {first} on",
+    }
+    for name, value in rows.items():
+        if value not in ("", 0) or name == "misprints":
+            table.add_row(name, visible(value))
+    return table
+
+
+def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
+    text_columns = ("page", "verdict", "disposition", "what")
+    table = show.table_of(
+        title, ("sheet", "page", "verdict", "disposition", "score", "what"), text_columns=text_columns
+    )
+    for page in pages:
+        verdict = page.verdict
+        what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
+        what += ["late"] if page.late else []
+        what += filter(None, [show.reserved(verdict)])
+        table.add_row(
+            str(page.sheet),
+            visible(verdict.page),
+            Text(verdict.verdict, style=show.VERDICT_STYLE[verdict.verdict]),
+            show.disposed(page.disposition, page.decided_by),
+            "" if verdict.score is None else f"{verdict.score:.3g}",
+            visible("; ".join(filter(None, (*what, *page.faults, *page.notes)))),
+        )
+    return table

@@ -1,0 +1,284 @@
+"""``prooflight watch``: live inspection of the running press."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import typer
+
+from prooflight.cli import imposition, show
+from prooflight.cli.options import (
+    Detector,
+    JobPath,
+    Json,
+    LayoutOption,
+    OnDevice,
+    PressArtefact,
+    Profile,
+    Seed,
+    Zones,
+)
+from prooflight.errors import RequestError
+from prooflight_line.cli.watch.console import console_alongside
+from prooflight_line.cli.watch.options import (
+    CameraOption,
+    DeadlineMsOption,
+    EveryOption,
+    FalseAlarmsOption,
+    FaultEveryOption,
+    FollowOption,
+    FramedOption,
+    JournalOption,
+    KeepOption,
+    MisprintOption,
+    PlantOption,
+    SampleOption,
+    ServeOption,
+    ServePortOption,
+    SheetsOption,
+    SourceOption,
+    StallSOption,
+    StartAtOnceOption,
+    ThreadsOption,
+    TraysOption,
+    TriggerOption,
+    WorldOption,
+)
+from prooflight_line.cli.watch.sources import DrumWishes, open_source
+from prooflight_line.run.settings import DEADLINE_S, STALL_S, Settings, memory_for_designs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.pages.check import EarlyWarnings
+    from prooflight.pages.job import JobSource
+    from prooflight.pages.layout.plan import SheetPlan
+    from prooflight.pages.zones.zones_file import JobZones
+    from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.run.sheet_inspector import Keep
+
+
+def register(program: typer.Typer) -> None:
+    """Add the command to the program."""
+    program.command()(watch)
+
+
+def watch(
+    job: JobPath,
+    press: PressArtefact,
+    source: SourceOption,
+    sheets: SheetsOption = None,
+    layout: LayoutOption = None,
+    detector: Detector = None,
+    device: OnDevice = "cpu",
+    deadline_ms: DeadlineMsOption = 1e3 * DEADLINE_S,
+    stall_s: StallSOption = STALL_S,
+    journal: JournalOption = None,
+    keep: KeepOption = "misprints",
+    sample: SampleOption = 0.0,
+    false_alarms: FalseAlarmsOption = 1.0,
+    trigger: TriggerOption = None,
+    framed: FramedOption = False,
+    camera: CameraOption = None,
+    plant: PlantOption = None,
+    threads: ThreadsOption = None,
+    start_at_once: StartAtOnceOption = False,
+    follow: FollowOption = True,
+    world: WorldOption = "press",
+    misprint: MisprintOption = None,
+    every: EveryOption = 10,
+    fault_every: FaultEveryOption = None,
+    zones: Zones = None,
+    profile: Profile = None,
+    seed: Seed = 1,
+    serve: ServeOption = False,
+    serve_port: ServePortOption = 8080,
+    trays: TraysOption = None,
+    json: Json = False,
+) -> None:
+    """Inspect a press while it runs, and say of every misprint where it is.
+
+    Exits 1 if there was a misprint, 3 if not every sheet came, was inspected and was recorded, 5 if
+    inspection could not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops
+    it, and reports that.
+    """
+    from prooflight.files.content import content_digest
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.sheets import NEXT, Assembling
+    from prooflight.pages.process import settle_process
+    from prooflight.press.artefact import Press
+    from prooflight_line.cli.watch.running import (
+        PlannedRun,
+        exit_code,
+        lines_shown,
+        recorder_of,
+        run_until_ended,
+    )
+    from prooflight_line.cli.watch.view import Watching
+    from prooflight_line.journal.records import RunFacts
+    from prooflight_line.run.pager import SheetEdge, TriggerCount
+
+    if keep not in ("all", "misprints", "none"):
+        raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    loaded = Press.load(press)
+    inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
+    if json:
+        show.print_json({"phase": "preparing", "detail": "reading the job"})
+    read = _read_job(
+        job, inspector, layout=layout, sheets=sheets, plant=plant, zones=zones, profile=profile, json=json
+    )
+    inspector = replace(inspector, zones=read.zones)
+    read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
+    given = open_source(
+        source,
+        press=loaded,
+        job=read.source,
+        framed=framed,
+        settings=camera,
+        wishes=DrumWishes(
+            pages=read.pages,
+            sheets=read.passings,
+            world=world,
+            misprint=misprint,
+            every=every,
+            fault_every=fault_every,
+            seed=seed,
+            fed=read.plant.simulated,
+            plan=read.plan,
+        ),
+        shown=lambda scans, total: (show.logged_progress if json else show.progress)(
+            scans, total=total, what="printing for the drum"
+        ),
+    )
+    settings = Settings(
+        source_waits=given.waits,
+        source_clock=not framed,
+        deadline_s=deadline_ms / 1e3,
+        inspectors=threads or os.cpu_count() or 1,
+        start_at_once=start_at_once,
+        ahead_bytes=memory_for_designs(),
+        stall_s=stall_s,
+        sample=sample,
+        seed=seed,
+    )
+    console = Watching(
+        deadline_s=None if given.waits else settings.deadline_s,
+        json=json,
+        at_once=start_at_once,
+        sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
+    )
+    settle_process()
+    facts = RunFacts(
+        job=read.name,
+        job_digest="" if journal == "none" else content_digest(job),
+        press=loaded.name,
+        press_digest=loaded.digest,
+        detector=inspector.detector.name,
+        source=source,
+        started_s=time.time(),
+        sheets=read.passings,
+        settings=asdict(settings) | {"engine": inspector.engine} | read.facts,
+    )
+    planned = PlannedRun(
+        facts=facts,
+        inspector=inspector,
+        job=read.source,
+        pages=read.pages,
+        flaws=read.flaws,
+        given=given,
+        start=SheetEdge() if trigger is None else TriggerCount(lines=trigger),
+        settings=settings,
+        keep=cast("Keep", keep),
+        follow=follow,
+        false_alarms=false_alarms,
+        plan=read.plan,
+        warnings=read.early.warnings,
+    )
+    with (
+        console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
+        recorder_of(journal, facts) as recorder,
+        lines_shown(planned, journal) as planned,
+    ):
+        status = run_until_ended(planned, read.plant, recorder, console)
+    console.end_sheets()
+    if not json:
+        show.people.print(console.line(status))
+    unrecorded = 0 if recorder is None else recorder.unrecorded
+    code = exit_code(status, console.lacks(status, sheets=read.passings, unrecorded=unrecorded))
+    if code:
+        raise typer.Exit(code)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ReadJob:
+    """The job as it was read before the run."""
+
+    source: JobSource
+    name: str
+    pages: int
+    flaws: Mapping[int, Exception]
+    """Pages, from 1, that cannot be used, and why."""
+    plan: SheetPlan | None
+    """Imposition of the job on sheets; None: one page a sheet."""
+    passings: int
+    """Number of sheets that pass."""
+    plant: Plant
+    zones: JobZones | None
+    early: EarlyWarnings
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the journal records of the job beside its name."""
+        facts: dict[str, Any] = {"job_pages": self.pages}
+        if self.plan is not None:
+            facts["layout"] = self.plan.facts
+        if self.zones is not None:
+            facts |= {"zones": self.zones.digest, "zones_alone": self.zones.zones_digest}
+        if self.early.warnings:
+            facts["warnings"] = self.early.plain
+        return facts
+
+
+def _read_job(
+    job: Path,
+    inspector: Inspector,
+    *,
+    layout: str | None,
+    sheets: int | None,
+    plant: Path | None,
+    zones: Path | None,
+    profile: Path | None,
+    json: bool,
+) -> _ReadJob:
+    """Read the job, its layout, zones and warnings, and try the plant; the errors of all these."""
+    from prooflight.cli.jobs.check import checked_early
+    from prooflight.cli.jobs.zones import zones_in_force
+    from prooflight.press.pages import job_source
+    from prooflight_line.cli.watch.plant import Plant
+
+    press = inspector.press
+    source, plan = imposition.imposed(
+        job_source(job, press, profile=profile), layout, press.geometry, sheets=sheets
+    )
+    with source.open() as opened:
+        pages, name, flaws = len(opened), opened.name, opened.flaws()
+        tried = Plant.tried(plant, opened, press)
+        zones_of_job = zones_in_force(zones, opened, inspector)
+        early = checked_early(opened, json=json)
+    plan = tried.with_sets(plan, pages=pages, sheets=sheets)
+    return _ReadJob(
+        source=source,
+        name=name,
+        pages=pages,
+        flaws=flaws,
+        plan=plan,
+        passings=(sheets or pages) if plan is None else plan.passings,
+        plant=tried,
+        zones=zones_of_job,
+        early=early,
+    )

@@ -1,0 +1,212 @@
+"""Retention: removal of what is too old or too large, in small steps, rows first, then the files that they named.
+
+Only what a row of the journal names is ever removed. A row that is invalid removes nothing, and is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+from sqlalchemy import case, delete, func, select, update
+
+from prooflight_line.journal import packs
+from prooflight_line.journal.columns import MOST_PACK_BYTES, PackColumns, RunColumns, complaint
+from prooflight_line.journal.records import SECONDS_A_DAY
+from prooflight_line.journal.schema import (
+    JournalError,
+    packs_table,
+    pages_table,
+    runs_table,
+    stored_packs,
+    stored_runs,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from sqlalchemy import Connection, Engine, Row
+
+    from prooflight_line.journal.records import Retention, Tidied
+
+ROWS_A_STEP: Final = 5000
+PACKS_A_STEP: Final = 100
+EXAMINED_A_STEP: Final = 5000
+FREED_PAGES_A_STEP: Final = 2000
+"""Free pages of the database's file that are returned to the system in one step."""
+
+
+def tidy(engine: Engine, folder: Path, retention: Retention, done: Tidied, *, now_s: float) -> Iterator[None]:
+    """Remove runs that ended too long ago; then the oldest evidence, then the oldest runs, until the rest fits.
+
+    It works while it is iterated over, one short transaction a step; ``done`` accumulates the results. The latest
+    run stays: its number must not be reused, and it may be under way. OSError, DBAPIError.
+    """
+    before_s = now_s - retention.days * SECONDS_A_DAY
+    for run_id in _ended(engine, done, before_s=before_s):
+        yield from _remove_run(engine, folder, run_id, done)
+    if retention.megabytes < math.inf:
+        yield from _make_fit(engine, folder, retention.megabytes * 1e6, done)
+    while _give_back(engine):
+        yield
+
+
+def _make_fit(engine: Engine, folder: Path, most_bytes: float, done: Tidied) -> Iterator[None]:
+    evidence = yield from _evidence_bytes(engine, folder)
+    removed_before, after = done.pack_bytes, 0
+    while (too_many := _row_bytes(engine) + evidence - (done.pack_bytes - removed_before) - most_bytes) > 0:
+        last = _remove_packs(engine, folder, done, after=after, at_least=too_many)
+        if last is not None:
+            after = last
+            yield
+        elif oldest := _ended(engine, done)[:1]:
+            yield from _remove_run(engine, folder, oldest[0], done)
+        else:
+            break
+
+
+def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[int]:
+    """Return all runs but the latest, oldest first: those that ended, or never will because a later one began."""
+    query = select(stored_runs).where(stored_runs.c.id < select(func.max(stored_runs.c.id)).scalar_subquery())
+    run_ids = []
+    with engine.begin() as connection:
+        for row in connection.execute(query.order_by(stored_runs.c.id)):
+            try:
+                run = RunColumns(**row._asdict())
+            except ValueError as error:
+                _refuse(done, f"run {row.id} stays: its row is damaged ({complaint(error)})")
+                continue
+            if (run.started_s if run.ended_s is None else run.ended_s) < before_s:
+                run_ids.append(run.id)
+    return run_ids
+
+
+def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iterator[None]:
+    of_run = pages_table.c.run_id == run_id
+    while True:
+        with engine.begin() as connection:
+            until = connection.execute(
+                select(pages_table.c.sheet).where(of_run).order_by(pages_table.c.sheet).limit(ROWS_A_STEP)
+            ).scalars()
+            sheets = list(until)
+            if not sheets:
+                break
+            deleted = connection.execute(delete(pages_table).where(of_run, pages_table.c.sheet <= sheets[-1]))
+        if not deleted.rowcount:
+            _refuse(done, f"run {run_id} stays: its pages cannot be removed, the journal is damaged")
+            return
+        yield
+    with engine.begin() as connection:
+        named = connection.execute(select(stored_packs).where(stored_packs.c.run_id == run_id)).all()
+        _drop_packs(connection, [pack.id for pack in named])
+        connection.execute(delete(runs_table).where(runs_table.c.id == run_id))
+    done.runs.append(run_id)
+    _remove_files(folder, named, done)
+    yield
+
+
+def _remove_packs(engine: Engine, folder: Path, done: Tidied, *, after: int, at_least: float) -> int | None:
+    """Remove the oldest packs; their pages stay. Return the last one examined, None: there are none."""
+    pack = stored_packs.c
+    query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(PACKS_A_STEP)
+    with engine.begin() as connection:
+        examined, removable = None, []
+        for row in connection.execute(query).all():
+            examined = row.id
+            if not (size := _size(folder, row, done)):
+                continue
+            removable.append(row)
+            at_least -= size
+            if at_least <= 0:
+                break
+        _drop_packs(connection, [row.id for row in removable])
+    _remove_files(folder, removable, done)
+    return examined
+
+
+def _drop_packs(connection: Connection, ids: Sequence[int]) -> None:
+    """Remove all references of rows to these packs."""
+    for first in range(0, len(ids), ROWS_A_STEP):
+        some = ids[first : first + ROWS_A_STEP]
+        connection.execute(update(pages_table).where(pages_table.c.pack_id.in_(some)).values(pack_id=None))
+        connection.execute(delete(packs_table).where(packs_table.c.id.in_(some)))
+
+
+def _remove_files(folder: Path, named: Iterable[Row[Any]], done: Tidied) -> None:
+    for row in named:
+        try:
+            size = packs.remove_pack(folder, PackColumns(**row._asdict()).file)
+        except JournalError as error:
+            _refuse(done, f"{error.where} stays: it {error.what}")
+        except ValueError as error:
+            _refuse(done, f"evidence {row.id} stays: its row is damaged ({complaint(error)})")
+        else:
+            done.packs += bool(size)
+            done.pack_bytes += size
+
+
+def _size(folder: Path, row: Row[Any], done: Tidied | None = None) -> int:
+    """Return the bytes that removing a row's file would free; 0: there is no file, or none that may be removed."""
+    try:
+        return packs.inside(folder, PackColumns(**row._asdict()).file).lstat().st_size
+    except FileNotFoundError:
+        return 0
+    except ValueError as error:  # JournalError is one
+        if done is not None:
+            problem = (
+                error.what if isinstance(error, JournalError) else f"its row is damaged ({complaint(error)})"
+            )
+            _refuse(done, f"evidence {row.id} stays: {problem}")
+        return 0
+
+
+def _evidence_bytes(engine: Engine, folder: Path) -> Generator[None, None, int]:
+    """Return the bytes that removing all evidence would free, by the files, since rows may be damaged."""
+    total = after = 0
+    pack = stored_packs.c
+    while True:
+        query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(EXAMINED_A_STEP)
+        with engine.connect() as connection:
+            batch = connection.execute(query).all()
+        if not batch:
+            return total
+        total += sum(_size(folder, row) for row in batch)
+        after = batch[-1].id
+        yield
+
+
+def _refuse(done: Tidied, line: str) -> None:
+    if line not in done.refused:
+        done.refused.append(line)
+
+
+def used_bytes(engine: Engine) -> int:
+    """Return the size of rows and evidence, without free pages of the database's file."""
+    size = stored_packs.c.bytes
+    believed = case((size.between(0, MOST_PACK_BYTES), size), else_=0)
+    with engine.begin() as connection:
+        of_packs = connection.execute(
+            select(func.sum(believed)).where(func.typeof(size) == "integer")
+        ).scalar()
+    return int(of_packs or 0) + _row_bytes(engine)
+
+
+def _row_bytes(engine: Engine) -> int:
+    with engine.begin() as connection:
+        pages, free, size = (
+            int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one())
+            for name in ("page_count", "freelist_count", "page_size")
+        )
+    return (pages - free) * size
+
+
+def _give_back(engine: Engine) -> bool:
+    """Return some free pages of the database to the system; False: none are free."""
+    with engine.begin() as connection:
+        free = connection.exec_driver_sql("PRAGMA freelist_count").scalar_one()
+        for _ in range(min(free, FREED_PAGES_A_STEP)):
+            # Asked for many, SQLite frees one a step, and the driver takes but one step of what returns no rows.
+            connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
+        left = connection.exec_driver_sql("PRAGMA freelist_count").scalar_one()
+    return bool(left < free)

@@ -1,0 +1,142 @@
+"""Inspection of the sheets of a run: preparation of a design, and inspection of one scan of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
+
+import numpy as np
+
+from prooflight.inspection.lost_lines import inspect_where_seen
+from prooflight.inspection.packed_design import PackedDesign
+from prooflight.inspection.redeciding import evidence_to_store
+from prooflight_line.run.monitor.evidence import run_evidence
+from prooflight_line.run.monitor.run import PageEvidence
+from prooflight_line.run.sampling import Sampling
+from prooflight_line.run.sheets.thumbnails import thumbnail_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.verdict import Verdict
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
+    from prooflight.scans.lines import Unseen
+
+Keep = Literal["all", "misprints", "none"]
+OFF_PLACE: Final = (2, 1)
+"""Displacement of the warm-up's page, in lines and pixels."""
+HOLE_PART: Final = 16
+"""Divisor of a scan's length and width that gives the hole's size on the warm-up's page."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SheetResult:
+    """One sheet's verdict, its contribution to its run, and its evidence for the journal."""
+
+    verdict: Verdict
+    evidence: PageEvidence = field(default_factory=PageEvidence)
+    stored_evidence: Mapping[str, NDArray[Any]] | None = None
+    asked: float | None = None
+    """Probability with which it was sampled for review, by ``Asking.probability``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetInspector:
+    """Inspector of sheets; safe to call from several threads at once."""
+
+    inspector: Inspector
+    keep: Keep = "none"
+    """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
+    sampling: Sampling = field(default_factory=Sampling)
+
+    def prepare(self, page: Page) -> PackedDesign:
+        """Prepare a design ahead of its sheets.
+
+        It runs in this thread alone, since it must not delay the sheets that come meanwhile.
+        """
+        planned = self.inspector.planned(page, threads=1)
+        prepared = self.inspector.prepare(planned)
+        thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
+        return PackedDesign.of(prepared, thumbnail.arrays)
+
+    def inspect(
+        self,
+        ready: PackedDesign,
+        scan: NDArray[np.uint16],
+        *,
+        name: str,
+        seed: int,
+        unseen: Sequence[Unseen] = (),
+        sheet: int = 0,
+    ) -> SheetResult:
+        """Inspect one scan of a sheet.
+
+        Parameters
+        ----------
+        ready
+            Prepared design that the sheet shows.
+        scan
+            (sensors, lines, pixels) [DN].
+        name
+            Name of the sheet in errors.
+        seed
+            Seed of the inspection's randomised values.
+        unseen
+            Lines of the scan that the camera lost.
+        sheet
+            Number of the sheet in the run.
+
+        Raises
+        ------
+        ScanError
+            The scan does not fit the press or the page.
+        """
+        threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
+        prepared, press = ready.unpacked(threads=threads), self.inspector.press
+        inspection = inspect_where_seen(
+            self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
+        )
+        evidence = run_evidence(inspection, press, page_width_mm=prepared.page.width_mm)
+        misprint = inspection.verdict.verdict == "misprint"
+        asked = self.sampling.probability(inspection.verdict, sheet)
+        drawn = asked is not None and not misprint
+        is_stored = self.keep == "all" or (self.keep == "misprints" and misprint) or drawn
+        return SheetResult(
+            verdict=inspection.verdict,
+            evidence=evidence,
+            stored_evidence=evidence_to_store(inspection, prepared.page, press, whole=drawn)
+            if is_stored
+            else None,
+            asked=asked,
+        )
+
+    def warm_up(self, ready: PackedDesign) -> None:
+        """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.
+
+        The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
+        """
+        page = ready.unpacked().page
+        seen = self.inspector.planned(page).expected
+        expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
+        lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
+        for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
+            scan = np.roll(expected, off, axis=(1, 2))
+            scan[:, lines, pixels] = hole
+            self.inspect(ready, scan, name="warm-up", seed=0)
+        self.prepare(page)
+
+    def following(self, press: Press) -> Self:
+        """Return the same inspector for a press whose light has changed a little."""
+        return replace(self, inspector=self.inspector.under(press))
+
+    def renewed(self, ready: PackedDesign) -> PackedDesign:
+        """Return a prepared design under the press as it is now; cheap if the detector can adapt it."""
+        context = self.inspector.detector.press_context
+        adapted = ready.bare.prepared_page.under(context)
+        if adapted is None:
+            return self.prepare(ready.unpacked().page)
+        return replace(ready, bare=replace(ready.bare, prepared_page=adapted))

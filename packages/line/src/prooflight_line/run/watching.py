@@ -1,0 +1,85 @@
+"""Assembly of the parts of a run of a press."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+from prooflight.inspection.guarantee import GuaranteeMonitor
+from prooflight_line.run.following import Adapting
+from prooflight_line.run.monitor.evidence import columns_mm
+from prooflight_line.run.monitor.run import RunMonitor
+from prooflight_line.run.outcomes import RunWatch
+from prooflight_line.run.pager import Pager, SheetEdge
+from prooflight_line.run.runner import Running
+from prooflight_line.run.sampling import Sampling
+from prooflight_line.run.settings import Settings
+from prooflight_line.run.sheet_inspector import SheetInspector
+
+if TYPE_CHECKING:
+    from prooflight.inspection.inspector import Inspector
+    from prooflight.scans.lines import LineSource
+    from prooflight_line.run.pager import PageStart
+    from prooflight_line.run.prefetch import PageStore
+    from prooflight_line.run.sheet_inspector import Keep
+    from prooflight_line.run.sheets.following import Expected
+
+
+def watched(
+    inspector: Inspector,
+    *,
+    source: LineSource,
+    page_store: PageStore,
+    settings: Settings,
+    start: PageStart | None = None,
+    keep: Keep = "none",
+    follow: bool = True,
+    false_alarms: float = 1.0,
+    **told: Any,
+) -> Running:
+    """Return a run that is ready to start.
+
+    follow: whether slow changes of lamp and paper are adapted to. false_alarms: stated rate of the run's monitor,
+    per 100,000 pages. told: ``tell``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of
+    ``Running``.
+    """
+    press = inspector.press
+
+    def pager(thumbnails: Expected) -> Pager:
+        return Pager(press, expected=thumbnails, start=start or SheetEdge())
+
+    monitor = RunMonitor.begin(
+        sensors=[sensor.name for sensor in press.sensors],
+        columns_mm=columns_mm(press),
+        costs=press.costs,
+        false_alarms=false_alarms,
+    )
+    return Running(
+        press=press,
+        source=source,
+        pager=pager,
+        page_store=page_store,
+        inspector=SheetInspector(
+            inspector=inspector.with_threads(threads_a_sheet(settings)),
+            keep=keep,
+            sampling=Sampling(sample=settings.sample, seed=settings.seed),
+        ),
+        watch=RunWatch(
+            monitor=monitor,
+            adapting=Adapting.begin(press) if follow else None,
+            sheets=len(page_store) or None,
+            guarantee=GuaranteeMonitor.of(inspector.detector, seed=settings.seed),
+        ),
+        settings=settings,
+        **told,
+    )
+
+
+def threads_a_sheet(settings: Settings) -> int:
+    """Return the number of threads for one sheet.
+
+    With a deadline, each sheet is divided among all cores, so that its verdict comes soon. Without one, whole
+    sheets are distributed, not their parts: less work is done twice, and no thread waits for another.
+    """
+    cores = os.cpu_count() or 1
+    return max(cores // settings.inspectors, 1) if settings.source_waits else cores

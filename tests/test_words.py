@@ -47,7 +47,15 @@ def private(name: str) -> set[str]:
     return {part.lower() for part in PART.findall(name)} & AVOIDED.keys()
 
 
-@pytest.mark.parametrize("package", ["src/prooflight", "studies/prooflight_studies"])
+PACKAGES = (
+    "src/prooflight",
+    "packages/line/src/prooflight_line",
+    "packages/console/src/prooflight_console",
+    "studies/prooflight_studies",
+)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
 def test_names_avoid_private_words(package: str) -> None:
     found = []
     for path in sorted((ROOT / package).rglob("*.py")):

@@ -57,7 +57,7 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Pack
     assert one.verdict.verdict == "misprint"
     assert replace(one.verdict, milliseconds=0) == replace(other.verdict, milliseconds=0)
     np.testing.assert_array_equal(one.stored_arrays["values"], other.stored_arrays["values"])
-    np.testing.assert_array_equal(known.beside["light"], loaded.beside["light"])
+    np.testing.assert_array_equal(known.additional["light"], loaded.additional["light"])
     assert store.load(4) is None
 
 

@@ -99,27 +99,31 @@ class PackedDesign:
     bare: Prepared
     """The design without the arrays that are packed."""
     arrays: Mapping[str, PackedArray] = field(default_factory=dict)
-    beside: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    additional: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """What its user keeps with it, by name."""
 
     @classmethod
-    def of(cls, prepared: Prepared, beside: Mapping[str, NDArray[Any]]) -> Self:
+    def of(cls, prepared: Prepared, additional: Mapping[str, NDArray[Any]]) -> Self:
         """Pack a design of a detector that ``PacksArrays``; any other is kept as it is."""
         page = prepared.prepared_page
         bare, large = page.without_arrays() if isinstance(page, PacksArrays) else (page, {})
         if not large:
-            return cls(bare=prepared, beside=beside)
+            return cls(bare=prepared, additional=additional)
         raster = prepared.page
         arrays = {name: PackedArray.of(one) for name, one in (*large.items(), (RASTER, raster.cmyk))}
         nothing = replace(raster, cmyk=np.zeros((1, 1, INKS), np.uint8))
-        return cls(bare=replace(prepared, page=nothing, prepared_page=bare), arrays=arrays, beside=beside)
+        return cls(
+            bare=replace(prepared, page=nothing, prepared_page=bare), arrays=arrays, additional=additional
+        )
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes beside that of its press. [bytes]"""
         page = self.bare.prepared_page
         shared = page.of_press if isinstance(page, PacksArrays) else None
-        return size_bytes((self.bare, list(self.arrays.values()), list(self.beside.values())), shared=shared)
+        return size_bytes(
+            (self.bare, list(self.arrays.values()), list(self.additional.values())), shared=shared
+        )
 
     def unpacked(self, *, threads: int = 1) -> Prepared:
         """Return the design as it was prepared."""

@@ -135,7 +135,7 @@ class PreparedStore:
         stored, shared = self._detector.stored(packed.bare.prepared_page)
         bare: Any = replace(packed.bare, prepared_page=None)  # type: ignore[arg-type] # it is restored
         pickler = _Pickler(file, {**shared, "own": self.inspector.detector.press_context.sensors}, arrays)
-        pickler.dump((bare, stored, packed.arrays, packed.beside))
+        pickler.dump((bare, stored, packed.arrays, packed.additional))
         pieces = [file.getvalue(), *arrays]
         sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
         return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
@@ -153,9 +153,9 @@ class PreparedStore:
         parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
         package = type(self.inspector.detector).__module__.partition(".")[0]
         unpickler = _Unpickler(io.BytesIO(pieces[0]), parts, pieces[1:], package)
-        bare, stored, arrays, beside = unpickler.load()
+        bare, stored, arrays, additional = unpickler.load()
         page = self._detector.restored(stored)
-        return PackedDesign(bare=replace(bare, prepared_page=page), arrays=arrays, beside=beside)
+        return PackedDesign(bare=replace(bare, prepared_page=page), arrays=arrays, additional=additional)
 
 
 def _size(piece: bytes | memoryview) -> int:

@@ -335,7 +335,7 @@ class Running:
             return
 
     def _design_ready(self, design: Hashable, ready: ReadyDesign) -> None:
-        self._thumbnails.add(design, Thumbnail.of_arrays(ready[1].beside))
+        self._thumbnails.add(design, Thumbnail.of_arrays(ready[1].additional))
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:

@@ -60,6 +60,8 @@ class PressContext:
     none is."""
     screen: tuple[Screen, InkLight] | None = None
     """Screen of the press, and the light that its tints take; None: not stated."""
+    own_light: InkLight | None = None
+    """Light that the inks of a press take that rips pages itself, at a stated resolution; None: it is not stated."""
     threads: int | None = None
     """Number of threads that one page may use; None: one per core."""
     device: Device = "cpu"

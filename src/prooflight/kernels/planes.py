@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from prooflight.kernels.area_averages import STEPS
 from prooflight.kernels.compiled import inner_kernel, kernel
+
+HALVINGS = 16
+"""Number of bisections that find a factor on inks, of at most some hundred, to less than a byte of ink."""
 
 
 @inner_kernel()
@@ -67,3 +71,101 @@ def compose_rows(packed, planes, out):  # type: ignore[no-untyped-def]
     """Run ``compose_row`` on all rows, out (rows, columns)."""
     for row in range(out.shape[0]):
         compose_row(packed, row, planes, out[row])
+
+
+@inner_kernel(error_model="numpy")
+def common_factor(light, solids, left):  # type: ignore[no-untyped-def]
+    """Return the factor on the light (4,) that inks take at which they leave ``left`` together.
+
+    light: shares of what each ink's solid takes, solids (4,), beyond which none takes more. Inks' light multiplies.
+    """
+    least, most = np.float32(0), np.float32(1)
+    for ink in range(4):
+        if light[ink] > 0:
+            most = max(most, np.float32(1) / light[ink])
+    for _ in range(HALVINGS):
+        factor = np.float32(0.5) * (least + most)
+        leave = np.float32(1)
+        for ink in range(4):
+            leave *= np.float32(1) - solids[ink] * min(factor * light[ink], np.float32(1))
+        if leave > left:
+            least = factor
+        else:
+            most = factor
+    return np.float32(0.5) * (least + most)
+
+
+@kernel(
+    "packed (H, W), planes (4, 2), parts (4, 2), count, flat, takes (4, 256), needs (4, STEPS + 1), solids (4), "
+    "out (H, W)",
+    where="0 < count",
+)
+def compose_by_parts(packed, planes, parts, count, flat, takes, needs, solids, out):  # type: ignore[no-untyped-def]
+    """Compose a raster whose planes lie off by whole pixels (``compose_row``) and by parts of one.
+
+    parts (4, 2): further displacement to the right and down, in ``count``-ths of a pixel, 0 <= parts < count. Of each
+    ink a pixel takes the mean light of its parts, as in ``average_areas``, of which flat, takes and needs are. Where
+    several inks differ, what they take is multiplied by one factor, so that they leave together what count x count
+    equal parts of the pixel leave, each of its own recipe; solids (4,): light that solids take, as shares of white.
+    """
+    further = planes + (parts > 0)
+    turned = np.empty((2, 2, 4, 2), planes.dtype)
+    for down in range(2):
+        for across in range(2):
+            turned[down, across, :, 0] = further[:, 0] if across else planes[:, 0]
+            turned[down, across, :, 1] = further[:, 1] if down else planes[:, 1]
+    rows = np.empty((4, packed.shape[1]), np.uint32)
+    leaves = np.empty((4, 256), np.float32)
+    for ink in range(4):
+        leaves[ink] = np.float32(1) - solids[ink] * takes[ink]
+    share = np.float32(1) / np.float32(count)
+    light, mean, differ = np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4, np.int64)
+    amounts, weights = np.empty((4, 4), np.int64), np.empty((4, 4), np.float32)
+    for ink in range(4):
+        x, y = share * np.float32(parts[ink, 0]), share * np.float32(parts[ink, 1])
+        weights[ink, 0], weights[ink, 1] = (1 - x) * (1 - y), x * (1 - y)
+        weights[ink, 2], weights[ink, 3] = (1 - x) * y, x * y
+    for row in range(packed.shape[0]):
+        for corner in range(4):
+            compose_row(packed, row, turned[corner // 2, corner % 2], rows[corner])
+        for column in range(packed.shape[1]):
+            first = rows[0, column]
+            out[row, column] = first
+            if rows[1, column] == first and rows[2, column] == first and rows[3, column] == first:
+                continue
+            several = 0
+            for ink in range(4):
+                low, high = 255, 0
+                light[ink], mean[ink] = 0, 0
+                for corner in range(4):
+                    amount = (rows[corner, column] >> np.uint32(8 * ink)) & np.uint32(255)
+                    amounts[ink, corner] = amount
+                    low, high = min(low, amount), max(high, amount)
+                    mean[ink] += weights[ink, corner] * np.float32(amount)
+                    light[ink] += weights[ink, corner] * takes[ink, amount]
+                differ[ink] = high - low
+                if differ[ink] < flat:
+                    light[ink] = 0
+                else:
+                    several += 1
+            factor = np.float32(1)
+            if several > 1:
+                left = np.float32(0)
+                for down in range(count):
+                    for across in range(count):
+                        of_part = np.float32(1)
+                        for ink in range(4):
+                            if differ[ink] >= flat:
+                                corner = 2 * (down < parts[ink, 1]) + (across < parts[ink, 0])
+                                of_part *= leaves[ink, amounts[ink, corner]]
+                        left += of_part
+                factor = common_factor(light, solids, share * share * left)
+            recipe = np.uint32(0)
+            for ink in range(4):
+                if differ[ink] >= flat:
+                    taken = min(factor * light[ink], np.float32(1))
+                    amount = np.uint32(needs[ink, int(taken * STEPS + np.float32(0.5))])
+                else:
+                    amount = np.uint32(int(mean[ink] + np.float32(0.5)))
+                recipe |= amount << np.uint32(8 * ink)
+            out[row, column] = recipe

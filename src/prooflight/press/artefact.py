@@ -145,7 +145,7 @@ class Press(Shown):
 
     @property
     def ink_light(self) -> InkLight:
-        """Return the light that each ink absorbs at even steps: a share of its solid's, mean over the sensors."""
+        """Return the light that each ink absorbs at even steps, printed alone: shares of white, mean over sensors."""
         absorbed, steps = [], np.linspace(0, 1, LIGHT_STEPS)
         for ink in range(4):
             alone = [
@@ -154,7 +154,7 @@ class Press(Shown):
             ]
             along = np.mean(alone, axis=0)
             taken = np.maximum.accumulate(along[0] - np.interp(steps, node_fractions(), along))
-            absorbed.append(tuple((taken / taken[-1]).tolist()))
+            absorbed.append(tuple(taken.tolist()))
         return tuple(absorbed)
 
     def press_context(self, threads: int | None = None) -> PressContext:
@@ -170,6 +170,7 @@ class Press(Shown):
             fringes=self.fringes,
             floor_share=self.floor_share,
             screen=None if self.screen is None else (self.screen, self.ink_light),
+            own_light=None if self.rip_dpi is None else self.ink_light,
             threads=threads,
         )
 

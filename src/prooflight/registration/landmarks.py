@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -113,6 +113,13 @@ class Landmarks:
     def mixed(self) -> NDArray[np.bool_]:
         """Whether planes mix so much in a tile's edges that it says nothing of the page's place, (tiles,)."""
         return np.asarray((self.beyond >= MIXED_SD_PIXELS**2).any(axis=1))
+
+    def finer(self, times: int) -> Landmarks:
+        """Return the landmarks with the weights of a raster so many times as fine; tiles' windows stay as they are."""
+        ratio = np.array(self.ratio) * times
+        pixel_mm = float(self.pitch_mm[0] / ratio[0])
+        taps = tuple(_sensor_taps(sensor, ratio, pixel_mm, self.pitch_mm) for sensor in self.sensors)
+        return replace(self, ratio=(float(ratio[0]), float(ratio[1])), taps=taps)
 
     def moves(self, pose: Pose, tiles: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the displacement of ``tiles`` (n,) by a page of that pose, (n, 2). [pixels]"""

@@ -66,10 +66,11 @@ class Overlaps:
         return np.array(steps, np.float64).reshape(2, INKS).T * self.pixel_mm
 
 
-def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps | None:
+def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float, finer: int = 1) -> Overlaps | None:
     """Return the patches of a page, or None where no two planes share enough edges for fringes to be seen.
 
-    good_mm: greatest displacement of planes on good prints.
+    good_mm: greatest displacement of planes on good prints; finer: number of steps by which planes are displaced over a
+    pixel of the page's raster, for which patches are kept as so many pixels.
     """
     scores = shared_scores(page, landmarks)
     rows, columns = _chosen(scores)
@@ -95,13 +96,13 @@ def overlaps_of(page: Page, landmarks: Landmarks, *, good_mm: float) -> Overlaps
     return Overlaps(
         lines=top,
         columns=left,
-        packed=np.stack(packed),
-        margin=margin,
-        origins=begin - corners,
+        packed=np.stack(packed).repeat(finer, axis=1).repeat(finer, axis=2),
+        margin=finer * margin,
+        origins=finer * (begin - corners),
         inks=tuple(np.flatnonzero(of_planes.any(axis=(0, 1))).tolist()),
         has_edges=of_planes[rows, columns].any(axis=0),
         good_mm=good_mm,
-        pixel_mm=page.pixel_mm,
+        pixel_mm=page.pixel_mm / finer,
     )
 
 

@@ -18,6 +18,7 @@ from prooflight.kernels.registration.shared_edges import (
 )
 from prooflight.pages.parallel import parts_of, shared_out
 from prooflight.prediction.quantised_table import quantised_table
+from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import LEAST_PATCHES, PATCH_PIXELS
 from prooflight.registration.tiles import Workspace, pixel_noise
 from prooflight.scans.scan import touching
@@ -199,7 +200,9 @@ class Patches:
         landmarks, overlaps = self.landmarks, self.overlaps
         right, down = np.array(many).reshape(-1, 2, INKS).transpose(1, 0, 2).copy()
         shifts = self._centred(many)
-        halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2
+        # A stated screen has more contrast than tiles are allowed where none is.
+        beyond = landmarks.halftone**2 - HALFTONE**2
+        halftone2 = (HALFTONE_MM / landmarks.geometry.pixel_pitch_mm) ** 2 + beyond
         noise = [
             pixel_noise(sensor, halftone2=halftone2, by_slope=SLOPE_NOISE) for sensor in landmarks.sensors
         ]

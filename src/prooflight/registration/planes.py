@@ -72,6 +72,7 @@ def register_by_fringes(
     Parameters
     ----------
     scan : (sensors, lines, pixels) [DN]
+    landmarks : of the page, on the raster of the overlaps (``Landmarks.finer``)
     registration : of the page
     lost : (sensors, lines) missing lines
     threads : number of threads that render patches

@@ -203,7 +203,7 @@ class Registration:
     tiles_foreign: float = 0.0
     """Share of the tiles seen that show something else. [-]"""
     residual_rms_pixels: float = np.inf
-    """Residual of the tiles used about the placement and the planes, rms of x and y. [pixels]"""
+    """Residual of the tiles used about the placement and the planes, rms weighted by tiles' precision. [pixels]"""
     foreign: bool = False
     """Whether the scan shows print all over that the design does not predict: another page's."""
     turned: bool = False
@@ -404,9 +404,10 @@ def _registration(
     sd = np.sqrt(np.mean(field.sd_mm(some, shares[some]) ** 2, axis=0))
     # Whether this is the page at all is asked of every tile; how well it is placed, of those that can say.
     of_inks = tile_moves.seen & (landmarks.shares.sum(axis=2).max(axis=1) >= PRINTED)
-    weight = tile_moves.precision[used][:, [0, 1], [0, 1]]
-    left2 = (field.left_mm[used] / pitch) ** 2
-    rms = float(np.sqrt((weight * left2).sum() / max(weight.sum(), 1e-9)))
+    # By the whole precision: a tile of slanted lines does not say where along them it lies.
+    precision, left = tile_moves.precision[used], field.left_mm[used] / pitch
+    far2, information = np.einsum("ni,nij,nj->", left, precision, left), np.einsum("nii->", precision)
+    rms = float(np.sqrt(max(far2, 0.0) / max(information, 1e-9)))
     matching = float(good.sum() / max(int(seen.sum()), 1))
     most_rms = MATCHING_RMS_PIXELS if matching >= MATCHING else MOST_RMS_PIXELS
     if not reason and (used.sum() < max(LEAST_TILES, good.sum() / 2) or rms > most_rms):

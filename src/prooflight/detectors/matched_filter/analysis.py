@@ -76,6 +76,8 @@ MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
 """... minimum displacement of some part of it that requires another prediction ..."""
+FRINGE_PARTS: Final = 2
+"""Number of steps over a raster pixel by which planes of a press that rips pages itself are sought by their fringes."""
 REMAINING_SHARE: Final = 0.75
 """... unless that displacement is at least this share of the previous one: displacements caused by a page's
 edge and by uneven light do not decrease."""
@@ -112,6 +114,8 @@ class PreparedPage:
     """None: glyphs are not tested."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+    own_light: InkLight | None = None
+    """See ``prepare_page``."""
 
     @property
     def added(self) -> AddedInks:
@@ -197,6 +201,7 @@ def prepare_page(
     zones: PageZones | None = None,
     glyphs: bool = False,
     screen: tuple[Screen, InkLight] | None = None,
+    own_light: InkLight | None = None,
 ) -> PreparedPage:
     """Prepare a design for its scans.
 
@@ -210,6 +215,8 @@ def prepare_page(
     zones : of the page; None: there are none.
     glyphs : whether its glyphs are tested.
     screen : of the press, and the light that its tints take; None: not stated.
+    own_light : light that the inks of a press take that rips pages itself, whose planes lie between the raster's
+        pixels; None: planes are displaced by whole pixels.
     """
     bins, prior = bins_of(geometry), prior or PrintPrior()
     at = binned_geometry(geometry, bins)
@@ -238,7 +245,8 @@ def prepare_page(
     )
     overlaps = None
     if fringes:
-        overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm)
+        finer = 1 if own_light is None else FRINGE_PARTS
+        overlaps = overlaps_of(page, landmarks, good_mm=prior.most_plane_mm, finer=finer)
     return PreparedPage(
         page=page,
         repeats=repeats_of(page),
@@ -256,6 +264,7 @@ def prepare_page(
         specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
         beat=beat,
+        own_light=own_light,
     )
 
 
@@ -379,7 +388,7 @@ def analyse_registered(
     if prepared.zones is not None:
         ignored, careful = prepared.zones.moved(where)
         where = replace(where, inside=where.inside & ~ignored)
-    printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm)
+    printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm, light=prepared.own_light)
     # The card has no body for the beat of a stated screen.
     on_host = residual_variance.exact or prepared.beat is not None
     images = (HostImages if on_host else engine)(
@@ -466,8 +475,9 @@ def _followed(
     """Return the placement and the planes (4, 2) [mm] that prediction follows."""
     if prepared.overlaps is None or not registration.located:
         return registration.placement, registration.planes_mm
+    landmarks = prepared.landmarks if prepared.own_light is None else prepared.landmarks.finer(FRINGE_PARTS)
     fringes = register_by_fringes(
-        prepared.overlaps, prepared.landmarks, scan, registration, lost=lost, threads=threads
+        prepared.overlaps, landmarks, scan, registration, lost=lost, threads=threads
     )
     if fringes is None:
         return registration.placement, registration.planes_mm

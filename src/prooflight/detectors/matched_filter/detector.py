@@ -172,6 +172,7 @@ class MatchedFilterDetector(ContextDetector):
             zones=planned.zones,
             glyphs=self.in_full or self.calibrated.glyphs is not None,
             screen=press_context.screen,
+            own_light=press_context.own_light,
         )
         model = self.calibrated.model
         widening = 1.0 if model.residual_variance.exact else prepared.colours.widening

@@ -17,6 +17,7 @@ from prooflight.kernels.residuals.residuals import (
     variances,
 )
 from prooflight.pages.parallel import parts_of, shared_out
+from prooflight.pages.planes import PARTS, displaced_by_parts
 from prooflight.prediction.printed import PrintedPage
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         PlacedScan,
         ResidualVariance,
     )
+    from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.raster import Page
 
 MOST_PLANE: Final = 1.75
@@ -155,7 +157,7 @@ def variance_shares(residual_variance: ResidualVariance, noise: float, white_dn:
 
 
 def in_register(
-    page: Page, planes_mm: NDArray[np.float64], *, good_mm: float
+    page: Page, planes_mm: NDArray[np.float64], *, good_mm: float, light: InkLight | None = None
 ) -> tuple[Page | PrintedPage, NDArray[np.float64]]:
     """Shift a page's ink planes to where registration found them.
 
@@ -163,9 +165,14 @@ def in_register(
 
     Planes are shifted by whole raster pixels, half of the camera's, and hardly further than planes of good
     prints are separated, each of which is off by ``good_mm`` at most: the remainder is small enough for the
-    linear fit, and a misprint's displaced plane is still found.
+    linear fit, and a misprint's displaced plane is still found. Planes of a press that rips pages itself lie between
+    raster pixels: with the light that its inks take, they are shifted by parts of a pixel.
     """
     most_mm = MOST_PLANE * good_mm
+    if light is not None:
+        part_mm = page.pixel_mm / PARTS
+        parts = np.rint(planes_mm.clip(-most_mm, most_mm) / part_mm).astype(np.int64)
+        return displaced_by_parts(page, parts, light), planes_mm - parts * part_mm
     steps = np.rint(planes_mm.clip(-most_mm, most_mm) / page.pixel_mm).astype(np.int64)
     if not steps.any():
         return page, planes_mm

@@ -141,7 +141,8 @@ def test_misprints_end_with_exit_code_1_and_a_place(
     more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
     more |= {"stopping_costs_more", "widened", "codes", "promise_suspended"}
     assert keys | more == set(verdicts[0])
-    assert set(verdicts[0]["regions"][0]) == {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
+    place = {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
+    assert set(verdicts[0]["regions"][0]) == place | {"ink", "darker_percent", "above_good_sd"}
 
 
 def test_pages_without_scan_are_said_to_be_not_inspected(

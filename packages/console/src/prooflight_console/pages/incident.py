@@ -19,7 +19,8 @@ from prooflight_console.api.common import (
     not_modified,
     unchanged,
 )
-from prooflight_console.pages.shell import OperatorPage, ViewerPage, page
+from prooflight_console.pages.defects import incident_text, sheet_text
+from prooflight_console.pages.shell import OperatorPage, ViewerPage, language_of, page
 from prooflight_line.journal.labels import UNDONE, Labels, run_key
 from prooflight_line.plant.gate.log import log_path
 
@@ -193,8 +194,17 @@ def _shown(
     values = _of_sheet(state, who, run, sheet)
     record = values["record"]
     values |= {"run": run, "told": labelled, "sheet": sheet}
-    values["pictures"] = state.pictures.describe(run, record, wait=False)
-    values["can_replay"] = record.evidence is not None and state.stations.press(run) is not None
+    values["pictures"] = pictures = state.pictures.describe(run, record, wait=False)
+    size_mm = (pictures["width_mm"], pictures["height_mm"]) if "expected" in pictures["layers"] else None
+    t = language_of(request, who)
+    values["text"] = (
+        sheet_text(t, record.verdict, size_mm)
+        if labelled is None
+        else incident_text(t, labelled.incident, verdict=record.verdict, sheet=sheet, size_mm=size_mm)
+    )
+    values["can_replay"] = record.verdict.score is not None and (
+        record.evidence is not None and state.stations.press(run) is not None
+    )
     return page(request, who, "incident", **values)
 
 

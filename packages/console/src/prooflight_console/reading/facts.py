@@ -61,9 +61,10 @@ def label_of(label: Label) -> dict[str, Any]:
 
 def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     """Return an incident with its labels."""
-    fields = _finite(asdict(labelled.incident))
+    fields = asdict(labelled.incident)
+    del fields["last_verdict"]  # a sheet's, not the incident's
     return {
-        **fields,
+        **_finite(fields),
         "open": labelled.incident.open,
         "word": labelled.word,
         "answered": labelled.answered,

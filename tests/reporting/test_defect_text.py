@@ -96,7 +96,9 @@ def test_without_the_page_s_size_no_right_and_no_tail_edge_is_named() -> None:
         ("unknown", (82.0, 0.0, 3.4, 297.0), "deviation"),
     ],
 )
-def test_a_kind_that_names_a_shape_fits_it(kind: str, box: tuple[float, float, float, float], shown: str) -> None:
+def test_a_kind_that_names_a_shape_fits_it(
+    kind: str, box: tuple[float, float, float, float], shown: str
+) -> None:
     assert shown_kind(kind, region(*box), A4) == shown
     assert describe(misprint(region(*box), kind=kind), size_mm=A4).title == KINDS["en"][shown]
 
@@ -162,7 +164,9 @@ def test_a_deviation_that_good_sheets_show_as_well_is_stated_by_the_score() -> N
 
 def test_both_languages_have_all_words_with_the_same_values() -> None:
     assert set(KINDS["en"]) == set(KINDS["de"])
-    values = {code: {key: set(re.findall(r"{(\w+)}", text)) for key, text in TEXTS[code].items()} for code in TEXTS}
+    values = {
+        code: {key: set(re.findall(r"{(\w+)}", text)) for key, text in TEXTS[code].items()} for code in TEXTS
+    }
     assert values["en"] == values["de"]
 
 

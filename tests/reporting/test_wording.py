@@ -10,6 +10,7 @@ from prooflight.reporting.defect_words import KINDS
 from prooflight.reporting.report import Counts, sentence
 from prooflight.simulation.worlds import worlds
 
+
 def test_every_kind_of_misprint_has_plain_words() -> None:
     kinds = {entry["kind"] for entry in worlds()["misprint"]}
     assert len(kinds) == 12

@@ -211,7 +211,9 @@ class _Words:
         if not inks:
             return ""
         named = region.ink if region is not None else ""
-        worst = named if named in inks else max(inks, key=lambda letter: math.hypot(*inks[letter].register_mm))
+        worst = (
+            named if named in inks else max(inks, key=lambda letter: math.hypot(*inks[letter].register_mm))
+        )
         right, down = inks[worst].register_mm
         ink = self.ink(worst if named or len(inks) == 1 else "")
         ways = [

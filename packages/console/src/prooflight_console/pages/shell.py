@@ -55,7 +55,12 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.globals |= {"asset": asset, "incident_text": incident_text, "sheet_text": sheet_text, "Role": Role}
+    templates.globals |= {
+        "asset": asset,
+        "incident_text": incident_text,
+        "sheet_text": sheet_text,
+        "Role": Role,
+    }
     templates.filters["moment"] = moment
     templates.filters["quoted"] = lambda text: quote(str(text), safe="")
     return templates

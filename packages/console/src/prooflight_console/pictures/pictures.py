@@ -28,7 +28,7 @@ from prooflight_console.pictures.tiles import (
     SheetPicture,
     aligned,
     cuts_of,
-    difference,
+    drawn,
     thumbnail,
 )
 from prooflight_console.problems import Problem, not_found
@@ -47,7 +47,7 @@ Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
-VERSION: Final = "2"
+VERSION: Final = "3"
 """Version of the rendering, a part of cache keys: with a new one browsers load pictures again."""
 MOST_AHEAD: Final = 4
 MOST_CACHED: Final = 64
@@ -91,7 +91,7 @@ class Pictures:
         )
         for level in (0, 1):
             picture.tile("scan", level, 0, 0)
-        difference(cut.signal, cut.signal)
+        drawn("difference", cut.signal, cut.signal, (0, 0))
 
     def describe(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
         """Describe the pictures of a sheet; see ``PictureAnswer``.
@@ -109,13 +109,15 @@ class Pictures:
             "layers": list(picture.layers),
             "regions": [
                 {
-                    "x_mm": one.x_mm,
-                    "y_mm": one.y_mm,
+                    "x_mm": one.x_mm + moved[0],
+                    "y_mm": one.y_mm + moved[1],
                     "width_mm": one.width_mm,
                     "height_mm": one.height_mm,
                     "kind": one.kind,
                 }
-                for one in page.verdict.regions
+                for one, moved in zip(
+                    page.verdict.regions, picture.moved_mm(len(page.verdict.regions)), strict=True
+                )
             ],
             "cuts": [{"box_mm": list(cut.box_mm)} for cut in picture.cuts],
             "whole": picture.seen is not None,
@@ -154,7 +156,7 @@ class Pictures:
         }
         press = self._stations.press(run)
         cuts = cuts_of(page.evidence, press, **placed) or whole_cut(page.evidence, press, **placed)
-        return thumbnail(cuts, side=THUMBNAIL)
+        return thumbnail(cuts, page.verdict.regions, side=THUMBNAIL)
 
     def ahead(self, run: RunRow, page: PageRecord) -> None:
         """Begin the page of a misprint before it is opened, unless many are pending; does not wait."""
@@ -231,8 +233,9 @@ class Pictures:
         else:
             boxes = [cut.box_mm for cut in cuts]
             boxes += [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in page.verdict.regions]
-            width_mm = max([A4_MM[0], *(x + w for x, _, w, _ in boxes)])
-            height_mm = max([A4_MM[1], *(y + h for _, y, _, h in boxes)])
+            least = (0.0, 0.0) if cuts and cuts[0].region is None else A4_MM  # a whole sheet has its own size
+            width_mm = max([least[0], *(x + w for x, _, w, _ in boxes)])
+            height_mm = max([least[1], *(y + h for _, y, _, h in boxes)])
             width, height = (
                 min(max(round(extent / PITCH_MM), 1), 40_000) for extent in (width_mm, height_mm)
             )

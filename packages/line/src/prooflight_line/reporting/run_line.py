@@ -98,4 +98,3 @@ def _counts(status: Status, deadline_s: float | None, sheets: str) -> Iterator[s
     verdict = status.stages["verdict"]
     limit = "" if deadline_s is None else f" of {deadline_s * 1e3:.0f}"
     yield f"verdicts after {verdict.median_ms:.0f} ms, 99.9 % within {verdict.p999_ms:.0f}{limit} ms"
-

@@ -119,13 +119,13 @@ def test_sheets(sheets: SheetSpan, text: str) -> None:
 @pytest.mark.parametrize(
     ("more", "what"),
     [
-        ({"ink": "K", "darker_percent": -97.0}, "Black missing"),
-        ({"ink": "K", "darker_percent": -40.4}, "Black 40 % too light"),
-        ({"darker_percent": -640.0}, "Much too light"),
-        ({"darker_percent": 0.4}, "Less than 1 % too dark"),
-        ({"darker_percent": math.nan}, "Streak in print direction"),
-        ({"ink": "C"}, "Streak in print direction: cyan"),
-        ({}, "Streak in print direction"),
+        ({"ink": "K", "darker_percent": -97.0}, "black missing"),
+        ({"ink": "K", "darker_percent": -40.4}, "black 40 % too light"),
+        ({"darker_percent": -640.0}, "much too light"),
+        ({"darker_percent": 0.4}, "less than 1 % too dark"),
+        ({"darker_percent": math.nan}, ""),
+        ({"ink": "C"}, "cyan"),
+        ({}, ""),
     ],
 )
 def test_amounts(more: dict[str, Any], what: str) -> None:
@@ -134,7 +134,12 @@ def test_amounts(more: dict[str, Any], what: str) -> None:
 
 def test_a_kind_that_an_amount_does_not_explain_is_named_with_it() -> None:
     ghost = misprint(region(20.0, 30.0, 20.0, 30.0, "ghost-smear", darker_percent=3.0))
-    assert describe(ghost).what == "Ghost image or smear: 3 % too dark"
+    assert describe(ghost).brief.startswith("Ghost image or smear: 3 % too dark in an area")
+    assert describe(ghost).place.startswith("3 % too dark in an area")
+    unmeasured = misprint(region(82.0, 0.0, 1.0, 297.0))
+    assert describe(unmeasured, size_mm=A4).brief.startswith(
+        "Streak in print direction: in a streak 1 mm wide"
+    )
 
 
 def test_register_states_the_way_of_the_worst_ink_and_names_it_only_where_it_is_known() -> None:
@@ -142,16 +147,19 @@ def test_register_states_the_way_of_the_worst_ink_and_names_it_only_where_it_is_
     inks["M"] = replace(inks["M"], register_mm=(-0.3, 0.4))
     off = misprint(region(0.0, 0.0, *A4, "plane-register", ink="M"), inks=inks)
     assert describe(off, size_mm=A4).what == (
-        "Magenta 0.50 mm out of register (0.30 mm to the left, 0.40 mm towards the tail)"
+        "magenta 0.50 mm out of register (0.30 mm to the left, 0.40 mm towards the tail)"
     )
     unnamed = replace(off, regions=(region(0.0, 0.0, *A4, "plane-register"),))
-    assert describe(unnamed, size_mm=A4, language="de").what.startswith("Eine Farbe: Passerfehler 0,50 mm")
+    assert describe(unnamed, size_mm=A4, language="de").place.startswith("Eine Farbe: Passerfehler 0,50 mm")
 
 
 def test_what_no_amount_says_is_the_detector_s_reason_and_german_has_its_kind() -> None:
     wrong = misprint(region(0.0, 0.0, *A4, "wrong-page"), reason="the page lies +2.3 mm off its place")
     assert describe(wrong, size_mm=A4).place == "The page lies +2.3 mm off its place"
-    assert describe(wrong, size_mm=A4, language="de").what == KINDS["de"]["wrong-page"]
+    assert (
+        describe(wrong, size_mm=A4, language="de").brief
+        == KINDS["de"]["wrong-page"] + ": auf der ganzen Seite"
+    )
     skipped = Verdict.skipped("p0001", "its scan is missing")
     assert describe(skipped).sentence == "Its scan is missing"
 
@@ -183,5 +191,5 @@ def test_every_region_has_a_sentence_without_raw_numbers(
     one = region(*box, darker_percent=percent, above_good_sd=above)
     text = describe(misprint(one, kind=kind), size_mm=A4, language=language)
     assert text.title
-    assert text.sentence[0] == text.sentence[0].upper()
+    assert text.detail[0] == text.detail[0].upper()
     assert not re.search(r"nan|inf\b|None|221\.4|\.\d{3}|{", text.sentence)

@@ -194,4 +194,4 @@ def _short(score: float) -> str:
 
 def what(verdict: Verdict) -> str:
     """Return in words what is wrong with a page and where, or why it was not inspected; empty if it is good."""
-    return describe(verdict).place
+    return describe(verdict).brief

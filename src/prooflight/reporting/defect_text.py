@@ -36,8 +36,8 @@ EDGE_MM: Final = 2.0
 """Distance from the page's edge within which a place is at the edge. assumed: cut and feed vary as much."""
 SHAPED: Final = ("spots-voids", "streak", "banding")
 """Kinds that name a shape, so that the shape of the place decides between them."""
-AMOUNT_SUFFICES: Final = (*SHAPED, "density", "missing-plane", "unknown")
-"""Kinds of which an amount says all: that ink is missing, say."""
+AMOUNT_SUFFICES: Final = (*SHAPED, "density", "missing-plane", "plane-register", "deviation", "unknown")
+"""Kinds of which an amount states all: that ink is missing, say."""
 IN_REASON: Final = ("wrong-page", "code", "exchanged-glyph", "missing-glyph")
 """Kinds whose reason says what no amount says: which letter, which code, how far off."""
 MISSING_PERCENT: Final = -90.0
@@ -64,19 +64,43 @@ class DefectText:
     title: str
     """Kind of defect, as a heading."""
     what: str
+    """What is wrong beyond the title: which ink, by how much."""
     where: str
     sheets: str
     certainty: str
+    complete: bool = False
+    """Whether ``what`` needs no title before it."""
 
     @property
     def place(self) -> str:
-        """What is wrong, and where."""
-        return " ".join(filter(None, (self.what, self.where)))
+        """What is wrong and where, to stand below the title."""
+        return _capital(self._place)
+
+    @property
+    def detail(self) -> str:
+        """All parts in one sentence without a full stop, to stand below the title."""
+        return _capital(self._detail)
 
     @property
     def sentence(self) -> str:
-        """All parts in one sentence, without a full stop."""
-        return "; ".join(filter(None, (", ".join(filter(None, (self.place, self.sheets))), self.certainty)))
+        """All parts in one sentence without a full stop, to stand alone."""
+        return self._alone(self._detail)
+
+    @property
+    def brief(self) -> str:
+        """What is wrong and where, to stand alone."""
+        return self._alone(self._place)
+
+    @property
+    def _place(self) -> str:
+        return " ".join(filter(None, (self.what, self.where)))
+
+    @property
+    def _detail(self) -> str:
+        return "; ".join(filter(None, (", ".join(filter(None, (self._place, self.sheets))), self.certainty)))
+
+    def _alone(self, text: str) -> str:
+        return _capital(text) if self.complete else ": ".join(filter(None, (self.title, text)))
 
 
 def describe(
@@ -107,18 +131,20 @@ above what 99 of 100 good sheets show'
     """
     say = _Words(language)
     if verdict.verdict != "misprint":
-        return DefectText(title="", what=_capital(verdict.reason), where="", sheets="", certainty="")
+        return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
+    kind = shown_kind(verdict.kind, region, size_mm)
     where = say.place(region, size_mm)
-    what = say.what(verdict, region, size_mm)
-    if _reason_speaks(verdict, language):
-        what, where = _capital(verdict.reason), ""
+    what = say.what(verdict, kind, region)
+    if spoken := _reason_speaks(verdict, language):
+        what, where = verdict.reason, ""
     elif len(verdict.regions) > 1:
         where = f"{where}, {say.more(len(verdict.regions) - 1)}"
     return DefectText(
-        title=KINDS[language].get(shown_kind(verdict.kind, region, size_mm), verdict.kind or ""),
-        what=_capital(what),
+        title=KINDS[language].get(kind, kind),
+        what=what,
         where=where,
+        complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
     )
@@ -183,15 +209,12 @@ class _Words:
     def ink(self, letter: str) -> str:
         return self.text(f"ink.{letter}") if letter in NAME_OF_INK else self.text("ink")
 
-    def what(self, verdict: Verdict, region: Region | None, size_mm: Size | None) -> str:
-        kind = shown_kind(verdict.kind, region, size_mm)
-        title = KINDS[self.language].get(kind, kind)
+    def what(self, verdict: Verdict, kind: str, region: Region | None) -> str:
         if kind == "plane-register":
-            return self.register(verdict.inks, region) or title
-        amount = "" if region is None else self.amount(region)
-        if not amount:
-            return f"{title}: {self.ink(region.ink)}" if region is not None and region.ink else title
-        return _capital(amount) if kind in (*AMOUNT_SUFFICES, "deviation") else f"{title}: {amount}"
+            return self.register(verdict.inks, region)
+        if region is None:
+            return ""
+        return self.amount(region) or (self.ink(region.ink) if region.ink else "")
 
     def amount(self, region: Region) -> str:
         percent = region.darker_percent
@@ -222,7 +245,7 @@ class _Words:
         ]
         which = [way for way, mm in zip(ways, (right, down), strict=True) if abs(mm) >= 0.005]
         both = f" ({', '.join(which)})" if which else ""
-        return _capital(self.text("register", ink=ink, mm=self.number(math.hypot(right, down), 2))) + both
+        return self.text("register", ink=ink, mm=self.number(math.hypot(right, down), 2)) + both
 
     def place(self, region: Region | None, size_mm: Size | None) -> str:
         shape = shape_of(region, size_mm)

@@ -91,7 +91,7 @@ class Pictures:
         )
         for level in (0, 1):
             picture.tile("scan", level, 0, 0)
-        drawn("difference", cut.signal, cut.signal, (0, 0))
+        drawn("difference", cut.signal, cut.signal)
 
     def describe(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
         """Describe the pictures of a sheet; see ``PictureAnswer``.
@@ -120,7 +120,7 @@ class Pictures:
                 )
             ],
             "cuts": [{"box_mm": list(cut.box_mm)} for cut in picture.cuts],
-            "whole": picture.seen is not None,
+            "whole": picture.seen is not None or any(cut.region is None for cut in picture.cuts),
             "note": self._note(run, page, picture),
         }
 

@@ -26,10 +26,8 @@ Layer = Literal["scan", "expected", "difference"]
 LAYERS: Final[tuple[Layer, ...]] = ("scan", "expected", "difference")
 UNSEEN: Final = 65_535 / FULL
 """Signal that stands for no scan; ink and paper give less."""
-UNSEEN_GREYS: Final = (0.74, 0.68)
-"""Greys of the hatching where no scan is stored."""
-HATCH_PIXELS: Final = 8
-"""Width of its stripes on the screen."""
+UNSEEN_GREY: Final = 150
+"""Grey of the screen where no scan is stored: darker than the ground of the viewer, lighter than ink."""
 LEAST_RANGE: Final = 0.1
 """Least range of light that a thumbnail's contrast is stretched from: a smaller one would show noise alone."""
 AROUND: Final = 3.0
@@ -158,7 +156,7 @@ class SheetPicture:
             seen = np.full(expected.shape, UNSEEN, np.float32)
             for cut in self.cuts:
                 self._lay(cut, seen, (left, top), 2.0 ** (level - self.levels + 1))
-        return encoded(drawn(layer, seen, expected, (left, top)))
+        return encoded(drawn(layer, seen, expected))
 
     def _lay(self, cut: Cut, into: NDArray[np.float32], corner: tuple[int, int], scale: float) -> None:
         """Draw a cut into a tile at its position."""
@@ -189,29 +187,16 @@ class SheetPicture:
         into[first[1] : last[1], first[0] : last[0]] = drawn
 
 
-def drawn(
-    layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32], corner: tuple[int, int]
-) -> NDArray[np.uint8]:
-    """Draw a layer: (lines, pixels) grey, or (lines, pixels, 3); hatched where ``seen`` is ``UNSEEN``.
-
-    corner: left and top of the tile, so that the hatching goes on from tile to tile. [pixels]
-    """
+def drawn(layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Draw a layer: (lines, pixels) grey, or (lines, pixels, 3); ``UNSEEN_GREY`` where ``seen`` is ``UNSEEN``."""
     if layer == "expected":
         return grey(expected)
     there = seen < (1 + UNSEEN) / 2
-    hatched = 255 * hatching(seen.shape, corner)
     if layer == "scan":
-        return np.asarray(np.rint(np.where(there, 255 * shown(seen), hatched)).astype(np.uint8))
+        return np.where(there, grey(seen), np.uint8(UNSEEN_GREY))
     off = cv2.GaussianBlur(np.where(there, seen - expected, np.float32(0)), (0, 0), 0.8)
     colours = error_colours(np.asarray(off * (SATURATION / STRONG), np.float32))
-    return np.asarray(np.rint(np.where(there[..., None], colours, hatched[..., None])).astype(np.uint8))
-
-
-def hatching(shape: tuple[int, ...], corner: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the grey (lines, pixels), 0..1, of a place of which no scan is stored."""
-    rows, columns = np.ogrid[: shape[0], : shape[1]]
-    stripe = ((rows + columns + sum(corner)) // HATCH_PIXELS) % 2
-    return np.asarray(np.array(UNSEEN_GREYS, np.float32)[stripe])
+    return np.where(there[..., None], np.rint(colours), UNSEEN_GREY).astype(np.uint8)
 
 
 def aligned(cut: Cut, expected: Pyramid) -> Cut:

@@ -47,7 +47,7 @@ SPOT = misprint(region(52.4, 12.0, 3.2, 4.1, "spots-voids", darker_percent=-31.0
          "seen 9 sigma above what 99 of 100 good sheets show"),
         (FULL, span(13, 48, 60), "de",
          "Magenta 14 % zu dunkel in einem Streifen von 3 mm Breite am linken Rand, auf diesem und den letzten 12 "
-         "Bögen; 9 Sigma über dem, was 99 von 100 guten Bögen zeigen"),
+         "Bogen; 9 Sigma über dem, was 99 von 100 guten Bogen zeigen"),
         (SPOT, None, "en",
          "31 % too light in an area of 3.2 × 4.1 mm, 54 mm from the left edge, 14 mm from the lead edge; "
          "score 7.0, alarm above 2.0"),

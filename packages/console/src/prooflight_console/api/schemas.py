@@ -352,7 +352,7 @@ class SignInRequest(BaseModel):
 
 
 class PersonAnswer(Answer):
-    """A person who may sign in."""
+    """A user account."""
 
     id: int
     name: str
@@ -365,7 +365,7 @@ class PersonAnswer(Answer):
 
 
 class PeopleAnswer(Answer):
-    """All people who may sign in."""
+    """All user accounts."""
 
     items: list[PersonAnswer]
 

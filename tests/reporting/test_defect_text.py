@@ -71,7 +71,7 @@ def test_whole_sentences(verdict: Verdict, sheets: SheetSpan | None, language: C
         ((0.0, 0.0, 210.0, 5.0), "in a band 5 mm high at the lead edge"),
         ((30.0, 100.0, 60.0, 4.0), "in a band 4 mm high, 102 mm from the lead edge, between 30 and 90 mm from the left "
          "edge"),
-        ((0.0, 0.0, 4.0, 4.0), "in an area of 4 × 4 mm along the left edge, at the lead edge"),
+        ((0.0, 0.0, 4.0, 4.0), "strongest in an area of 4 × 4 mm along the left edge, at the lead edge"),
         ((1.0, 1.0, 208.0, 290.0), "on the whole page"),
     ],
 )  # fmt: skip
@@ -89,7 +89,8 @@ def test_without_the_page_s_size_no_right_and_no_tail_edge_is_named() -> None:
     [
         ("spots-voids", (82.0, 0.0, 3.4, 297.0), "streak"),
         ("spots-voids", (10.0, 50.0, 120.0, 3.0), "banding"),
-        ("streak", (82.0, 20.0, 3.0, 4.0), "spots-voids"),
+        ("streak", (82.0, 20.0, 3.0, 4.0), "streak"),  # its strongest part
+        ("streak", (0.0, 20.0, 210.0, 4.0), "banding"),
         ("streak", (82.0, 0.0, 1.0, 297.0), "streak"),
         ("spots-voids", (82.0, 20.0, 0.2, 6.0), "spots-voids"),  # a hair has any direction
         ("ghost-smear", (82.0, 0.0, 3.4, 297.0), "ghost-smear"),
@@ -136,6 +137,9 @@ def test_a_kind_that_an_amount_does_not_explain_is_named_with_it() -> None:
     ghost = misprint(region(20.0, 30.0, 20.0, 30.0, "ghost-smear", darker_percent=3.0))
     assert describe(ghost).brief.startswith("Ghost image or smear: 3 % too dark in an area")
     assert describe(ghost).place.startswith("3 % too dark in an area")
+    swapped = misprint(region(0.0, 0.0, *A4, "swapped-planes"))
+    assert describe(swapped, size_mm=A4).brief == "Inks exchanged on the whole page"
+    assert describe(misprint(kind="unknown")).brief == KINDS["en"]["unknown"]
     unmeasured = misprint(region(82.0, 0.0, 1.0, 297.0))
     assert describe(unmeasured, size_mm=A4).brief.startswith(
         "Streak in print direction: in a streak 1 mm wide"
@@ -158,7 +162,7 @@ def test_what_no_amount_says_is_the_detector_s_reason_and_german_has_its_kind() 
     assert describe(wrong, size_mm=A4).place == "The page lies +2.3 mm off its place"
     assert (
         describe(wrong, size_mm=A4, language="de").brief
-        == KINDS["de"]["wrong-page"] + ": auf der ganzen Seite"
+        == KINDS["de"]["wrong-page"] + " auf der ganzen Seite"
     )
     skipped = Verdict.skipped("p0001", "its scan is missing")
     assert describe(skipped).sentence == "Its scan is missing"
@@ -191,5 +195,5 @@ def test_every_region_has_a_sentence_without_raw_numbers(
     one = region(*box, darker_percent=percent, above_good_sd=above)
     text = describe(misprint(one, kind=kind), size_mm=A4, language=language)
     assert text.title
-    assert text.detail[0] == text.detail[0].upper()
+    assert text.detail[:1] == text.detail[:1].upper()
     assert not re.search(r"nan|inf\b|None|221\.4|\.\d{3}|{", text.sentence)

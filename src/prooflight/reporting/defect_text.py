@@ -70,6 +70,8 @@ class DefectText:
     certainty: str
     complete: bool = False
     """Whether ``what`` needs no title before it."""
+    link: str = ": "
+    """What stands between the title and the other parts."""
 
     @property
     def place(self) -> str:
@@ -100,7 +102,7 @@ class DefectText:
         return "; ".join(filter(None, (", ".join(filter(None, (self._place, self.sheets))), self.certainty)))
 
     def _alone(self, text: str) -> str:
-        return _capital(text) if self.complete else ": ".join(filter(None, (self.title, text)))
+        return _capital(text) if self.complete else self.link.join(filter(None, (self.title, text)))
 
 
 def describe(
@@ -134,7 +136,7 @@ above what 99 of 100 good sheets show'
         return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
-    where = say.place(region, size_mm)
+    where = "" if kind == "unknown" else say.place(region, size_mm, part=kind in ("streak", "banding"))
     what = say.what(verdict, kind, region)
     if spoken := _reason_speaks(verdict, language):
         what, where = verdict.reason, ""
@@ -144,6 +146,7 @@ above what 99 of 100 good sheets show'
         title=KINDS[language].get(kind, kind),
         what=what,
         where=where,
+        link=": " if what or kind in SHAPED else " ",
         complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
@@ -151,7 +154,9 @@ above what 99 of 100 good sheets show'
 
 
 def shown_kind(kind: str | None, region: Region | None, size_mm: Size | None = None) -> str:
-    """Return the kind by which a region is shown: its shape decides between spots, streaks and bands.
+    """Return the kind by which a region is shown: a long one is a streak or a band, however the kind was learned.
+
+    A streak of which only a part stands out remains one.
 
     >>> from prooflight.detectors.verdict import Region
     >>> tall = Region(x_mm=82.0, y_mm=0.0, width_mm=3.4, height_mm=280.0, score=9.0, kind="spots-voids")
@@ -163,7 +168,7 @@ def shown_kind(kind: str | None, region: Region | None, size_mm: Size | None = N
         return "unknown" if shape == "page" else "deviation"
     if kind not in SHAPED or shape == "page":
         return kind
-    return {"streak": "streak", "band": "banding"}.get(shape, "spots-voids")
+    return {"streak": "streak", "band": "banding"}.get(shape, kind)
 
 
 def shape_of(region: Region | None, size_mm: Size | None = None) -> Shape:
@@ -247,7 +252,7 @@ class _Words:
         both = f" ({', '.join(which)})" if which else ""
         return self.text("register", ink=ink, mm=self.number(math.hypot(right, down), 2)) + both
 
-    def place(self, region: Region | None, size_mm: Size | None) -> str:
+    def place(self, region: Region | None, size_mm: Size | None, *, part: bool) -> str:
         shape = shape_of(region, size_mm)
         if region is None or shape == "page":
             return self.text("where.page")
@@ -259,8 +264,9 @@ class _Words:
         if shape == "band":
             ends = self.ends(region.x_mm, region.width_mm, size_mm and size_mm[0], "ends.across")
             return self.text("where.band", mm=self.mm(region.height_mm), at=down) + ends
+        text = "where.part" if part else "where.area"
         size = f"{self.mm(region.width_mm)} × {self.mm(region.height_mm)} mm"
-        return self.text("where.area", size=size, across=across, down=down.lstrip(", "))
+        return self.text(text, size=size, across=across, down=down.lstrip(", "))
 
     def side(self, begin_mm: float, extent_mm: float, of_mm: float | None, first: str, last: str) -> str:
         """Position along one axis, with what separates it: at an edge of the page, or its distance from the first."""

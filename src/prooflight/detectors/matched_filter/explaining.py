@@ -32,8 +32,8 @@ MISSING_PERCENT: Final = -60.0
 """Gain below which an ink is called missing, not weak: less than 40 % is there."""
 LEAST_REPORTED_MM: Final = 0.05
 """Minimum displacement of a plane that is reported with its amount: 0.0 mm would be read as none."""
-WITH_AMOUNT: Final = ("box", "spread", "streak", "mark")
-"""Families whose place is lighter or darker as a whole, so that one amount describes it."""
+WITH_AMOUNT: Final = ("box", "spread", "streak")
+"""Families whose place is off by one amount of their mode."""
 TIE_MM: Final = 0.05
 """Tolerance of the test whether a point is inside a region. Boxes of one size overlap by half, so that the
 middle of one is on its neighbour's edge, and rounding would decide on which side. Tiles are ten times as
@@ -137,9 +137,9 @@ def amount_of(
 ) -> tuple[str, float | None]:
     """Return the ink of a statistic, if it can be named, and by how much its place is darker. [%]
 
-    The amount of a place is that of least squares, sum N / sum D over its tiles or columns: of the ink, where the
-    statistic is of more or less of it, otherwise of the light. The amount of a page as a whole is the ink's gain.
-    None: no amount describes the statistic.
+    The amount of a place is that of least squares, sum N / sum D over its tiles or columns, of the statistic's own
+    mode: the share of the ink that was gained or lost, of the area that was covered, or of the light. The amount of a
+    page as a whole is the ink's gain. None: no amount describes the statistic.
     """
     which, box = statistic.statistic, statistic.box
     ink = _ink_of(statistic)
@@ -147,10 +147,9 @@ def amount_of(
     if which.family == "fit" and which.mode in DENSITY:
         gains = [one.gain_percent for letter, one in inks.items() if letter == ink or not ink]
         return named, float(np.mean(gains)) if gains else None
-    if which.family not in WITH_AMOUNT or math.isnan(box[0]):
+    mode = f"{which.mode}-{which.ink}" if which.ink else which.mode
+    if which.family not in WITH_AMOUNT or math.isnan(box[0]) or mode not in sums.modes or mode == "blur":
         return named, None
-    of_ink = which.mode == "gain" and named and f"gain-{named}" in sums.modes
-    mode = f"gain-{named}" if of_ink else "light"
     if which.family == "streak":
         columns = _within(box[0], box[2], sums.left_mm, sums.pixel_mm, sums.columns.shape[-1])
         push, power = sums.columns[:2, sums.line_modes.index(mode), :, columns].sum(axis=(1, 2))
@@ -162,7 +161,7 @@ def amount_of(
         push, power = sums.tiles[:2, sums.modes.index(mode), rows, columns].sum(axis=(1, 2))
     if power <= 0:
         return named, None
-    return named, 100 * float(push / power) * (1 if of_ink else -1)
+    return named, 100 * float(push / power) * (-1 if which.mode in LIGHTENING else 1)
 
 
 def _within(begin_mm: float, extent_mm: float, first_mm: float, pitch_mm: float, count: int) -> slice:

@@ -77,7 +77,9 @@ TraysOption = Annotated[
 ]
 OidcOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE.toml", help="OpenID provider for sign-in, in addition to console accounts: [oidc]."),
+    typer.Option(
+        metavar="FILE.toml", help="OpenID provider for sign-in, in addition to console accounts: [oidc]."
+    ),
 ]
 TilesMbOption = Annotated[
     int,

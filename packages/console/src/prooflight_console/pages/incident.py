@@ -75,7 +75,7 @@ def thumbnail(request: Request, _who: ViewerPage, run: RunId, sheet: SheetNumber
     tag = etag(run_key(run_row), sheet, "thumbnail", state.pictures.version)
     if unchanged(request, tag):
         return not_modified(tag, A_WHILE)
-    picture = state.pictures.thumbnail(run_row, state.reading.sheet(run_row.id, sheet))
+    picture = state.pictures.thumbnail(run_row, sheet, lambda: state.reading.sheet(run_row.id, sheet))
     headers = {"ETag": tag, "Cache-Control": A_WHILE}
     if picture is None:
         return Response(NO_SCAN, media_type="image/svg+xml", headers=headers)

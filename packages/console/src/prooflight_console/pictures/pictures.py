@@ -52,6 +52,8 @@ VERSION: Final = "3"
 MOST_AHEAD: Final = 4
 MOST_CACHED: Final = 64
 """Number of sheets with cuts in memory, a quarter of a megabyte each."""
+MOST_THUMBNAILS: Final = 1000
+"""Number of thumbnails in memory, some kilobytes each."""
 PITCH_MM: Final = MM_PER_INCH / 240
 """Pixel pitch of pictures of unknown pages; assumed: the prototype's."""
 A4_MM: Final = (210.0, 297.0)
@@ -73,6 +75,7 @@ class Pictures:
         self._folder, self._bound_bytes, self._stations = folder, bound_bytes, stations
         self._guard = threading.Lock()
         self._sheets: OrderedDict[tuple[str, int], SheetPicture] = OrderedDict()
+        self._thumbnails: OrderedDict[tuple[str, int], bytes | None] = OrderedDict()
         self._making: dict[str, Future[None]] = {}
         self._refused: dict[str, str] = {}
         self._pool: ProcessPoolExecutor | None = None
@@ -146,8 +149,24 @@ class Pictures:
                 return tile
         raise not_found(f"sheet {sheet} has no tile {layer[:20]}/{level}/{column}/{row}")
 
-    def thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
-        """Return a small picture of the first region in the scan; None if no scan of it is stored."""
+    def thumbnail(self, run: RunRow, sheet: int, read: Callable[[], PageRecord]) -> bytes | None:
+        """Return a small picture of the first region in the scan; None if no scan of it is stored.
+
+        read: loads the sheet if its thumbnail is not in memory. Many browsers ask for the same one at once.
+        """
+        key = run_key(run), sheet
+        with self._guard:
+            if key in self._thumbnails:
+                self._thumbnails.move_to_end(key)
+                return self._thumbnails[key]
+        made = self._thumbnail(run, read())
+        with self._guard:
+            self._thumbnails[key] = made
+            while len(self._thumbnails) > MOST_THUMBNAILS:
+                self._thumbnails.popitem(last=False)
+        return made
+
+    def _thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
         number = page_number(run, page)
         size = None if number is None else self._size_mm(run, number)
         placed: Any = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import settings
 from tests import durations
 from tests.stand_ins import SHARED
+from tests.turns import in_turn
 
 from prooflight.camera.camera import Camera
 from prooflight.camera.optics import Lens, Light
@@ -39,13 +39,17 @@ def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginMa
     pluginmanager.register(durations)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def caches_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Give commands that tests start a cache folder of this test run alone, which its processes share."""
+@pytest.fixture(scope="session")
+def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this test run, which its processes share."""
     base = tmp_path_factory.getbasetemp()
-    os.environ["XDG_CACHE_HOME"] = str(
-        (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache"
-    )
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+@pytest.fixture(scope="session", autouse=True)
+def caches_of_the_tests(session_folder: Path) -> None:
+    """Give commands that tests start a cache folder of this test run alone, which its processes share."""
+    os.environ["XDG_CACHE_HOME"] = str(session_folder / "cache")
 
 
 BLUE_SENSOR = """
@@ -138,20 +142,16 @@ class Made:
 
 
 @pytest.fixture(scope="session")
-def trained_press(
-    press: Press, make_page: Callable[..., Page], tmp_path_factory: pytest.TempPathFactory
-) -> Press:
-    """The press with our detector, made fit by 18 of 24 designs, which lets one good page in ten alarm.
+def trained_press(press: Press, make_page: Callable[..., Page], session_folder: Path) -> Press:
+    """The press with the matched filter, made fit by 18 of 24 designs, which lets one good page in ten alarm.
 
     The process that needs it first makes it, and the others of this run read it.
     """
     from prooflight.commissioning.training.train import trained
 
     often = replace(press, good_pages_per_false_alarm=10.0)
-    folder = tmp_path_factory.getbasetemp()
-    path = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "trained.press"
-    with path.with_suffix(".lock").open("w") as turn:
-        fcntl.flock(turn, fcntl.LOCK_EX)
+    path = session_folder / "trained.press"
+    with in_turn(path):
         if not path.exists():
             designs = Made(make=make_page)
             trained(often, designs, designs=24, seed=1, false_alarm_rate=0.1, processes=1).save(path)

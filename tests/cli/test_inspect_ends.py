@@ -34,8 +34,16 @@ def made(press: Press, tmp_path_factory: pytest.TempPathFactory) -> Path:
     press.save(folder / "x.press")
     write_word_job(folder / "job", pages=PAGES, rng=rng, tinted=False)
     made = ["simulate", str(folder / "job"), "--press", str(folder / "x.press"), "-o", str(folder / "scans")]
-    assert run([*made, "--seed", "3", "--json"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.cpu_count", lambda: 1)
+        assert run([*made, "--seed", "3", "--json"]) == 0
     return folder
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start no worker processes, which load all modules again; one test below has them."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
 
 
 @pytest.fixture
@@ -77,9 +85,12 @@ def reasons(rows: list[dict[str, Any]], folder: Path) -> None:
 
 
 def test_what_cannot_be_used_costs_its_own_page_alone(
-    folder: Path, inspect: Callable[..., tuple[int, list[dict[str, Any]], str]]
+    folder: Path,
+    inspect: Callable[..., tuple[int, list[dict[str, Any]], str]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Six pages are enough for worker processes."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
     code, rows, said = inspect(folder / "job", folder / "scans", "--press", folder / "x.press")
     assert code == 3
     assert [row["verdict"] for row in rows] == WORDS
@@ -153,8 +164,6 @@ def test_verdicts_already_made_are_shown_whatever_ends_the_inspection(
             raise error
         return analysed_modes(self, pair)
 
-    monkeypatch.setattr("prooflight.pages.parallel.FEWEST_FOR_PROCESSES", 99)
-    monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
     monkeypatch.setattr(InspectPage, "__call__", ended)
     found, rows, _ = inspect(made / "job", made / "scans", "--press", made / "x.press")
     assert found == code
@@ -170,7 +179,6 @@ def test_a_job_whose_pages_are_not_like_the_presss_own_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Pages 1 and 4 are inspected; nobody looked at those between, and they add nothing."""
-    monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process
     monkeypatch.setattr(
         GuaranteeMonitor, "of", lambda _detector, seed=0: GuaranteeMonitor(test=StrangeFrom(2))
     )

@@ -1,5 +1,9 @@
 """Every command of the tutorial and the how-tos runs, in order, in a folder of its page.
 
+Blocks of nothing but ``prooflight`` commands, and those of Python, run in the process of the tests, on one processor:
+a process for each would load the same modules and kernels a hundred times, and takes longer for that than for its work.
+Bash runs what needs a shell; ``tests/cli`` starts commands as a user does.
+
 A page says in a comment above a block how it is run here, where it would take minutes or must end otherwise than well:
 ``<!-- runs: with --designs 24; exit 1 -->`` appends options to each ``prooflight`` command of the block, the last of
 which counts, and names the exit code of its last command. Files of the user are small ones; ``NEEDS`` lists them.
@@ -10,6 +14,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -25,7 +30,10 @@ from packages.line.tests.cameras.scene_cameras import scene_camera
 from packages.line.tests.cameras.scenes import Scenes
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
+from tests.cli.calls import call
+from tests.turns import in_turn
 
+from prooflight.cli import run as run_here
 from prooflight.cmyk import NAME_OF_INK
 from prooflight.commissioning.build import build_press
 from prooflight.inks.built_in import built_in_inks
@@ -79,6 +87,10 @@ BLOCK = re.compile(
 )
 SHOWN = {"toml", "text"}
 """Languages of blocks that nobody runs."""
+SHELL = re.compile(r"[|&;<>$*?`]")
+"""What of a command a shell would interpret."""
+SERIAL_NUMBER = "23456789"
+"""The camera of the page of line cameras, whose place ``PL01`` on loopback takes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,13 +116,17 @@ class Block:
         return cls(language=found["language"], text=found["text"], options=options, exit_code=code)
 
     @property
-    def script(self) -> str:
-        """As bash is given it; a comment ends a command, so options go before it."""
+    def commands(self) -> list[str]:
+        """Lines as bash is given them; a comment ends a command, so options go before it."""
         lines = self.text.replace("\\\n", " ").splitlines()
-        commands = [re.sub(r"\s+#.*", "", line) for line in lines]
-        return "\n".join(
-            f"{line} {self.options}" if line.startswith("prooflight ") else line for line in commands
-        )
+        commands = [re.sub(r"\s+#.*", "", line).replace(SERIAL_NUMBER, "PL01") for line in lines]
+        return [
+            f"{line} {self.options}" if line.startswith("prooflight ") else line for line in commands if line
+        ]
+
+    @property
+    def needs_shell(self) -> bool:
+        return any(SHELL.search(line) or not line.startswith("prooflight ") for line in self.commands)
 
 
 def blocks(page: Path) -> list[Block]:
@@ -118,15 +134,16 @@ def blocks(page: Path) -> list[Block]:
 
 
 @pytest.fixture(scope="session")
-def user(tmp_path_factory: pytest.TempPathFactory, prototype: PressFile) -> Callable[[str], Path]:
-    """Files of a user, each made when first asked for."""
-    folder = tmp_path_factory.mktemp("user")
+def user(session_folder: Path, prototype: PressFile) -> Callable[[str], Path]:
+    """Files of a user, each made when first asked for, by the process that needs it first."""
+    folder = session_folder / "user"
 
     def made(name: str) -> Path:
         path = folder / name
-        if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            make(name, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with in_turn(path):
+            if not path.exists():
+                make(name, path)
         return path
 
     def make(name: str, path: Path) -> None:
@@ -217,25 +234,33 @@ def plugged_in(request: pytest.FixtureRequest, user: Callable[[str], Path], tmp_
 
 @pytest.mark.usefixtures("plugged_in")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_command_runs(page: Path, user: Callable[[str], Path], tmp_path: Path) -> None:
+def test_every_command_runs(
+    page: Path,
+    user: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for name in NEEDS[page.stem]:
         source, target = user(name), tmp_path / name.rpartition(" ")[2]
         target.parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    for name, value in {"HOME": str(tmp_path / "home"), "XDG_DATA_HOME": "", "XDG_STATE_HOME": ""}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
     for block in blocks(page):
-        if block.language in SHOWN:
-            continue
-        script = block.script.replace("23456789", "PL01")  # the serial number of the camera on loopback
-        command = ["bash", "-euo", "pipefail", "-c", script]
         if block.language == "python":
-            command = [sys.executable, "-c", block.text]
-        done = run(command, tmp_path)
-        assert done.returncode == block.exit_code, f"{block.script}\n{done.stdout}\n{done.stderr}"
+            exec(compile(block.text, f"{page.name}", "exec"), {"__name__": "__main__"})
+        elif block.language == "bash":
+            code, said = run(block, capsys)
+            assert code == block.exit_code, f"{block.text}\n{said}"
     if page.stem == "first-inspection":
-        told_truly(tmp_path)
+        told_truly(tmp_path, capsys)
 
 
-def told_truly(folder: Path) -> None:
+def told_truly(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One page of the tutorial is a misprint, the truth says so of that page alone, and no ink is named."""
     scans = json.loads((folder / "scans" / "truth.json").read_text())["scans"]
     assert [(one["page"], one["misprint"] is not None) for one in scans] == [
@@ -243,26 +268,29 @@ def told_truly(folder: Path) -> None:
         ("p0002", True),
         ("p0003", False),
     ]
-    done = run(["prooflight", "inspect", "pages", "scans", "--press", "my.press", "--json"], folder)
-    verdicts = [json.loads(line) for line in done.stdout.splitlines()]
+    _, out, _ = call(capsys, "inspect", "pages", "scans", "--press", "my.press", "--json")
+    verdicts = [json.loads(line) for line in out.splitlines()]
     assert [one["verdict"] for one in verdicts] == ["good", "misprint", "good"]
     assert not set(NAME_OF_INK.values()) & set(verdicts[1]["reason"].split())
 
 
-def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """In a folder, with the ``prooflight`` of this environment and a home of its own."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    home = {"HOME": str(folder / "home"), "XDG_DATA_HOME": "", "XDG_STATE_HOME": ""}
-    environment = {**os.environ, "PATH": path, **home}
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False
-    )
+def run(block: Block, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Run a block, up to the first command that fails; return its exit code and what it said."""
+    if block.needs_shell:
+        command = ["bash", "-euo", "pipefail", "-c", "\n".join(block.commands)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+        return done.returncode, f"{done.stdout}\n{done.stderr}"
+    said = ""
+    for line in block.commands:
+        code, out, err = call(capsys, *shlex.split(line)[1:])
+        said += f"{out}\n{err}"
+        if code:
+            break
+    return code, said
 
 
 def prooflight(*arguments: object) -> None:
-    command = [sys.executable, "-m", "prooflight", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr
+    assert run_here([str(argument) for argument in arguments]) == 0
 
 
 def small(press_file: str, *, coarser: int) -> str:

@@ -290,7 +290,7 @@ def bayes_ideal() -> Figures:
 
 
 def matched_filter_press() -> Figures:
-    """Our detector in the press world."""
+    """The matched filter in the press world."""
     return inspected(
         PRESSES.trained,
         "matched_filter",
@@ -305,7 +305,7 @@ def matched_filter_press() -> Figures:
 
 
 def matched_filter_ideal() -> Figures:
-    """Our detector in the ideal world."""
+    """The matched filter in the ideal world."""
     return inspected(PRESSES.trained, "matched_filter", "ideal", "", "spots-voids")
 
 

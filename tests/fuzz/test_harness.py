@@ -57,11 +57,11 @@ def target(mutate: Callable[[bytes, np.random.Generator], bytes] = mutate) -> Ta
 
 
 def test_every_way_to_fail_is_counted_and_kept(tmp_path: Path) -> None:
-    limits = Limits(seconds=2.0, bytes_more=2**30)
-    tallies = fuzz([target()], seed=1, mutants=24, limits=limits, keep=tmp_path / "kept")
+    """Seed 170: of each way one mutant, so that few processes have to be started again."""
+    limits = Limits(seconds=1.0, bytes_more=2**30)
+    tallies = fuzz([target()], seed=170, mutants=len(WAYS), jobs=1, limits=limits, keep=tmp_path / "kept")
     counts = tallies["pretended"].counts
-    assert counts.total() == 24
-    assert {"clean", "accepted", *FAILURES} == set(counts)
+    assert counts == {"clean": 1, "accepted": 1, **dict.fromkeys(FAILURES, 1), "unclear": 2}
     kept = [path for path in (tmp_path / "kept").iterdir() if path.suffix == ".txt"]
     assert len(kept) == sum(counts[outcome] for outcome in FAILURES)
     for path in kept:

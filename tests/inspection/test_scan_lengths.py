@@ -174,7 +174,7 @@ def test_pixels_are_judged_one_by_one_or_taken_together_whatever_the_length(
 def test_the_least_pages_are_judged(
     trained_press: Press, make_page: MakePage, size_mm: tuple[float, float]
 ) -> None:
-    """A ruined one is never good; a good one may alarm our detector, which cannot find it."""
+    """A ruined one is never good; a good one may alarm the matched filter, which cannot find it."""
     rows, columns = (round(extent_mm * trained_press.dpi / 25.4) + 1 for extent_mm in size_mm)
     whole = make_page(3)
     page = replace(whole, cmyk=np.ascontiguousarray(whole.cmyk[-rows:, :columns]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -52,17 +53,37 @@ def test_a_kernel_that_was_kept_is_not_compiled_again(folder: Path) -> None:
     assert first.stderr == again.stderr == ""
 
 
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("content", [b"", b"\x80", b"no pickle"], ids=["empty", "cut short", "other"])
-def test_a_damaged_file_is_made_anew_and_said(folder: Path, kind: str, content: bytes) -> None:
+KERNELS = """
+from numba import njit
+from prooflight.kernels.cache import keep
+
+def kernel(factor):
+    def times(x):
+        return factor * x
+    times.__name__ = times.__qualname__ = f"times_{factor}"
+    compiled = njit(times)
+    keep(compiled, times)
+    return compiled
+
+for factor in range(6):
+    one = kernel(factor)
+    print(one(21), sum(one.stats.cache_hits.values()))
+"""
+DAMAGES = {"empty": b"", "cut short": b"\x80", "other": b"no pickle"}
+
+
+def test_damaged_files_are_made_anew_and_said(folder: Path) -> None:
+    """Index and code of six kernels, each damaged in one way."""
+    (folder / "kernel.py").write_text(KERNELS)
     call(folder)
-    (file,) = (folder / "__pycache__").glob(f"*.{kind}")
-    file.write_bytes(content)
+    for factor, (kind, content) in enumerate(itertools.product(("nbi", "nbc"), DAMAGES.values())):
+        (file,) = (folder / "__pycache__").glob(f"*times_{factor}-*.{kind}")
+        file.write_bytes(content)
     mended, again = call(folder), call(folder)
-    assert mended.stdout.split()[0] == "42"
-    assert "a compiled kernel is damaged" in mended.stderr
+    assert [line.split()[0] for line in mended.stdout.splitlines()] == ["0", "21", "42", "63", "84", "105"]
+    assert mended.stderr.count("a compiled kernel is damaged") == 6
     assert "Traceback" not in mended.stderr
-    assert (again.stdout.split()[2], again.stderr) == ("1", "")
+    assert ([line.split()[1] for line in again.stdout.splitlines()], again.stderr) == (["1"] * 6, "")
 
 
 def test_where_nothing_can_be_written_a_temporary_folder_is_used_and_said(folder: Path) -> None:

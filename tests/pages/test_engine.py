@@ -153,12 +153,12 @@ def test_a_front_end_that_takes_too_long_is_ended(
 ) -> None:
     monkeypatch.setenv(rip_process.SECONDS, "1")
     lives = tmp_path / "lives"
-    engine = quick(tmp_path, f"while true; do date > {lives}; sleep 0.05; done")
+    engine = quick(tmp_path, f"while true; do date > {lives}; sleep 0.2; done")
     with pytest.raises(JobError, match="page 1 takes longer than 1 s"):
         rip(write_pdf(SHAPES), engine)
-    time.sleep(0.3)  # what was about to be written is written
+    time.sleep(0.5)  # what was about to be written is written
     lives.unlink(missing_ok=True)
-    time.sleep(0.3)
+    time.sleep(0.5)
     assert not lives.exists()
 
 

@@ -451,7 +451,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         assert "\n" not in str(refusal.value)
 
 
-# --- how our detector looks ---
+# --- how the matched filter looks ---
 
 
 def test_fringes_are_followed_unless_the_file_says_otherwise(prototype: PressFile) -> None:

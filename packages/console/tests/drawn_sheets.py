@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from packages.line.tests.journal.sample_rows import facts, good
 
+from prooflight.files.content import content_digest
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import evidence_to_store
 from prooflight.pages.files import write_tiff
-from prooflight_line.journal.journal import Journal, content_digest
+from prooflight_line.journal.journal import Journal
 
 if TYPE_CHECKING:
     from pathlib import Path

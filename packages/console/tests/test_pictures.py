@@ -21,6 +21,7 @@ from packages.line.tests.journal.sample_rows import CUT_MM, facts, misprint
 from PIL import Image
 
 from prooflight.detectors.verdict import Region
+from prooflight.files.content import content_digest
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.redeciding import evidence_to_store, scan_to_store
 from prooflight.pages.files import write_tiff
@@ -31,7 +32,7 @@ from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_
 from prooflight_console.pictures.pictures import tidy
 from prooflight_console.pictures.seen import make_seen
 from prooflight_console.pictures.tiles import UNSEEN_GREY, Cut, SheetPicture, thumbnail
-from prooflight_line.journal.journal import Journal, content_digest
+from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.journal.whole import packed
 from prooflight_line.run.outcomes import unknown_sheet

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import errno
 import logging
+import multiprocessing
 import os
 import signal
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +71,7 @@ def test_a_process_that_was_ended_while_nobody_asked_costs_no_picture(console: S
 def test_a_picture_whose_process_cannot_start_is_told_in_one_line(
     console: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(SpawnProcess, "start", refuse_to_start)
+    monkeypatch.setattr(multiprocessing.get_context("spawn").Process, "start", refuse_to_start)
     answer = console.client(Role.VIEWER).get("/api/v1/jobs/1/pages/1/picture")
     assert answer.status_code == 503
     one_line(answer.json()["detail"], "no process can be started")

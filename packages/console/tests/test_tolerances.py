@@ -13,8 +13,9 @@ from packages.console.tests.zone_prices import priced_by, quick
 from packages.line.tests.journal.sample_rows import facts, good, misprint
 
 from prooflight.detectors.verdict import Region
+from prooflight.files.content import content_digest
 from prooflight_console.accounts.roles import Role, Scope
-from prooflight_line.journal.journal import Journal, content_digest
+from prooflight_line.journal.journal import Journal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import io
 import json
+import multiprocessing
 import os
 from contextlib import closing
-from multiprocessing.context import SpawnProcess
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -285,7 +285,7 @@ def test_a_price_whose_process_cannot_start_is_told_and_the_next_is_made(
     with closing(desk(quick)) as console:
         engineer = console.client(Role.ENGINEER)
         with monkeypatch.context() as patch:
-            patch.setattr(SpawnProcess, "start", refuse)
+            patch.setattr(multiprocessing.get_context("spawn").Process, "start", refuse)
             answer = engineer.post(f"{AT}/prices", json={"zones": [FACE]})
         assert (answer.status_code, answer.json()["type"]) == (503, "urn:prooflight:no-process")
         told = answer.json()["detail"]

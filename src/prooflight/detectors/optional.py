@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.detectors.weighted_conformal import LabelledPages
+    from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Calibration
     from prooflight.prediction.tables import SensorModel
 
@@ -210,11 +211,20 @@ class StoresPages(Protocol):
 
 
 @runtime_checkable
-class PreparedInTwoSteps(Protocol):
-    """A prepared page of which a part is computed when first needed, or earlier for many scans."""
+class PacksArrays(Protocol):
+    """A prepared page that is kept with its large arrays packed, and written out for each scan."""
 
-    def complete(self) -> None:
-        """Compute the rest."""
+    @property
+    def of_press(self) -> object:
+        """Parts of it that all pages of a press share, whose memory is not the page's."""
+        ...
+
+    def without_arrays(self) -> tuple[PreparedPage, Mapping[str, NDArray[Any]]]:
+        """Return the page without raster and other large arrays, and the others by name; none: it stays as it is."""
+        ...
+
+    def with_arrays(self, page: Page, arrays: Mapping[str, NDArray[Any]]) -> PreparedPage:
+        """Return the page of which ``without_arrays`` returned these; page: its raster."""
         ...
 
 

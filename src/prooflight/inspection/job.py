@@ -6,7 +6,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
-    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.job import Job, JobSource
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
@@ -157,6 +157,14 @@ def first_reason(verdicts: Sequence[Verdict]) -> str:
     return next((one for one in verdicts if not lacks_scan(one)), verdicts[0]).reason
 
 
+class StoredDesigns(Protocol):
+    """Pages of a job that were prepared before; picklable."""
+
+    def prepared(self, number: int) -> Prepared | None:
+        """Return a page of the job, from 1, as it was prepared; None: it was not."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectPage:
     """Inspection of one page of a job; small and picklable, so that it can be sent to worker processes."""
@@ -165,6 +173,8 @@ class InspectPage:
     inspector: Inspector
     scans: Path | None = None
     """File or folder in which scans were looked for."""
+    stored: StoredDesigns | None = None
+    """Pages that were prepared before; None: none."""
 
     def __call__(self, pair: Pair) -> Judged:
         """Return verdict and evidence of one page and its scan.
@@ -184,11 +194,15 @@ class InspectPage:
 
     def page(self, number: int) -> Page:
         """Return the job's page as it lies in the press."""
+        before = None if self.stored is None else self.stored.prepared(number)
+        if before is not None:
+            return before.page
         return self.inspector.press.geometry.lay(opened(self.job).page(number))
 
     def inspection(self, page: Page, scan: RecordedScan) -> Inspection:
         """Return the verdict on one page, as ``page`` gives it, with its evidence and the data for pictures."""
-        return self.inspector.inspect(page, read_scan(scan, page, self.inspector.press))
+        before = None if self.stored is None else self.stored.prepared(page.number)
+        return self.inspector.inspect(before or page, read_scan(scan, page, self.inspector.press))
 
 
 @dataclass(frozen=True, slots=True)

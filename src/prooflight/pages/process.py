@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 import cv2
-import numpy as np
 import scipy.linalg  # noqa: F401  before its threads can be limited, a library of linear algebra must be there
 from threadpoolctl import threadpool_limits
 
@@ -23,9 +22,6 @@ SWITCH_S: Final = 5e-4
 """Time for which a thread may keep the interpreter while another waits: a tenth of Python's own. A page
 calls a thousand kernels, and needs the interpreter again after each; with this time, two threads inspect a
 tenth more pages."""
-TOUCHED_BYTES: Final = 1_500_000_000
-"""Largest memory that is touched: well below ``heap.RETAINED_BYTES``, beyond which freed memory is returned;
-two seconds of work."""
 LOWEST: Final = 19
 """Priority, of nice(2), of threads that prepare pages, so that they use only the time that inspection leaves."""
 
@@ -42,15 +38,6 @@ def settle_process() -> None:
     threadpool_limits(limits=1)
     sys.setswitchinterval(SWITCH_S)
     keep_memory()
-
-
-def touch(size_bytes: int) -> None:
-    """Make the system clear memory now that pages will need soon, up to ``TOUCHED_BYTES``.
-
-    It stays with the process after ``settle_process``. If instead the first pages take it bit by bit, each
-    waits for the clearing.
-    """
-    np.full(min(size_bytes, TOUCHED_BYTES), 1, np.uint8)
 
 
 @contextmanager

@@ -146,7 +146,7 @@ above what 99 of 100 good sheets show'
         title=KINDS[language].get(kind, kind),
         what=what,
         where=where,
-        link=": " if what or kind in SHAPED else " ",
+        link=": " if what or kind in ("streak", "banding") else " ",
         complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),

@@ -119,7 +119,7 @@ TEXTS: Final[dict[Code, dict[str, str]]] = {
         "from.lead": ", {mm} mm von der Vorderkante",
         "ends.down": ", zwischen {first} und {last} mm von der Vorderkante",
         "ends.across": ", zwischen {first} und {last} mm vom linken Rand",
-        "more.one": "und an 1 weiteren Stelle",
+        "more.one": "und an einer weiteren Stelle",
         "more": "und an {n} weiteren Stellen",
         "sheets.this": "auf diesem Bogen",
         "sheets.two": "auf diesem und dem letzten Bogen",

@@ -17,7 +17,7 @@ QUICK_LEARNING = 16
 def detectability(
     job: Annotated[Path, typer.Argument(metavar="JOB", help="PDF, CMYK TIFF or JPEG, or a folder of them.")],
     press: Annotated[
-        Path, typer.Option("--press", metavar="X.press", help="Press artefact with our detector.")
+        Path, typer.Option("--press", metavar="X.press", help="Press artefact with the matched filter.")
     ],
     out: Results = Path("docs/results/detector"),
     pages: Annotated[str | None, typer.Option(metavar="1,4-6", help="Pages; default all.")] = None,

@@ -1,4 +1,4 @@
-"""``prooflight study press``, ``ranking``, ``stress``: our detector in the press world."""
+"""``prooflight study press``, ``ranking``, ``stress``: the matched filter in the press world."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def press(
         int | None, typer.Option(help="Designs of the ideal world; 400 if not given.", min=50)
     ] = None,
     ablations: Annotated[
-        bool, typer.Option(help="Judge by our detector without each of its parts as well.")
+        bool, typer.Option(help="Judge by the matched filter without each of its parts as well.")
     ] = True,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Measure costs, misses, positions, kinds and false-alarm rates of our detector; writes press.md.
+    """Measure costs, misses, positions, kinds and false-alarm rates of the matched filter; writes press.md.
 
     A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
     """

@@ -79,7 +79,7 @@ def run_detectability_study(
 ) -> JobReach:
     """Write ``detectability.md`` and a picture of each page into ``results``.
 
-    pages: numbers of the job's; None: all. RequestError: our detector was not trained for the press, or alarms on good
+    pages: numbers of the job's; None: all. RequestError: the press has no matched filter, or it alarms on good
     prints of all these pages.
     """
     detector = model_of(press)

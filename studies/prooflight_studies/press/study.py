@@ -1,4 +1,4 @@
-"""Evaluation of our detector in the press world, with and without each of its parts; writes a page of results.
+"""Evaluation of the matched filter in the press world, with and without each of its parts; writes a page of results.
 
 An interrupted study resumes.
 """

@@ -142,7 +142,7 @@ def run_false_alarm_study(
     loaded = Press.load(press)
     if "matched_filter" not in loaded.detectors:
         raise RequestError(
-            "press", "was not taught our detector", remedy="give one of `prooflight press build`"
+            "press", "was not trained for the matched filter", remedy="give one of `prooflight press build`"
         )
     folder = cache / "device-cmyk"
     folder.mkdir(parents=True, exist_ok=True)

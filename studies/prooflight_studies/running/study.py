@@ -38,14 +38,14 @@ PARTS: Final = ("repeated", "different", "matched_filter", "soak", "drift", "str
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 MATCHED_FILTER_PER_S: Final = 3.0
-"""Required rate of our detector where all pages differ, or there are two sensors."""
+"""Required rate of the matched filter where all pages differ, or there are two sensors."""
 MATCHED_FILTER_SHARE: Final = 0.8
-"""Share of our detector's highest sustained rate at which it runs in real time.
+"""Share of the matched filter's highest sustained rate at which it runs in real time.
 
 It is used where that is below the required rate.
 """
 WRONG_EVERY: Final = 11
-"""One in this many of our detector's prints is a misprint; of all of the ten designs in turn."""
+"""One in this many of the matched filter's prints is a misprint; of all of the ten designs in turn."""
 FEW_WRONG: Final = 100
 """One in about this many, where misprints are rare."""
 
@@ -63,7 +63,7 @@ class Plan:
     training_designs: int
     """Number of small designs on which the press of the soak is trained."""
     training_pages: int
-    """Number of designs on which the presses of our detector's real-time rows are trained, as by `press build`."""
+    """Number of designs that train the presses of the matched filter's real-time rows, as by `press build`."""
     our_prints: int
     """Number of prints of each of these rows, misprints among them."""
     our_designs: int
@@ -173,7 +173,7 @@ class Study:
         ]
 
     def _matched_filter(self) -> list[dict[str, Any]]:
-        """Return rows of our detector as `press build` makes it, misprints among the prints.
+        """Return rows of the matched filter as `press build` makes it, misprints among the prints.
 
         They are measured at full speed, in real time at the required rate, and where that is too fast, at a rate that
         it sustains.
@@ -201,7 +201,7 @@ class Study:
         return rows
 
     def _shown(self, press: Press, count: int, prints: int, *, repeated: bool) -> Ring:
-        """Return prints for our detector, misprints among them."""
+        """Return prints for the matched filter, misprints among them."""
         return self._ring(
             press,
             f"matched_filter-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 LEAST_BYTES: Final = 2**21 + 1
 """Least size of an array that comes from memory; assumed: a smaller one (a table, a row, a patch) stays in cache."""
 WORKS: Final = {
-    "first look": "our detector: whole, first look, mixed",
-    "both looks": "our detector: whole, both looks, mixed",
-    "first look, fresh design": "our detector: whole, first look, fresh design, mixed",
+    "first look": "matched filter: whole, first look, mixed",
+    "both looks": "matched filter: whole, both looks, mixed",
+    "first look, fresh design": "matched filter: whole, first look, fresh design, mixed",
 }
 CORES: Final = (1, 2, 4, 8, 16, 32, 64)
 MEMORIES: Final = {

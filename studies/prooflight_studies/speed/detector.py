@@ -1,4 +1,4 @@
-"""Speed of our detector: preparation of a design, analysis of a scan, its statistics, and all together."""
+"""Speed of the matched filter: preparation of a design, analysis of a scan, its statistics, and all together."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def grown_works(
     for name, (page, press) in pages.items():
         scanned = _Scanned.of(page, press, threads=threads)
         size = len(press.sensors) * scanned.scan[0].size / 1e6
-        works[f"our detector, first look, {name}"] = scanned.at_first, size
-        works[f"our detector, both looks, {name}"] = scanned.at_both, size
+        works[f"matched filter, first look, {name}"] = scanned.at_first, size
+        works[f"matched filter, both looks, {name}"] = scanned.at_both, size
     return works
 
 
@@ -64,7 +64,6 @@ class _Scanned:
         expected = predict(page, sensors=sensors, geometry=geometry, placement=MOVED)
         in_place = predict(page, sensors=sensors, geometry=geometry)
         design = prepare_page(page, in_place, sensors=sensors, geometry=geometry, fringes=True, glyphs=True)
-        _ = design.added.images
         return cls(
             design=design, scan=ideal_scan(expected, press, stream(None, "bench-scan")), threads=threads
         )
@@ -119,10 +118,10 @@ def detector_works(name: str, page: Page, press: Press) -> dict[str, tuple[Calla
     seen = screen_statistics(once.sums, once.marks, once.fit, once.registration, scatter)
     size = scan[0].size / 1e6
     return {
-        f"our detector: whole, first look, {name}": (lambda: at_first(own), size),
-        f"our detector: whole, both looks, {name}": (lambda: again(at_first(own)), size),
-        f"our detector: whole, first look, fresh design, {name}": (lambda: at_first(prepared()), size),
-        f"our detector: prepare, {name}": (prepared, size),
-        f"our detector: registration, prediction and fit, {name}": (lambda: analysed(own), size),
-        f"our detector: second look, {name}": (lambda: again(once), size),
+        f"matched filter: whole, first look, {name}": (lambda: at_first(own), size),
+        f"matched filter: whole, both looks, {name}": (lambda: again(at_first(own)), size),
+        f"matched filter: whole, first look, fresh design, {name}": (lambda: at_first(prepared()), size),
+        f"matched filter: prepare, {name}": (prepared, size),
+        f"matched filter: registration, prediction and fit, {name}": (lambda: analysed(own), size),
+        f"matched filter: second look, {name}": (lambda: again(once), size),
     }

@@ -225,7 +225,7 @@ def growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
 
 
 def detector_growth_rows(press: Press, *, quick: bool) -> list[SpeedRow]:
-    """Time our detector on a mixed page as pages, sensors and raster grow; and on two cores, by the wall clock."""
+    """Time the matched filter on a mixed page by size, sensors and raster, and on two cores by the wall clock."""
     base = bench_pages(press, quick=quick)["mixed"]
     grown: dict[str, tuple[Page, Press]] = {"as it is": (base, press)}
     for sensors in (2, 3):

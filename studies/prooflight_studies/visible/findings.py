@@ -190,7 +190,7 @@ def curves_of(rows: Rows, cameras: Mapping[int, Camera], *, learned: int) -> Ite
 
 
 def tolerances(scores: NDArray[np.float64], alarms: int) -> NDArray[np.float64]:
-    """Set the tolerance of every measure so that it alarms at as many good prints as our detector.
+    """Set the tolerance of every measure so that it alarms at as many good prints as the matched filter.
 
     scores: of the good prints, (prints, measures).
     """

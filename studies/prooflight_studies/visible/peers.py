@@ -1,4 +1,4 @@
-"""Other methods on the prints that our detector judges: absolute difference, SSIM and a variation model."""
+"""Other methods on the prints that the matched filter judges: absolute difference, SSIM and a variation model."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def _printed(page: Page, name: str, count: int, rng: np.random.Generator) -> Ite
 
 
 def outcome(inspection: Inspection) -> dict[str, Any]:
-    """Return the verdict of our detector on one print."""
+    """Return the verdict of the matched filter on one print."""
     score = inspection.verdict.score
     return {
         "alarm": alarmed(inspection),

@@ -76,7 +76,7 @@ def test_a_plan_that_cannot_be_is_refused(plan: dict[str, object], message: str)
 
 def test_a_press_that_was_not_taught_is_refused(press: Press, tmp_path: Path) -> None:
     press.save(tmp_path / "a.press")
-    with pytest.raises(RequestError, match="was not taught our detector"):
+    with pytest.raises(RequestError, match="was not trained for the matched filter"):
         run_false_alarm_study(
             tmp_path / "a.press", tmp_path, tmp_path, cache=tmp_path, plan=FalseAlarmPlan(seed=1)
         )

@@ -67,7 +67,7 @@ def test_a_page_of_any_height_has_modes_of_its_own_lines(press: Press) -> None:
         further += at.lines(thinned(page, BINS).height_mm) > at.lines(page.height_mm)
         expected = predict(page, sensors=sensors, geometry=geometry)
         known = prepare_page(page, expected, sensors=sensors, geometry=geometry)
-        assert known.images.shape[1] == known.added.images.shape[1] == at.lines(page.height_mm)
+        assert known.images.levels.shape[1] == known.added.images.shape[1] == at.lines(page.height_mm)
     assert further
 
 

@@ -1,4 +1,4 @@
-"""Our detector with its promise: which good pages decide, and what an artefact keeps of it."""
+"""The matched filter with its promise: which good pages decide, and what an artefact keeps of it."""
 
 from __future__ import annotations
 

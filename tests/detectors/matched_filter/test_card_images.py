@@ -41,7 +41,7 @@ def test_loops_give_what_the_tuned_kernels_give(two_sensor_press: Press, page: P
     press = two_sensor_press
     expected = predict(page, sensors=press.sensors, geometry=press.geometry)
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry, fringes=True)
-    unresolved = np.zeros(known.images.shape[1:], np.float32)
+    unresolved = np.zeros(known.images.levels.shape[1:], np.float32)
     unresolved[20:40, 50:90] = 1
     known = replace(known, unresolved=unresolved)
     assert known.hidden is not None
@@ -84,7 +84,7 @@ def test_every_body_compiles_for_cards(press: Press, page: Page, capability: tup
 
     expected = predict(page, sensors=press.sensors, geometry=press.geometry)
     known = prepare_page(page, expected, sensors=press.sensors, geometry=press.geometry)
-    known = replace(known, unresolved=np.ones(known.images.shape[1:], np.float32))
+    known = replace(known, unresolved=np.ones(known.images.levels.shape[1:], np.float32))
     there = predict(page, sensors=press.sensors, geometry=press.geometry, placement=MOVED)
     scan = ideal_scan(there, press, np.random.default_rng(5))
     scan[:, :, 101] //= 2

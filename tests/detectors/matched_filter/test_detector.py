@@ -1,4 +1,4 @@
-"""Our detector on single pages of the press world: what it says, and why. Seeds fixed."""
+"""The matched filter on single pages of the press world: what it says, and why. Seeds fixed."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from prooflight.detectors.matched_filter.fit.modes import PixelMap, QuantisedImages, moved
 from prooflight.detectors.matched_filter.fit.nuisance import Colours, ResidualVariance
 from prooflight.detectors.matched_filter.fit.residuals import noise_factor
 from prooflight.detectors.matched_filter.statistics.boxes import Ghosts, boxes, cells_of
@@ -148,6 +149,9 @@ def test_extremes_are_those_of_all_boxes(seed: int) -> None:
             assert found.energy == pytest.approx(np.minimum(t[t != 0] ** 2, 100).mean(), rel=1e-2)
 
 
+ONE = np.ones(1, np.float32)
+
+
 @few
 @given(seeds, st.floats(-3, 3), st.floats(-3, 3))
 def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
@@ -166,11 +170,11 @@ def test_images_move_as_lines_say(seed: int, right: float, down: float) -> None:
     inner = (slice(6, -6), slice(6, -6))
     noise = rng.random((lines, pixels)).astype(np.float32)
     found = np.empty_like(noise)
-    move_smooth(noise[None], np.array([0]), across, along, found[None])
+    move_smooth(noise[None], ONE, np.array([0]), across, along, found[None])
     asked = ndimage.map_coordinates(noise.astype(np.float64), where, order=1)
     np.testing.assert_allclose(found[inner], asked[inner], atol=2e-2)  # weights a little beyond a pixel
     plane = (3 * x - 2 * y).astype(np.float32)
-    move_smooth(plane[None], np.array([0]), across, along, found[None])
+    move_smooth(plane[None], ONE, np.array([0]), across, along, found[None])
     np.testing.assert_allclose(found[inner], (3 * where[1] - 2 * where[0])[inner], atol=1e-2)
 
 
@@ -184,10 +188,25 @@ def test_an_image_with_a_single_line_moves_as_one_that_is_full(seed: int, line: 
     across, along = np.full((2, 4, 4), 0.3, np.float32)
     along[:] = down + rng.normal(0, 0.5, along.shape)
     found, ones = np.full_like(images, np.nan), np.empty_like(images[:1])
-    move_smooth(images, np.arange(3), across, along, found)
-    move_smooth(np.ones_like(ones), np.array([0]), across, along, ones)
+    move_smooth(images, np.ones(3, np.float32), np.arange(3), across, along, found)
+    move_smooth(np.ones_like(ones), ONE, np.array([0]), across, along, ones)
     np.testing.assert_array_equal(found[0], 0)
     np.testing.assert_allclose(found[1], found[2] - ones[0], atol=1e-5)
+
+
+def test_quantised_images_move_as_their_values_do() -> None:
+    """Of either sign and of any size; a level is 1/65,535 of an image's greatest value."""
+    rng = np.random.default_rng(3)
+    images = rng.random((3, 40, 52)).astype(np.float32) * np.float32([[[3000.0]], [[-1e-3]], [[0.0]]])
+    images[:, 10:20] = 0
+    kept = QuantisedImages.of(images)
+    most = np.abs(images).max(axis=(1, 2))
+    np.testing.assert_array_equal(kept.values == 0, images == 0)
+    assert (np.abs(kept.values - images).max(axis=(1, 2)) <= 0.51 * most / 65535).all()
+    nodes = np.full((4, 5), 0.3, np.float32)
+    where = PixelMap(across=nodes, along=-nodes, inside=np.ones((40, 52), bool))
+    difference = np.abs(moved(kept, where) - moved(kept.values, where)).max(axis=(1, 2))
+    assert (difference <= 1e-6 * most).all()
 
 
 @few

@@ -1,4 +1,4 @@
-"""Zones in our detector: ignored ones hide nothing beside them, careful ones keep the promise. Seeds fixed."""
+"""Zones in the matched filter: ignored ones hide nothing beside them, careful ones keep the promise. Seeds fixed."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ def test_values_beyond_all_sense_are_refused(
 # --- a silent camera, and a person ---
 
 
-@pytest.fixture(params=["socket", "pipe", "standard input"])
+@pytest.fixture
 def silent(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[str, int | None, int]]:
     """A camera that has nothing to say yet: its address, standard input for the command, and where to write lines."""
     if request.param == "socket":
@@ -227,7 +227,11 @@ def started(given: list[str], stdin: int | None) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("silent", "number"),  # how a run ends at a signal is the same for all of them
+    [("socket", signal.SIGINT), ("pipe", signal.SIGTERM), ("standard input", signal.SIGINT)],
+    indirect=["silent"],
+)
 def test_a_silent_camera_is_announced_and_its_run_can_be_stopped(
     number: signal.Signals, silent: tuple[str, int | None, int], folder: Path, tmp_path: Path
 ) -> None:

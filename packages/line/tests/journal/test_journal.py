@@ -20,9 +20,10 @@ from packages.line.tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Code, Ink, Region, Verdict
 from prooflight.files import lock
+from prooflight.files.content import content_digest
 from prooflight_line.journal import packs
 from prooflight_line.journal.exporting import run_facts, write_csv
-from prooflight_line.journal.journal import Journal, content_digest
+from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.opening import default_journal
 from prooflight_line.journal.queue import JournalQueue
 from prooflight_line.journal.records import PageRecord, Retention, RunEnd

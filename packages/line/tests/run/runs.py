@@ -52,10 +52,7 @@ class SheetInspector:
 
     def prepare(self, page: Any) -> Any:
         self.prepared.append(page)
-        return SimpleNamespace(page=page, thumbnail=SMALL)
-
-    def complete(self, ready: Any) -> None:
-        pass
+        return SimpleNamespace(page=page, beside=SMALL.arrays, nbytes=1)
 
     def warm_up(self, ready: Any) -> None:
         pass

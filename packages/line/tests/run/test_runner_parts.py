@@ -20,7 +20,7 @@ from prooflight_line.run.monitor.evidence import COLUMN_MM, columns, columns_mm,
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import outcome
 from prooflight_line.run.page_store import ThumbnailCache
-from prooflight_line.run.prefetch import DesignPrefetcher, size_bytes
+from prooflight_line.run.prefetch import DesignPrefetcher
 from prooflight_line.run.settings import Settings
 from prooflight_line.run.sheets.records import SeenPage
 from prooflight_line.run.sheets.thumbnails import Thumbnail
@@ -59,6 +59,22 @@ def test_designs_are_kept_as_far_as_memory_allows() -> None:
     assert book.asked[:4] == [0, 1, 2, 3]
 
 
+def test_a_stored_design_is_not_prepared_again() -> None:
+    book, kept = Book(sheets=2), dict[object, Any]()
+    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
+        book,
+        lambda page: page,
+        depth=2,
+        room_bytes=3000,
+        stored=lambda design: "stored" if design == 0 else None,
+        store=kept.__setitem__,
+    )
+    assert prefetcher.get(0) == "stored"
+    assert prefetcher.get(1)[0] == 1
+    prefetcher.close()
+    assert book.asked == list(kept) == [1]
+
+
 @dataclass
 class Loop(Book):
     """A job that is printed over and over."""
@@ -86,24 +102,6 @@ def test_there_is_room_for_as_many_designs_as_fit() -> None:
     for sheet, room in enumerate([True, True, True, False]):
         assert prefetcher.has_room is room
         prefetcher.get(sheet)
-    prefetcher.close()
-
-
-@pytest.mark.parametrize(
-    ("sheets", "room_bytes", "ready", "expected"),
-    [(100, 10**6, 2, 98_000), (100, 10_000, 2, 8_000), (2, 10**6, 2, 0), (100, 10**6, 1, 0)],
-    ids=["all that come", "as far as memory allows", "all are ready", "designs come again"],
-)
-def test_memory_is_asked_for_that_designs_will_take(
-    sheets: int, room_bytes: int, ready: int, expected: int
-) -> None:
-    prefetcher: DesignPrefetcher[Any] = DesignPrefetcher(
-        Book(sheets=sheets), lambda page: page, depth=2, room_bytes=room_bytes
-    )
-    assert prefetcher.still_to_fill() == 0
-    for sheet in range(ready):
-        prefetcher.get(sheet)
-    assert prefetcher.still_to_fill() == expected
     prefetcher.close()
 
 
@@ -224,17 +222,6 @@ def test_a_design_that_someone_waits_for_is_made_though_its_sheet_has_passed() -
     waiter.join(20)
     prefetcher.close()
     assert got == [1]
-
-
-def test_size_counts_each_array_once() -> None:
-    array = np.zeros(100, np.uint8)
-
-    @dataclass
-    class Nested:
-        one: Any
-        more: tuple[Any, ...]
-
-    assert size_bytes(Nested(one=array, more=(array, np.zeros(11, np.uint8)))) == 111
 
 
 def test_thumbnails_stay_the_same_object() -> None:

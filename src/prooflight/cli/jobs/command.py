@@ -314,11 +314,12 @@ def inspect(
 
     Exits 1 if there is a misprint, 3 if a page was not inspected.
     """
-    from prooflight.cli.jobs import scanner as scanners
-
     done: Inspected[Any]
-    if not scanner:
-        scanners.refuse_without_scanner(tone, scan_dpi)
+    if scanner:  # only then, since what it needs takes a second to load
+        from prooflight.cli.jobs import scanner as scanners
+        from prooflight.inspection.scanner.inspected import InspectScannedPage, drawn_detector
+    else:
+        _refuse_without_scanner(tone, scan_dpi)
     if golden:
         from prooflight.cli.jobs.golden import inspect_golden
 
@@ -359,8 +360,8 @@ def inspect(
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import InspectPage, Tried, paired
-    from prooflight.inspection.scanner.inspected import InspectScannedPage, drawn_detector
-    from prooflight.pages.parallel import in_order
+    from prooflight.inspection.prepared_store import PreparedStore
+    from prooflight.pages.parallel import FEWEST_FOR_PROCESSES, in_order
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
     from prooflight.scans.scanner.reading import scanned_pages
@@ -386,7 +387,6 @@ def inspect(
     inspector = Inspector.of(loaded, None if drawn_way else detector).on(
         device
     )  # a wrong name ends before any work
-    processes = None if device == "cpu" else 1  # each process compiles for the card, and needs its memory
     source = job_source(job, loaded, profile=profile)
     source, plan = imposition.imposed(source, layout, loaded.geometry)
     with source.open() as opened:
@@ -401,6 +401,9 @@ def inspect(
             pairs = paired(opened, scans, sensors=len(loaded.sensors))
         name = opened.name
         early = checked_early(opened, json=json)
+    # Each process compiles for a card, and needs its memory; and a process takes longer to start than a few pages.
+    few = sum(scan is not None for _, scan in pairs) < FEWEST_FOR_PROCESSES
+    processes = 1 if few or device != "cpu" else None
     if drawn_way:
         drawn, pairs = drawn_detector(pairs, source, loaded, settings, zones=zones_of_job, progress=say)
         inspector = Inspector(loaded, drawn, zones=zones_of_job)
@@ -409,7 +412,8 @@ def inspect(
             job=source, inspector=inspector, scans=scans, settings=settings
         )
     else:
-        work = InspectPage(job=source, inspector=inspector, scans=scans)
+        stored = PreparedStore.of(inspector, source) if plan is None else None
+        work = InspectPage(job=source, inspector=inspector, scans=scans, stored=stored)
     guarantee = GuaranteeMonitor.of(inspector.detector)
     if report is None:
         tried = Tried(work, work.name, Judged)
@@ -435,6 +439,15 @@ def inspect(
     if guarantee.suspended:
         faults.report(guarantee.suspended)
     _leave(done)
+
+
+def _refuse_without_scanner(tone: str | None, dpi: float | None) -> None:
+    """Raise RequestError if an option is given that says something of an office scanner's scans only."""
+    for option, given in {"--tone": tone, "--scan-dpi": dpi}.items():
+        if given is not None:
+            raise RequestError(
+                option, "is for scans of an office scanner", remedy="add --scanner, or leave it out"
+            )
 
 
 def _in_run(items: Iterable[InRun], guarantee: GuaranteeMonitor) -> Iterator[InRun]:

@@ -34,15 +34,6 @@ def scanner_settings(tone: str | None, dpi: float | None) -> ScannerSettings:
     return ScannerSettings(tone=None if tone is None else Tone.parse(tone), dpi=dpi)
 
 
-def refuse_without_scanner(tone: str | None, dpi: float | None) -> None:
-    """Raise RequestError if an option is given that says something of an office scanner's scans only."""
-    for option, given in {"--tone": tone, "--scan-dpi": dpi}.items():
-        if given is not None:
-            raise RequestError(
-                option, "is for scans of an office scanner", remedy="add --scanner, or leave it out"
-            )
-
-
 def scanner_press(
     job: Path,
     picture: ScannedPicture,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.cmyk import INKS
 from prooflight.detectors.matched_filter.fit.beat import beat_contrasts
 from prooflight.detectors.matched_filter.fit.binning import (
     binned_geometry,
@@ -21,6 +22,7 @@ from prooflight.detectors.matched_filter.fit.columns import bridged, faulty_colu
 from prooflight.detectors.matched_filter.fit.hidden import hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import (
     AddedInks,
+    QuantisedImages,
     first_lines,
     page_features,
     pixel_map,
@@ -50,7 +52,7 @@ from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -70,9 +72,6 @@ if TYPE_CHECKING:
     from prooflight.scans.placement import Placement
 
 
-EMPTY_SHARE: Final = 0.7
-"""Least share of zeros from which a design's images are stored; those of other designs take less time to compute again
-than to read."""
 MAX_REPREDICTIONS: Final = 2
 """Maximum number of times that a page is predicted again at the position that its residuals indicate ..."""
 FAR_PIXELS: Final = 0.1
@@ -91,9 +90,8 @@ class PreparedPage:
     overlaps: Overlaps | None = None
     """Shared edges of planes, if prediction is to follow their fringes; None: it follows registration
     alone."""
-    images: NDArray[np.float32]
+    images: QuantisedImages
     """``Modes.images`` of the page in its nominal place, in binned pixels."""
-    added: AddedInks
     colours: Colours
     page_features: NDArray[np.float64]
     prior: PrintPrior
@@ -112,6 +110,12 @@ class PreparedPage:
     """None: glyphs are not tested."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+
+    @property
+    def added(self) -> AddedInks:
+        """``Modes.add`` of the page, likewise, computed when it is first needed."""
+        bins = bins_of(self.landmarks.geometry)
+        return AddedInks(self.page, sensors=self.binned_sensors, geometry=self.binned_geometry, bins=bins)
 
     @property
     def design_images(self) -> DesignImages:
@@ -148,25 +152,35 @@ def mode_sensors(sensors: Sequence[SensorModel], geometry: ScanGeometry) -> tupl
     return tuple(binned_sensor(sensor, bins_of(geometry), pitch_mm) for sensor in sensors)
 
 
-def without_images(page: PreparedPage) -> PreparedPage:
-    """Return a design to be stored: without inks to be added, and without images that are sooner computed than read."""
-    images = page.images
-    if np.count_nonzero(images) > (1 - EMPTY_SHARE) * images.size:
-        images = images[:0]
-    bare: Any = {"images": images, "added": None}  # ``with_images`` brings both back
-    return replace(page, **bare)
+def without_arrays(design: PreparedPage) -> tuple[PreparedPage, dict[str, NDArray[Any]]]:
+    """Return a design without its large arrays, and those, except the raster, by name."""
+    large: dict[str, NDArray[Any] | None] = {
+        "levels": design.images.levels,
+        "windows": design.landmarks.windows,
+        "hidden": design.hidden,
+        "unresolved": design.unresolved,
+    }
+    bare = replace(
+        design,
+        page=replace(design.page, cmyk=np.zeros((1, 1, INKS), np.uint8)),
+        images=replace(design.images, levels=np.zeros((0, 0, 0), np.uint16)),
+        landmarks=replace(design.landmarks, windows=np.zeros(0, np.float32)),
+        hidden=None,
+        unresolved=None,
+    )
+    return bare, {name: array for name, array in large.items() if array is not None}
 
 
-def with_images(page: PreparedPage, sensors: Sequence[SensorModel], geometry: ScanGeometry) -> PreparedPage:
-    """Return a design that ``without_images`` stored as it was; sensors, geometry: of the camera's own pixels."""
-    bins = bins_of(geometry)
-    at, taken_as = binned_geometry(geometry, bins), mode_sensors(sensors, geometry)
-    images = page.images
-    if not images.size:
-        images = prepare_modes(thinned(page.page, bins), sensors=taken_as, geometry=at).images
-        images = first_lines(images, at.lines(page.page.height_mm))
-    added = AddedInks(page.page, sensors=taken_as, geometry=at, bins=bins)
-    return replace(page, images=images, added=added)
+def with_arrays(bare: PreparedPage, page: Page, arrays: Mapping[str, NDArray[Any]]) -> PreparedPage:
+    """Return the design of ``page`` of which ``without_arrays`` returned these."""
+    return replace(
+        bare,
+        page=page,
+        images=replace(bare.images, levels=arrays["levels"]),
+        landmarks=replace(bare.landmarks, windows=arrays["windows"]),
+        hidden=arrays.get("hidden"),
+        unresolved=arrays.get("unresolved"),
+    )
 
 
 def prepare_page(
@@ -226,8 +240,7 @@ def prepare_page(
         page=page,
         landmarks=landmarks,
         overlaps=overlaps,
-        images=modes.images,
-        added=AddedInks(page, sensors=taken_as, geometry=at, bins=bins),
+        images=QuantisedImages.of(modes.images),
         colours=page_colours(modes.cover),
         page_features=page_features(modes, inside),
         prior=prior,

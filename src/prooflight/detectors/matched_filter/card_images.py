@@ -131,7 +131,7 @@ class DesignOnCard:
     @classmethod
     def of(cls, design: DesignImages, runner: Runner) -> DesignOnCard:
         """Put a design where bodies run."""
-        parts = [design.images]
+        parts = [design.images.values]
         parts += [] if design.hidden is None else [design.hidden]
         parts += [] if design.unresolved is None else [design.unresolved[None]]
         return cls(
@@ -159,12 +159,12 @@ class Designs:
 
     def on_card(self, design: DesignImages, runner: Runner) -> DesignOnCard:
         """Return a design where bodies run; put there if it is not, or seen by other sensors if its light changed."""
-        key = id(design.images)
+        key = id(design.images.levels)
         with self._guard:
             on_card = self._on_card.get(key)
             if on_card is None:
                 on_card = DesignOnCard.of(design, runner)
-                weakref.finalize(design.images, self._on_card.pop, key, None)
+                weakref.finalize(design.images.levels, self._on_card.pop, key, None)
             elif on_card.seen_by is not design.sensors:
                 on_card = on_card.under(design.sensors, runner)
             self._on_card[key] = on_card
@@ -219,7 +219,7 @@ class CardImages:
         self._predict(page.placement, self._rounds[0])
         self._runner.step(self._at("begin"), self._begin)
         self.hidden = self.unresolved = None
-        stack, first = self._room("modes", design.stack.shape), len(of.images)
+        stack, first = self._room("modes", design.stack.shape), len(of.images.units)
         if of.hidden is not None:
             self.hidden = np.stack([self._runner.back(stack[first + s]) for s in range(sensors)])
         if of.unresolved is not None:
@@ -345,7 +345,7 @@ class CardImages:
         for s in range(self._sensors):
             run(residuals.binned, self._shape, scan[s], bins_of(of.camera_geometry), self._of("measured", s))
             if of.hidden is not None and contrast > 0:
-                share, hidden_at = f32(PLANE_SD**2 / contrast), len(of.images) + s
+                share, hidden_at = f32(PLANE_SD**2 / contrast), len(of.images.units) + s
                 run(residuals.with_hidden, self._shape, modes, hidden_at, share, self._texture_at[s])
             run(
                 residuals.lights,
@@ -650,7 +650,7 @@ class CardImages:
         """Return the scan with all its images brought back, which the full pass needs."""
         if self._whole is None:
             page, of = self._page, self._page.design
-            channels = len(of.images)
+            channels = len(of.images.units)
             stack = self._room("modes", self._design.stack.shape)
             images = np.stack([self._runner.back(stack[n]) for n in range(channels)])
             self._edges = self._back("of edges")

@@ -20,8 +20,8 @@ from prooflight.detectors.matched_filter.analysis import (
     analyse,
     mode_sensors,
     prepare_page,
-    with_images,
-    without_images,
+    with_arrays,
+    without_arrays,
 )
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
 from prooflight.detectors.matched_filter.devices import engine_of
@@ -142,10 +142,10 @@ class MatchedFilterDetector(ContextDetector):
         return on_tint(self.calibrated, self.press_context, black)
 
     def stored(self, page: PreparedPage) -> tuple[Any, Mapping[str, Sequence[SensorModel]]]:
-        """See ``StoresPages``: without what the press holds, and without images that are sooner computed than read."""
+        """See ``StoresPages``: without what the press holds."""
         assert isinstance(page, MatchedFilterPage)
         shared = {"camera": page.prepared_page.landmarks.sensors, "binned": page.prepared_page.binned_sensors}
-        return (without_images(page.prepared_page), page.inks, page.widening), shared
+        return (page.prepared_page, page.inks, page.widening), shared
 
     def shared_sensors(self) -> Mapping[str, Sequence[SensorModel]]:
         """See ``StoresPages``."""
@@ -154,9 +154,8 @@ class MatchedFilterDetector(ContextDetector):
 
     def restored(self, stored: Any) -> MatchedFilterPage:
         """See ``StoresPages``."""
-        bare, inks, widening = stored
+        design, inks, widening = stored
         model = self.calibrated.model.widened(widening)
-        design = with_images(bare, self.press_context.sensors, self.press_context.geometry)
         return MatchedFilterPage(
             detector=self, prepared_page=design, inks=inks, model=model, widening=widening
         )
@@ -236,9 +235,21 @@ class MatchedFilterPage:
         """See ``LeavesLostLinesOut``."""
         return True
 
-    def complete(self) -> None:
-        """See ``PreparedInTwoSteps``: compute what only the explanation of a misprint needs."""
-        _ = self.prepared_page.added.images
+    @property
+    def of_press(self) -> object:
+        """See ``PacksArrays``."""
+        return self.detector, self.prepared_page.binned_sensors
+
+    def without_arrays(self) -> tuple[MatchedFilterPage, dict[str, NDArray[Any]]]:
+        """See ``PacksArrays``; a graphics card keeps the images of its designs, and they are not packed."""
+        if self.detector.press_context.device != "cpu":
+            return self, {}
+        bare, arrays = without_arrays(self.prepared_page)
+        return replace(self, prepared_page=bare), arrays
+
+    def with_arrays(self, page: Page, arrays: Mapping[str, NDArray[Any]]) -> MatchedFilterPage:
+        """See ``PacksArrays``."""
+        return replace(self, prepared_page=with_arrays(self.prepared_page, page, arrays))
 
     def inspect(self, scan: Scan, *, seed: int = 0) -> Inspection:
         """See ``PreparedPage``."""

@@ -1,4 +1,4 @@
-"""What computes our detector's images: the processor, or a graphics card."""
+"""What computes the matched filter's images: the processor, or a graphics card."""
 
 from __future__ import annotations
 

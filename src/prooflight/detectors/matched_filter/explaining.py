@@ -159,9 +159,11 @@ def amount_of(
             for axis, begin in ((1, sums.top_mm), (0, sums.left_mm))
         )
         push, power = sums.tiles[:2, sums.modes.index(mode), rows, columns].sum(axis=(1, 2))
-    if power <= 0:
-        return named, None
-    return named, 100 * float(push / power) * (-1 if which.mode in LIGHTENING else 1)
+    darker = 100 * float(push / power) if power > 0 else math.nan
+    darker = -darker if which.mode in LIGHTENING else darker
+    # More than all of the light, or of an ink, cannot be missing: then something else is off there.
+    possible = darker <= 100 if mode == "light" else darker >= -100
+    return named, darker if possible else None
 
 
 def _within(begin_mm: float, extent_mm: float, first_mm: float, pitch_mm: float, count: int) -> slice:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.modes import AddedInks, PixelMap
+    from prooflight.detectors.matched_filter.fit.modes import AddedInks, PixelMap, QuantisedImages
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, ResidualVariance
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.print_prior import PrintPrior
@@ -47,7 +47,7 @@ class DesignImages:
     """What a prepared design has of images, in its nominal place and in binned pixels, and how it is seen."""
 
     page: Page
-    images: NDArray[np.float32]
+    images: QuantisedImages
     """``Modes.images``."""
     hidden: NDArray[np.float32] | None
     """See ``hidden_edges``."""

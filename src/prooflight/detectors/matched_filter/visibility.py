@@ -337,7 +337,7 @@ def visible_marks(
         inside &= design.zones.images[0] < 0.5
     expected = ExpectedPage.of(
         design.page,
-        Modes(images=design.images, sensors=len(sensors)),
+        Modes(images=design.images.values, sensors=len(sensors)),
         inside,
         sensors=sensors,
         geometry=geometry,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from prooflight.kernels.compiled import inner_kernel, kernel
-from prooflight.kernels.residuals.fit import shows
 
 STRETCH = 16
 """Pixels between nodes, along lines and across them."""
@@ -48,16 +47,17 @@ def aim_line(right, down, pixels, whole, shares):  # type: ignore[no-untyped-def
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def move_run(above, below, u, v, out):  # type: ignore[no-untyped-def]
-    """Interpolate bilinearly between two rows of neighbours, one longer than out (n,)."""
+def move_run(above, below, unit, u, v, out):  # type: ignore[no-untyped-def]
+    """Interpolate bilinearly between two rows of neighbours, one longer than out (n,), in levels of a unit."""
     for i in range(out.size):
-        p = above[i] + u[i] * (above[i + 1] - above[i])
-        q = below[i] + u[i] * (below[i + 1] - below[i])
-        out[i] = p + v[i] * (q - p)
+        a, b = np.float32(above[i]), np.float32(below[i])
+        p = a + u[i] * (np.float32(above[i + 1]) - a)
+        q = b + u[i] * (np.float32(below[i + 1]) - b)
+        out[i] = unit * (p + v[i] * (q - p))
 
 
 @inner_kernel(fastmath=True, error_model="numpy")
-def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+def move_edge(image, unit, left, top, u, v, out):  # type: ignore[no-untyped-def]
     """Interpolate the same way in an image from (top, left) on, with a border; 0 beyond."""
     lines, pixels = image.shape
     one = np.float32(1)
@@ -67,26 +67,27 @@ def move_edge(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
             for n in range(2):
                 x, y = left + i + n, top + j
                 if 0 <= x < pixels and 0 <= y < lines:
-                    out[i] += (u[i] if n else one - u[i]) * (v[i] if j else one - v[i]) * image[y, x]
+                    share = (u[i] if n else one - u[i]) * (v[i] if j else one - v[i])
+                    out[i] += share * (unit * np.float32(image[y, x]))
 
 
 @inner_kernel()
-def move_span(image, left, top, u, v, out):  # type: ignore[no-untyped-def]
+def move_span(image, unit, left, top, u, v, out):  # type: ignore[no-untyped-def]
     """Interpolate part of a line, out (n,), u, v (n,) beyond neighbours from (top, left) on, inside and at borders."""
     lines, pixels = image.shape
     first, last = max(0, -left), min(out.size, pixels - 1 - left)
     if first >= last or top < 0 or top + 2 > lines:
-        move_edge(image, left, top, u, v, out)
+        move_edge(image, unit, left, top, u, v, out)
         return
     inner = slice(left + first, left + last + 1)
     above, below = image[top, inner], image[top + 1, inner]
-    move_run(above, below, u[first:last], v[first:last], out[first:last])
-    move_edge(image, left, top, u[:first], v[:first], out[:first])
-    move_edge(image, left + last, top, u[last:], v[last:], out[last:])
+    move_run(above, below, unit, u[first:last], v[first:last], out[first:last])
+    move_edge(image, unit, left, top, u[:first], v[:first], out[:first])
+    move_edge(image, unit, left + last, top, u[last:], v[last:], out[last:])
 
 
 @inner_kernel()
-def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
+def move_line(image, unit, line, whole, shares, out):  # type: ignore[no-untyped-def]
     """Displace one line of an image to out (pixels,) as from ``aim_line``; equal stretches are processed at once."""
     start = 0
     for k in range(whole.shape[1]):
@@ -95,26 +96,30 @@ def move_line(image, line, whole, shares, out):  # type: ignore[no-untyped-def]
             continue
         stop = min((k + 1) * STRETCH, out.size)
         u, v = shares[0, start:stop], shares[1, start:stop]
-        move_span(image, start + right, line + down, u, v, out[start:stop])
+        move_span(image, unit, start + right, line + down, u, v, out[start:stop])
         start = stop
 
 
 @inner_kernel()
 def any_shows(image):  # type: ignore[no-untyped-def]
     """Return whether anything in an image (lines, pixels) is not 0."""
-    line = 0
-    while line < image.shape[0] and not shows(image[line]):
+    line, seen = 0, False
+    while line < image.shape[0] and not seen:
+        row = image[line]
+        for x in range(row.size):
+            seen |= row[x] != 0
         line += 1
-    return line < image.shape[0]
+    return seen
 
 
 @kernel(
-    "images (N, L, P), which (_), across (R, C), along (R, C), out (N, L, P)",
+    "images (N, L, P), units (N), which (_), across (R, C), along (R, C), out (N, L, P)",
     where="R >= 2, (R - 1) * STRETCH >= L, (C - 1) * STRETCH >= P",
 )
-def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-def]
+def move_smooth(images, units, which, across, along, out):  # type: ignore[no-untyped-def]
     """Sample some of images (n, lines, pixels) at pixel + across, line + along (nodes) to out, bilinear; 0 beyond.
 
+    They are float32, or uint16 levels; units (n,): value of 1 in each.
     Some lines of all images are processed at a time, one image after the other, so that pixels and positions
     stay in the cache. Lines without content are skipped: most of a page has none of most inks.
     """
@@ -135,7 +140,7 @@ def move_smooth(images, which, across, along, out):  # type: ignore[no-untyped-d
                 out[n, first : first + count] = np.float32(0)
                 continue
             for i in range(count):
-                move_line(images[n], first + i, whole[i], shares[i], out[n, first + i])
+                move_line(images[n], units[n], first + i, whole[i], shares[i], out[n, first + i])
 
 
 @kernel(

@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import ProoflightError
+from prooflight.files.content import content_digest
 from prooflight.pages.memory import file_stamp
 from prooflight.press.artefact import Press
-from prooflight_line.journal.journal import content_digest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

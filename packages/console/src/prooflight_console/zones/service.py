@@ -117,7 +117,7 @@ class ZonesService:
         for press in self.presses():
             if digest in (None, press.digest):
                 return press
-        which = "of that digest" if digest else "that was taught our detector"
+        which = "of that digest" if digest else "that was trained for the matched filter"
         raise Problem(409, "no-press", f"the console was given no press {which}; start it with --press")
 
     def saved(self, job: GivenJob) -> ZonesAsSaved:

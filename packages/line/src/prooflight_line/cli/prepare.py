@@ -27,9 +27,9 @@ def prepare(
     recently used jobs are removed where all take more than --disk.
     """
     from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.prepared_store import PreparedStore, clean
     from prooflight.press.artefact import Press
     from prooflight.press.pages import PressJob, job_source
-    from prooflight_line.run.prepared_store import PreparedStore, clean
     from prooflight_line.run.sheet_inspector import SheetInspector
 
     loaded = Press.load(press)

@@ -8,7 +8,6 @@ may read.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import threading
 from typing import TYPE_CHECKING, Self
@@ -223,16 +222,3 @@ class Journal(JournalReader):
     def _aside(self) -> str:
         pages = self.health.set_aside
         return f"; {pages} of them are in {aside_file(self.path).name}" if pages else ""
-
-
-def content_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files in a folder with their names."""
-    sha = hashlib.sha256()
-    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
-    for file in files:
-        named = f"{file.relative_to(path).as_posix()} {file.stat().st_size}\n"
-        sha.update(named.encode("utf-8", "surrogateescape"))
-        with file.open("rb") as content:
-            while piece := content.read(1 << 20):
-                sha.update(piece)
-    return sha.hexdigest()

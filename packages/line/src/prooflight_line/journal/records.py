@@ -26,7 +26,7 @@ class RunFacts:
 
     job: str
     job_digest: str
-    """SHA-256 of what was to be printed, by ``journal.content_digest``; "" if it was not computed."""
+    """SHA-256 of what was to be printed, by ``files.content.content_digest``; "" if it was not computed."""
     press: str
     press_digest: str
     """``Press.digest``: with the evidence, this press reproduces every verdict."""

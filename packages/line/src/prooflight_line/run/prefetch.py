@@ -8,11 +8,9 @@ import threading
 import time
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
-import numpy as np
-
+from prooflight.inspection.packed_design import size_bytes
 from prooflight.pages.process import step_back
 
 if TYPE_CHECKING:
@@ -45,24 +43,6 @@ class PageStore(Protocol):
         ...
 
 
-def size_bytes(value: object) -> int:
-    """Return the memory of all arrays in nested dataclasses, tuples and lists, each counted once."""
-    arrays: dict[int, int] = {}
-
-    def walk(one: object) -> None:
-        if isinstance(one, np.ndarray):
-            arrays[id(one)] = one.nbytes
-        elif isinstance(one, (tuple, list)):
-            for part in one:
-                walk(part)
-        elif is_dataclass(one) and not isinstance(one, type):
-            for part in fields(one):
-                walk(getattr(one, part.name))
-
-    walk(value)
-    return sum(arrays.values())
-
-
 class DesignPrefetcher(Generic[Ready]):
     """Cache of prepared designs, filled for the next sheets; the designs needed last are evicted first.
 
@@ -85,20 +65,23 @@ class DesignPrefetcher(Generic[Ready]):
         on_ready: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         failed: Callable[[Hashable, int, Exception], None] = lambda _design, _sheet, _error: None,
         stored: Callable[[Hashable], Ready | None] = lambda _design: None,
+        store: Callable[[Hashable, Ready], None] = lambda _design, _ready: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin with an empty cache.
 
         Parameters
         ----------
-        made, failed
+        on_ready, failed
             Called with every design when it is ready, or with its sheet and the error if it failed.
         stored
             Returns a design that was prepared before the run; None: it was not.
+        store
+            Called with every design that was prepared now, when it is ready.
         """
         self._page_store, self._prepare = page_store, prepare
         self._took, self._size, self._on_ready = took, size, on_ready
-        self._on_failed, self._stored, self._clock = failed, stored, clock
+        self._on_failed, self._stored, self._store, self._clock = failed, stored, store, clock
         self._failed_s: dict[Hashable, float] = {}
         self._depth, self._room_bytes = depth, room_bytes
         self._cached: OrderedDict[Hashable, Future[Ready]] = OrderedDict()
@@ -129,14 +112,6 @@ class DesignPrefetcher(Generic[Ready]):
         """Return the largest of the designs that are ready; ValueError: none is."""
         with self._guard:
             return self._cached[max(self._bytes, key=self._bytes.__getitem__)].result()
-
-    def still_to_fill(self) -> int:
-        """Return the memory still to be taken by designs; 0 if those that are ready will come again. [bytes]"""
-        with self._guard:
-            used, count = sum(self._bytes.values()), len(self._bytes)
-        more = len(self._page_store) - count if len(self._page_store) else self._depth
-        again = count < min(self._depth, len(self._page_store) or self._depth)
-        return 0 if again or not count else min(more * used // count, max(self._room_bytes - used, 0))
 
     def expect(self, sheet: int) -> None:
         """Announce that a sheet of the job and those after it come next."""
@@ -231,6 +206,8 @@ class DesignPrefetcher(Generic[Ready]):
             self._failed_s.pop(design, None)
             self._bytes[design] = self._size(ready)
             self._make_room(design)
+        if stored is None:
+            self._store(design, ready)
         return ready
 
     def _again(self, design: Hashable, sheet: int) -> None:

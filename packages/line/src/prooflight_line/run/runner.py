@@ -28,7 +28,7 @@ from prooflight.inspection.lost_lines import MOST_UNSEEN, MOST_UNSEEN_OF_UNKNOWN
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.files import page_name
 from prooflight.pages.parallel import due
-from prooflight.pages.process import collector_spared, touch
+from prooflight.pages.process import collector_spared
 from prooflight_line.run.notices import Notice, Silence, Unusable
 from prooflight_line.run.outcomes import (
     InOrder,
@@ -42,9 +42,10 @@ from prooflight_line.run.outcomes import (
 )
 from prooflight_line.run.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
 from prooflight_line.run.page_store import ThumbnailCache
-from prooflight_line.run.prefetch import DesignPrefetcher, size_bytes
+from prooflight_line.run.prefetch import DesignPrefetcher
 from prooflight_line.run.queues import Sheet, Waiting
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
+from prooflight_line.run.sheets.thumbnails import Thumbnail
 from prooflight_line.run.status import VERDICTS, Phase, Status, Tally
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from prooflight.inspection.packed_design import PackedDesign
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import LineBlock, LineSource
@@ -60,10 +62,10 @@ if TYPE_CHECKING:
     from prooflight_line.run.pager import Pager
     from prooflight_line.run.prefetch import PageStore
     from prooflight_line.run.settings import Settings
-    from prooflight_line.run.sheet_inspector import ReadyPage, SheetInspector, SheetResult
+    from prooflight_line.run.sheet_inspector import SheetInspector, SheetResult
     from prooflight_line.run.sheets.following import Expected
 
-    ReadyDesign = tuple[SheetInspector, ReadyPage, NDArray[np.float64] | None]
+    ReadyDesign = tuple[SheetInspector, PackedDesign, NDArray[np.float64] | None]
     """A design, who made it ready, and what was followed of the press then."""
 
 _log = logging.getLogger(__name__)
@@ -102,7 +104,8 @@ class Running:
         name: Callable[[int], str] = lambda sheet: page_name(sheet + 1),
         flaws: Mapping[int, Exception] = MappingProxyType({}),
         durable: Callable[[], int] = lambda: 0,
-        stored: Callable[[Hashable], ReadyPage | None] = lambda _design: None,
+        stored: Callable[[Hashable], PackedDesign | None] = lambda _design: None,
+        store: Callable[[Hashable, PackedDesign], None] = lambda _design, _packed: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Store the parts of a run.
@@ -125,12 +128,15 @@ class Running:
             Returns the number of pages in the journal.
         stored
             Returns a design that was prepared before the run for the press as it was then; None: it was not.
+        store
+            Called with designs that were prepared now for the press as it was then.
         """
         self._press, self._source, self._make_pager, self._page_store = press, source, pager, page_store
         self._inspector, self._watch, self._settings = inspector, watch, settings
+        self._first_inspector = inspector
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
-        self._stored = stored
+        self._stored, self._store = stored, store
         self.tally = Tally()
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = ThumbnailCache(page_store)
@@ -144,14 +150,13 @@ class Running:
             room_bytes=settings.ahead_bytes,
             threads=settings.preparers,
             took=lambda seconds: self.tally.took("prepare", seconds),
-            size=lambda ready: size_bytes(ready[1]),
+            size=lambda ready: ready[1].nbytes,
             on_ready=self._design_ready,
             failed=lambda design, sheet, error: self._unusable.add(design, self._name(sheet), error),
             stored=self._taken,
+            store=self._store_first,
             clock=clock,
         )
-        first = range(min(len(page_store), MOST_DESIGNS))
-        self._come_again = len({page_store.design(sheet) for sheet in first}) < len(first)
         self._order = InOrder()
         self._sheets = self._finished = 0
         self._noted: list[str] = []
@@ -235,6 +240,7 @@ class Running:
             self._unusable.add(self._page_store.design(sheet), self._name(sheet), flaw)
         first = self._first_of_designs()
         self.tally.to_prepare = len(first)
+        self.tally.to_rehearse = REHEARSALS * (self._settings.inspectors + 1)
         for count, sheet in enumerate(first):
             if self._stopping.is_set() or (count >= self._settings.ahead and not self._prefetcher.has_room):
                 break
@@ -245,20 +251,20 @@ class Running:
             return
         if not self._prefetcher.ready:
             self._prefetcher.get(0)  # raises the error: none of the first designs can be used
-        touch(self._prefetcher.still_to_fill())
-        # On all threads at once and with the largest design, so that each has memory for its pages when sheets come;
-        # and last, or designs would occupy that memory.
+        # On all threads at once and with the largest design, so that each has memory for its pages when sheets come.
         inspector, ready, _ = self._prefetcher.largest()
         threads = self._settings.inspectors
         with ThreadPoolExecutor(threads + 1) as warming:  # one more: designs are prepared meanwhile
-            turns = [
-                warming.submit(lambda: None if self._stopping.is_set() else inspector.warm_up(ready))
-                for _ in range(REHEARSALS * (threads + 1))
-            ]
+            turns = [warming.submit(self._rehearse, inspector, ready) for _ in range(self.tally.to_rehearse)]
         for turn in turns:
             if (error := turn.exception()) is not None:
                 _log.error("a warm-up failed", exc_info=error)  # its sheets will report it
                 break
+
+    def _rehearse(self, inspector: SheetInspector, ready: PackedDesign) -> None:
+        if not self._stopping.is_set():
+            inspector.warm_up(ready)
+        self.tally.count("rehearsed")
 
     def _first_of_designs(self) -> list[int]:
         """Return the first sheet of each design that is made ready before the first line is read.
@@ -329,9 +335,7 @@ class Running:
             return
 
     def _design_ready(self, design: Hashable, ready: ReadyDesign) -> None:
-        if self._come_again:
-            ready[0].complete(ready[1])
-        self._thumbnails.add(design, ready[1].thumbnail)
+        self._thumbnails.add(design, Thumbnail.of_arrays(ready[1].beside))
         self._unusable.remove(design)
 
     def _arrived(self, page: SeenPage | MissingPage, block: LineBlock | None, *, next_page: int) -> None:
@@ -545,6 +549,15 @@ class Running:
             return None
         used = None if adapting is None else adapting.used.copy()
         return inspector, inspector.renewed(known), used
+
+    def _store_first(self, design: Hashable, ready: ReadyDesign) -> None:
+        """Store a design unless it was prepared for light that this run has followed; a full disk costs no sheet."""
+        if ready[0] is not self._first_inspector:
+            return
+        try:
+            self._store(design, ready[1])
+        except OSError as error:
+            _log.warning("design %s was not stored: %s", design, error)
 
     def _fault(self, error: Exception) -> None:
         if not isinstance(error, (ProoflightError, OSError)):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from prooflight.detectors.optional import PreparedInTwoSteps
 from prooflight.inspection.lost_lines import inspect_where_seen
+from prooflight.inspection.packed_design import PackedDesign
 from prooflight.inspection.redeciding import evidence_to_store, scan_to_store
 from prooflight_line.run.monitor.evidence import run_evidence
 from prooflight_line.run.monitor.run import PageEvidence
@@ -20,11 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.verdict import Verdict
-    from prooflight.inspection.inspector import Inspector, Prepared
+    from prooflight.inspection.inspector import Inspector
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import Unseen
-    from prooflight_line.run.sheets.thumbnails import Thumbnail
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
@@ -44,15 +44,6 @@ class SheetResult:
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReadyPage:
-    """A design prepared for its sheets."""
-
-    prepared: Prepared
-    thumbnail: Thumbnail
-    """Thumbnail by which its sheets are recognised."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetInspector:
     """Inspector of sheets; safe to call from several threads at once."""
@@ -62,25 +53,19 @@ class SheetInspector:
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     sampling: Sampling = field(default_factory=Sampling)
 
-    def prepare(self, page: Page) -> ReadyPage:
+    def prepare(self, page: Page) -> PackedDesign:
         """Prepare a design ahead of its sheets.
 
         It runs in this thread alone, since it must not delay the sheets that come meanwhile.
         """
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
-        return ReadyPage(
-            prepared=prepared, thumbnail=thumbnail_of(page, planned.expected, self.inspector.press)
-        )
-
-    def complete(self, ready: ReadyPage) -> None:
-        """Complete the preparation that pays only if many sheets of a design come."""
-        if isinstance(ready.prepared.prepared_page, PreparedInTwoSteps):
-            ready.prepared.prepared_page.complete()
+        thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
+        return PackedDesign.of(prepared, thumbnail.arrays)
 
     def inspect(
         self,
-        ready: ReadyPage,
+        ready: PackedDesign,
         scan: NDArray[np.uint16],
         *,
         name: str,
@@ -110,7 +95,8 @@ class SheetInspector:
         ScanError
             The scan does not fit the press or the page.
         """
-        prepared, press = ready.prepared, self.inspector.press
+        threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
+        prepared, press = ready.unpacked(threads=threads), self.inspector.press
         inspection = inspect_where_seen(
             self.inspector, prepared, scan, unseen=unseen, scan_name=name, seed=seed
         )
@@ -135,28 +121,29 @@ class SheetInspector:
         """
         return None if self.keep == "none" else scan_to_store(scan, self.inspector.press)
 
-    def warm_up(self, ready: ReadyPage) -> None:
+    def warm_up(self, ready: PackedDesign) -> None:
         """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.
 
         The scan is the expected one, displaced and in place, with a hole: a misprint takes most time and memory.
         """
-        seen = self.inspector.planned(ready.prepared.page).expected
+        page = ready.unpacked().page
+        seen = self.inspector.planned(page).expected
         expected = np.rint(seen.expected_dn).clip(0).astype(np.uint16)
         lines, pixels = (slice(size // 2, size // 2 + size // HOLE_PART) for size in expected.shape[1:])
         for off, hole in ((OFF_PLACE, 0), ((0, 0), expected.max())):
             scan = np.roll(expected, off, axis=(1, 2))
             scan[:, lines, pixels] = hole
             self.inspect(ready, scan, name="warm-up", seed=0)
-        self.prepare(ready.prepared.page)
+        self.prepare(page)
 
     def following(self, press: Press) -> Self:
         """Return the same inspector for a press whose light has changed a little."""
         return replace(self, inspector=self.inspector.under(press))
 
-    def renewed(self, ready: ReadyPage) -> ReadyPage:
+    def renewed(self, ready: PackedDesign) -> PackedDesign:
         """Return a prepared design under the press as it is now; cheap if the detector can adapt it."""
         context = self.inspector.detector.press_context
-        adapted = ready.prepared.prepared_page.under(context)
+        adapted = ready.bare.prepared_page.under(context)
         if adapted is None:
-            return self.prepare(ready.prepared.page)
-        return replace(ready, prepared=replace(ready.prepared, prepared_page=adapted))
+            return self.prepare(ready.unpacked().page)
+        return replace(ready, bare=replace(ready.bare, prepared_page=adapted))

@@ -25,7 +25,15 @@ RATE_PAGES: Final = 32
 
 COUNTED: Final = (
     *("pages_seen", "good", "misprints", "late", "not_inspected", "missing", "absent", "to_come", "untold"),
-    *("announcements", "promise_suspended", "being_inspected", "out_of_time", "overloads", "unvouched"),
+    *(
+        "announcements",
+        "promise_suspended",
+        "being_inspected",
+        "out_of_time",
+        "overloads",
+        "unvouched",
+        "rehearsed",
+    ),
 )
 """Fields of ``Status`` that a ``Tally`` counts, by the same names."""
 VERDICTS: Final = {"good": "good", "misprint": "misprints", "not-inspected": "not_inspected"}
@@ -96,7 +104,11 @@ class Status:
     ahead: int
     """Number of designs that are ready."""
     to_prepare: int
-    """Number of designs that are prepared before the first line is read, if memory holds them."""
+    """Number of designs that are prepared before the first line is read, if memory holds them ..."""
+    to_rehearse: int
+    """... and of inspections then that warm the machine up ..."""
+    rehearsed: int
+    """... of which so many are done."""
     journalled: int
     """Number of pages that are durable."""
     pages_per_s: float
@@ -145,6 +157,7 @@ class Tally:
     phase: Phase = Phase.WAITING
     detail: str = ""
     to_prepare: int = 0
+    to_rehearse: int = 0
     overloaded: bool = False
     counts: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
@@ -186,6 +199,7 @@ class Tally:
                 queue_depth=queue_depth,
                 ahead=ahead,
                 to_prepare=self.to_prepare,
+                to_rehearse=self.to_rehearse,
                 journalled=journalled,
                 pages_per_s=(len(self.arrivals_s) - 1) / span_s if span_s > 0 else 0.0,
                 elapsed_s=elapsed_s,

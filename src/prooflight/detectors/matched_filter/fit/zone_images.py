@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Self
 import cv2
 import numpy as np
 
-from prooflight.kernels.residuals.moving import move_smooth
+from prooflight.detectors.matched_filter.fit.modes import moved
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,9 +43,7 @@ class ZoneImages:
 
     def moved(self, where: PixelMap) -> NDArray[np.bool_]:
         """Return the masks at a placement, (2, lines, pixels); careful areas exclude ignored ones."""
-        out = np.zeros_like(self.images)
-        move_smooth(self.images, np.flatnonzero(self.images.any(axis=(1, 2))), where.across, where.along, out)
-        there = out >= 0.5
+        there = moved(self.images, where) >= 0.5
         there[1] &= ~there[0]
         return there
 

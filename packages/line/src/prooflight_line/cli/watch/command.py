@@ -107,6 +107,7 @@ def watch(
     inspection could not keep up. Ctrl-C ends cleanly: what has passed is still inspected; a second one drops
     it, and reports that.
     """
+    from prooflight.files.content import content_digest
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.sheets import NEXT, Assembling
     from prooflight.pages.process import settle_process
@@ -119,7 +120,6 @@ def watch(
         run_until_ended,
     )
     from prooflight_line.cli.watch.view import Watching
-    from prooflight_line.journal.journal import content_digest
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.run.pager import SheetEdge, TriggerCount
 
@@ -169,6 +169,7 @@ def watch(
     console = Watching(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
+        at_once=start_at_once,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
     settle_process()

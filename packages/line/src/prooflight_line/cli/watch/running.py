@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Self, TypeVar, cast
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT, of_run
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Mapping
 
     from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.packed_design import PackedDesign
+    from prooflight.inspection.prepared_store import PreparedStore
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
@@ -22,12 +24,13 @@ if TYPE_CHECKING:
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
     from prooflight_line.run.pager import PageStart
     from prooflight_line.run.recording import Recorder
     from prooflight_line.run.settings import Settings
-    from prooflight_line.run.sheet_inspector import Keep, ReadyPage
+    from prooflight_line.run.sheet_inspector import Keep
     from prooflight_line.run.status import Status
 
 Event = TypeVar("Event")
@@ -68,19 +71,31 @@ class PlannedRun:
         return self.facts.sheets
 
 
-def _prepared_before(planned: PlannedRun, page_store: JobPageStore) -> Callable[[Hashable], ReadyPage | None]:
-    """Return the function that reads the designs of a job that `job prepare` has prepared."""
-    from prooflight_line.run.prepared_store import PreparedStore
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PreparedJob:
+    """Designs of a job that were prepared before, and those that this run prepares for later ones."""
 
-    store = PreparedStore.of(planned.inspector, planned.job)
+    store: PreparedStore | None
+    warnings: PageWarnings | None
 
-    def load(design: Hashable) -> ReadyPage | None:
-        ready = None if store is None else store.load(cast("int", design))
-        if ready is not None and page_store.warnings is not None:
-            page_store.warnings.add(ready.prepared.page.warnings)
-        return ready
+    @classmethod
+    def of(cls, planned: PlannedRun, page_store: JobPageStore) -> Self:
+        from prooflight.inspection.prepared_store import MOST_BYTES, PreparedStore, clean
 
-    return load
+        store = PreparedStore.of(planned.inspector, planned.job)
+        if store is not None:
+            clean(store.folder.parent, most_bytes=MOST_BYTES, keep=store.folder)
+        return cls(store=store, warnings=page_store.warnings)
+
+    def load(self, design: Hashable) -> PackedDesign | None:
+        packed = None if self.store is None else self.store.load(cast("int", design))
+        if packed is not None and self.warnings is not None:
+            self.warnings.add(packed.bare.page.warnings)
+        return packed
+
+    def save(self, design: Hashable, packed: PackedDesign) -> None:
+        if self.store is not None:
+            self.store.save(cast("int", design), packed)
 
 
 def run_until_ended(
@@ -112,6 +127,7 @@ def run_until_ended(
             plan=planned.plan,
             warnings=PageWarnings(lambda one: notify(one), planned.warnings),
         )
+        before = _PreparedJob.of(planned, page_store)
         running = watched(
             planned.inspector,
             source=served.followed(given.source),
@@ -132,7 +148,8 @@ def run_until_ended(
                 planned.position(number): error for number, error in planned.flaws.items() if number <= sheets
             },
             durable=(lambda: 0) if recorder is None else (lambda: recorder.durable),
-            stored=_prepared_before(planned, page_store),
+            stored=before.load,
+            store=before.save,
         )
         if given.camera is not None:
             console.cameras = given.camera.healths

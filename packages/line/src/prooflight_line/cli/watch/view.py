@@ -43,6 +43,8 @@ class Watching:
 
     deadline_s: float | None
     json: bool
+    at_once: bool = False
+    """Whether lines are read before all designs are ready."""
     sheets: Assembling | None = None
     """Combination of sides into sheets and sets; None: the job has neither."""
     first_passed: str = ""
@@ -116,13 +118,18 @@ class Watching:
         return line
 
     def tell_phase(self, status: Status) -> None:
-        """Print the progress of the preparation for a program, now and then, and when it is over."""
+        """Print that the run is ready, and for a program, now and then before, how far the preparation is."""
         now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
         begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
-        if self.json and (begins or (prepares and now_s - self.phase_s >= TELL_S)):
+        if begins or (self.json and prepares and now_s - self.phase_s >= TELL_S):
             self.last_phase, self.phase_s = status.phase, now_s
-            detail = preparation(status) if prepares else f"{count(status.ahead, 'design')} ready"
-            show.print_json({"phase": str(status.phase), "detail": detail})
+            ready = f"{count(status.ahead, 'design')} ready"
+            if self.json:
+                detail = preparation(status) if prepares else ready
+                show.print_json({"phase": str(status.phase), "detail": detail})
+            else:
+                rest = "sheets of others are not inspected yet" if self.at_once else "the press may print"
+                show.people.print(f"Ready after {status.elapsed_s:.0f} s, {ready}: {rest}")
 
     def tell_cameras(self) -> None:
         """Print the cameras' health for a program, as a line of JSON."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
 import numpy as np
@@ -12,6 +12,8 @@ from prooflight.kernels.thumbnails import SHRINK, STEPS, shrink
 from prooflight.registration.foreign import detail
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from prooflight.pages.raster import Page
@@ -75,6 +77,20 @@ class Thumbnail:
     signature: NDArray[np.float32] = field(repr=False)
     """Features that are insensitive to a shift of the scan: mean and detail of 13 mm cells, normalised to
     length 1."""
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
+        """Return the thumbnail that gave these arrays."""
+        width_mm, height_mm = arrays["size_mm"].tolist()
+        return cls(
+            light=arrays["light"], width_mm=width_mm, height_mm=height_mm, signature=arrays["signature"]
+        )
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its values as arrays, by name."""
+        size_mm = np.array([self.width_mm, self.height_mm])
+        return {"light": self.light, "size_mm": size_mm, "signature": self.signature}
 
 
 def signature(light: NDArray[np.float32]) -> NDArray[np.float32]:

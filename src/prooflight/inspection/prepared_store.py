@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
+import mmap
 import os
 import pickle
 import shutil
-import zlib
 from dataclasses import dataclass, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,26 +23,26 @@ import numpy as np
 
 from prooflight.detectors.optional import StoresPages
 from prooflight.files.atomic import whole_file
+from prooflight.files.content import content_digest
 from prooflight.files.program import program_digest
 from prooflight.files.user_folders import user_folder
+from prooflight.inspection.packed_design import PackedDesign
 from prooflight.prediction.tables import SensorModel
-from prooflight_line.journal.journal import content_digest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from prooflight.inspection.inspector import Inspector
+    from prooflight.inspection.inspector import Inspector, Prepared
     from prooflight.pages.job import JobSource
-    from prooflight_line.run.sheet_inspector import ReadyPage
 
 _log = logging.getLogger(__name__)
 
-MAGIC: Final = b"prooflight prepared design 1\n"
+MAGIC: Final = b"prooflight prepared design 2\n\0\0\0"
 DIGEST_BYTES: Final = 32
+ALIGNED: Final = 64
+"""Arrays begin at multiples of it, as processors read them fastest. [bytes]"""
 MOST_BYTES: Final = 10_000_000_000
 """Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
-LEVEL: Final = 1
-"""Level of compression: higher ones take ten times as long for a tenth less."""
 READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
 """Libraries whose versions may change what is drawn of a page, or which codes are read on it."""
 OF_NUMPY: Final = frozenset(
@@ -91,11 +91,13 @@ class PreparedStore:
         name = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         return cls(folder=(folder or prepared_folder()) / name, inspector=inspector)
 
-    def load(self, design: int) -> ReadyPage | None:
+    def load(self, design: int) -> PackedDesign | None:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
         path = self._path(design)
         try:
-            ready = self._decoded(path.read_bytes())
+            with path.open("rb") as file:
+                # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
+                ready = self._decoded(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)))
             os.utime(self.folder)  # by which the least recently used job is found
         except FileNotFoundError:
             return None
@@ -105,10 +107,19 @@ class PreparedStore:
             return None
         return ready
 
-    def save(self, design: int, ready: ReadyPage) -> None:
+    def prepared(self, number: int) -> Prepared | None:
+        """See ``inspection.job.StoredDesigns``."""
+        packed = self.load(number)
+        return None if packed is None else packed.unpacked()
+
+    def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
-        with whole_file(self._path(design)) as unfinished:
-            unfinished.write_bytes(self._encoded(ready))
+        with whole_file(self._path(design)) as unfinished, unfinished.open("wb") as file:
+            pieces = self._encoded(packed)
+            digest = hashlib.sha256()
+            for piece in pieces:
+                digest.update(piece)
+            file.writelines([MAGIC, digest.digest(), *pieces])
 
     @property
     def _detector(self) -> StoresPages:
@@ -119,36 +130,36 @@ class PreparedStore:
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
 
-    def _encoded(self, ready: ReadyPage) -> bytes:
-        file, arrays = io.BytesIO(), list[bytes]()
-        stored, shared = self._detector.stored(ready.prepared.prepared_page)
-        prepared: Any = replace(ready.prepared, prepared_page=None)  # type: ignore[arg-type] # it is restored
+    def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
+        file, arrays = io.BytesIO(), list[bytes | memoryview]()
+        stored, shared = self._detector.stored(packed.bare.prepared_page)
+        bare: Any = replace(packed.bare, prepared_page=None)  # type: ignore[arg-type] # it is restored
         pickler = _Pickler(file, {**shared, "own": self.inspector.detector.press_context.sensors}, arrays)
-        pickler.dump((prepared, ready.thumbnail, stored))
-        pieces = [zlib.compress(one, LEVEL) for one in (file.getvalue(), *arrays)]
-        sizes = np.array([len(pieces), *map(len, pieces)], "<u8").tobytes()
-        content = b"".join([sizes, *pieces])
-        return b"".join([MAGIC, hashlib.sha256(content).digest(), content])
+        pickler.dump((bare, stored, packed.arrays, packed.beside))
+        pieces = [file.getvalue(), *arrays]
+        sizes = np.array([len(pieces), *map(_size, pieces)], "<u8").tobytes()
+        return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
 
-    def _decoded(self, data: bytes) -> ReadyPage:
-        from prooflight_line.run.sheet_inspector import ReadyPage  # which imports what this module reads
-
-        content = memoryview(data)[len(MAGIC) + DIGEST_BYTES :]
-        if data[: len(MAGIC) + DIGEST_BYTES] != MAGIC + hashlib.sha256(content).digest():
+    def _decoded(self, data: memoryview) -> PackedDesign:
+        head = len(MAGIC) + DIGEST_BYTES
+        content = data[head:]
+        if bytes(data[:head]) != MAGIC + hashlib.sha256(content).digest():
             raise ValueError("its digest does not match its content")
         count = int(np.frombuffer(content[:8], "<u8")[0])
         sizes = np.frombuffer(content[8 : 8 + 8 * count], "<u8").astype(np.int64)
-        ends = 8 + 8 * count + np.cumsum(sizes)
-        pieces = [content[end - size : end] for end, size in zip(ends.tolist(), sizes.tolist(), strict=True)]
-        stream = io.BytesIO(zlib.decompress(pieces[0]))
-        arrays = [
-            bytearray(zlib.decompress(one)) for one in pieces[1:]
-        ]  # kernels take arrays that can be written
+        room = -(-np.array([8 + 8 * count, *sizes]) // ALIGNED) * ALIGNED
+        begins = np.cumsum(room)[:-1].tolist()
+        pieces = [content[begin : begin + size] for begin, size in zip(begins, sizes.tolist(), strict=True)]
         parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
         package = type(self.inspector.detector).__module__.partition(".")[0]
-        prepared, thumbnail, stored = _Unpickler(stream, parts, arrays, package).load()
-        ready = self._detector.restored(stored)
-        return ReadyPage(prepared=replace(prepared, prepared_page=ready), thumbnail=thumbnail)
+        unpickler = _Unpickler(io.BytesIO(pieces[0]), parts, pieces[1:], package)
+        bare, stored, arrays, beside = unpickler.load()
+        page = self._detector.restored(stored)
+        return PackedDesign(bare=replace(bare, prepared_page=page), arrays=arrays, beside=beside)
+
+
+def _size(piece: bytes | memoryview) -> int:
+    return memoryview(piece).nbytes
 
 
 def _version(library: str) -> str:
@@ -169,6 +180,8 @@ def clean(folder: Path, *, most_bytes: int, keep: Path | None = None) -> int:
 
     keep: a job that stays.
     """
+    if not folder.is_dir():
+        return 0
     jobs = sorted((one for one in folder.iterdir() if one.is_dir()), key=lambda one: one.stat().st_mtime)
     sizes = {job: sum(file.stat().st_size for file in job.iterdir()) for job in jobs}
     total = sum(sizes.values())
@@ -183,9 +196,9 @@ class _Pickler(pickle.Pickler):
     """Writes a design without what its press holds, and large arrays apart."""
 
     def __init__(
-        self, file: io.BytesIO, shared: Mapping[str, Sequence[SensorModel]], arrays: list[bytes]
+        self, file: io.BytesIO, shared: Mapping[str, Sequence[SensorModel]], arrays: list[bytes | memoryview]
     ) -> None:
-        super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw().tobytes()))
+        super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw()))
         self._shared = {id(one): (kind, at) for kind, each in shared.items() for at, one in enumerate(each)}
 
     def persistent_id(self, one: Any) -> tuple[str, int] | None:
@@ -204,11 +217,11 @@ class _Unpickler(pickle.Unpickler):
         self,
         file: io.BytesIO,
         parts: Mapping[str, Sequence[SensorModel]],
-        arrays: list[bytearray],
+        arrays: list[memoryview],
         package: str,
     ) -> None:
         super().__init__(file, buffers=arrays)
-        self._parts, self._packages = parts, {"prooflight", "prooflight_line", package}
+        self._parts, self._packages = parts, {"prooflight", package}
 
     def persistent_load(self, name: Any) -> SensorModel:
         """Return a part of the press."""

@@ -12,12 +12,13 @@ import pytest
 import tifffile
 
 from prooflight.inspection.inspector import Inspector
+from prooflight.inspection.job import InspectPage
+from prooflight.inspection.packed_design import PackedDesign
+from prooflight.inspection.prepared_store import MAGIC, PreparedStore, _Unpickler, clean
 from prooflight.press.pages import job_source
 from prooflight.rng import stream
+from prooflight.scans.scan import Scan
 from prooflight.simulation.scans import ideal_scan
-from prooflight_line.run.prefetch import DesignPrefetcher
-from prooflight_line.run.prepared_store import MAGIC, PreparedStore, _Unpickler, clean
-from prooflight_line.run.sheet_inspector import ReadyPage, SheetInspector
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,8 +33,8 @@ def inspector(trained_press: Press) -> Inspector:
 
 
 @pytest.fixture(scope="module")
-def known(inspector: Inspector, page: Page) -> ReadyPage:
-    return SheetInspector(inspector=inspector).prepare(page)
+def known(inspector: Inspector, page: Page) -> PackedDesign:
+    return PackedDesign.of(inspector.prepare(page), {"light": np.arange(6.0)})
 
 
 @pytest.fixture
@@ -45,37 +46,41 @@ def store(inspector: Inspector, page: Page, tmp_path: Path) -> PreparedStore:
     return store
 
 
-def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: ReadyPage, page: Page) -> None:
+def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: PackedDesign, page: Page) -> None:
     store.save(3, known)
     loaded = store.load(3)
     assert loaded is not None
     press = store.inspector.press
     scan = ideal_scan(press.press_context(1).predict(page), press, stream(301, "print", 1))
     scan[:, 200:230, 100:130] //= 2
-    one, other = (store.inspector.inspect(design.prepared, scan) for design in (known, loaded))
+    one, other = (store.inspector.inspect(one.unpacked(), scan) for one in (known, loaded))
     assert one.verdict.verdict == "misprint"
     assert replace(one.verdict, milliseconds=0) == replace(other.verdict, milliseconds=0)
     np.testing.assert_array_equal(one.stored_arrays["values"], other.stored_arrays["values"])
-    np.testing.assert_array_equal(known.thumbnail.light, loaded.thumbnail.light)
+    np.testing.assert_array_equal(known.beside["light"], loaded.beside["light"])
     assert store.load(4) is None
 
 
-def test_a_design_of_few_zeros_is_stored_without_its_modes(store: PreparedStore, known: ReadyPage) -> None:
-    page = known.prepared.prepared_page
-    full = replace(
-        page, prepared_page=replace(page.prepared_page, images=np.ones_like(page.prepared_page.images))
-    )  # type: ignore[type-var, attr-defined]
-    store.save(1, replace(known, prepared=replace(known.prepared, prepared_page=full)))
-    loaded = store.load(1)
-    assert loaded is not None
-    np.testing.assert_array_equal(
-        loaded.prepared.prepared_page.prepared_page.images, page.prepared_page.images
-    )  # type: ignore[attr-defined]
+def test_a_recorded_scan_is_inspected_by_what_is_stored(
+    store: PreparedStore, known: PackedDesign, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither is the page drawn again nor prepared."""
+    press = store.inspector.press
+    scan = Scan(
+        dn=ideal_scan(press.press_context(1).predict(page), press, stream(301, "print", 2)), name="scan"
+    )
+    fresh = store.inspector.inspect(page, scan)
+    store.save(page.number, known)
+    monkeypatch.setattr("prooflight.inspection.job.read_scan", lambda *_: scan)
+    monkeypatch.setattr(Inspector, "prepare", lambda *_: pytest.fail("the page was prepared again"))
+    work = InspectPage(job=None, inspector=store.inspector, stored=store)  # type: ignore[arg-type]
+    found = work.inspection(work.page(page.number), None)  # type: ignore[arg-type]
+    assert replace(found.verdict, milliseconds=0) == replace(fresh.verdict, milliseconds=0)
 
 
 @pytest.mark.parametrize("at", [0, len(MAGIC) + 3, 2000, -1])
 def test_a_damaged_design_is_refused_in_one_line_and_removed(
-    store: PreparedStore, known: ReadyPage, at: int, caplog: pytest.LogCaptureFixture
+    store: PreparedStore, known: PackedDesign, at: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     store.save(1, known)
     (path,) = store.folder.iterdir()
@@ -88,7 +93,7 @@ def test_a_damaged_design_is_refused_in_one_line_and_removed(
 
 
 def test_nothing_is_left_of_a_design_that_could_not_be_written(
-    store: PreparedStore, known: ReadyPage, monkeypatch: pytest.MonkeyPatch
+    store: PreparedStore, known: PackedDesign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def killed(self: Path, target: Path) -> None:
         raise KeyboardInterrupt
@@ -125,27 +130,3 @@ def test_the_least_recently_used_jobs_are_removed(tmp_path: Path) -> None:
     assert clean(tmp_path, most_bytes=200) == 200
     assert sorted(one.name for one in tmp_path.iterdir()) == ["middle", "new"]
     assert clean(tmp_path, most_bytes=0, keep=tmp_path / "middle") == 100
-
-
-class _Book:
-    def __len__(self) -> int:
-        return 2
-
-    def design(self, sheet: int) -> int:
-        return sheet
-
-    def page(self, sheet: int) -> Page:
-        assert sheet == 1, "a stored design's page was read"
-        return sheet  # type: ignore[return-value]
-
-
-def test_a_stored_design_is_not_prepared_again() -> None:
-    prefetcher: DesignPrefetcher[str] = DesignPrefetcher(
-        _Book(),
-        lambda page: f"prepared {page}",
-        depth=2,
-        room_bytes=1000,
-        stored=lambda design: "stored" if design == 0 else None,
-    )
-    assert [prefetcher.get(sheet) for sheet in (0, 1)] == ["stored", "prepared 1"]
-    prefetcher.close()

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.explaining import amount_of, distinct_inks, reason_for, regions_of
+from prooflight.detectors.matched_filter.explaining import (
+    amount_of,
+    distinct_inks,
+    greatest_gain,
+    reason_for,
+    regions_of,
+)
 from prooflight.detectors.matched_filter.naming import supported
 from prooflight.detectors.matched_filter.statistics.statistic import NOWHERE, Observed, Statistic
 from prooflight.detectors.verdict import Ink, Region
@@ -161,6 +167,14 @@ def test_an_amount_is_that_of_least_squares_or_the_ink_s_gain(
     found = amount_of(statistic(name, box), SUMS, inks, distinct="CMYK")
     assert found == (named, None if percent is None else pytest.approx(percent))
     assert amount_of(statistic(name, box), SUMS, inks, distinct="") == ("", found[1])
+
+
+def test_the_ink_that_is_most_off_explains_what_no_place_does() -> None:
+    inks = {"C": ink(-1.1), "K": ink(-56.7)}
+    assert greatest_gain(inks, distinct="CMYK") == ("K", -56.7)
+    assert greatest_gain(inks, distinct="") == ("", -56.7)
+    assert greatest_gain({"K": ink(3.0)}, distinct="") == ("K", 3.0), "the page has no other"
+    assert greatest_gain({}, distinct="CMYK") == ("", None)
 
 
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:

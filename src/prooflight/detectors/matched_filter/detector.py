@@ -5,6 +5,7 @@ It also explains its decisions.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,9 +28,11 @@ from prooflight.detectors.matched_filter.calibrated import score_of, statistics_
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
+    OF_GAIN,
     amount_of,
     distinct_inks,
     floor_explanation,
+    greatest_gain,
     measured_inks,
     reason_for,
     regions_of,
@@ -456,6 +459,8 @@ class MatchedFilterPage:
 
         def measured(statistic: Observed) -> dict[str, Any]:
             ink, darker_percent = amount_of(statistic, analysis.sums, inks, distinct=distinct)
+            if darker_percent is None and kind in OF_GAIN and math.isnan(statistic.box[0]):
+                ink, darker_percent = greatest_gain(inks, distinct=distinct)
             features = self.prepared_page.page_features
             above_good_sd = None if careful else self.model.above_good(statistic, features)
             return {"ink": ink, "darker_percent": darker_percent, "above_good_sd": above_good_sd}

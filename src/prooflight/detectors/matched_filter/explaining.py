@@ -32,6 +32,8 @@ MISSING_PERCENT: Final = -60.0
 """Gain below which an ink is called missing, not weak: less than 40 % is there."""
 LEAST_REPORTED_MM: Final = 0.05
 """Minimum displacement of a plane that is reported with its amount: 0.0 mm would be read as none."""
+OF_GAIN: Final = ("density", "missing-plane", "swapped-planes")
+"""Kinds that the gain of inks explains where no place does."""
 WITH_AMOUNT: Final = ("box", "spread", "streak")
 """Families whose place is off by one amount of their mode."""
 TIE_MM: Final = 0.05
@@ -164,6 +166,14 @@ def amount_of(
     # More than all of the light, or of an ink, cannot be missing: then something else is off there.
     possible = darker <= 100 if mode == "light" else darker >= -100
     return named, darker if possible else None
+
+
+def greatest_gain(inks: dict[str, Ink], *, distinct: Collection[str]) -> tuple[str, float | None]:
+    """Return the ink that is most off on the page as a whole, if it can be named, and its gain. [%]"""
+    if not inks:
+        return "", None
+    letter = max(inks, key=lambda one: abs(inks[one].gain_percent))
+    return letter if letter in distinct or len(inks) == 1 else "", inks[letter].gain_percent
 
 
 def _within(begin_mm: float, extent_mm: float, first_mm: float, pitch_mm: float, count: int) -> slice:

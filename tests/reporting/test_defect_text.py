@@ -168,6 +168,12 @@ def test_what_no_amount_says_is_the_detector_s_reason_and_german_has_its_kind() 
     assert describe(skipped).sentence == "Its scan is missing"
 
 
+def test_a_blank_sheet_is_called_so() -> None:
+    blank = misprint(kind="missing-content", reason="it is blank")
+    assert describe(blank, sheets=span(1, 60, 60)).sentence == "Blank sheet: on this sheet"
+    assert describe(blank, language="de").sentence == "Unbedruckter Bogen"
+
+
 def test_a_deviation_that_good_sheets_show_as_well_is_stated_by_the_score() -> None:
     weak = misprint(replace(LEFT, above_good_sd=-0.4), score=3.14, threshold=2.0)
     assert describe(weak).certainty == "score 3.1, alarm above 2.0"

@@ -14,7 +14,7 @@ from prooflight.simulation.worlds import worlds
 def test_every_kind_of_misprint_has_plain_words() -> None:
     kinds = {entry["kind"] for entry in worlds()["misprint"]}
     assert len(kinds) == 12
-    named = kinds | {CODE, *GLYPH_KINDS, "deviation", "unknown"}
+    named = kinds | {CODE, *GLYPH_KINDS, "blank-sheet", "deviation", "unknown"}
     for words in KINDS.values():
         assert set(words) == named
         assert len(set(words.values())) == len(named)

@@ -136,9 +136,13 @@ above what 99 of 100 good sheets show'
         return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
-    where = "" if kind == "unknown" else say.place(region, size_mm, part=kind in ("streak", "banding"))
+    where = (
+        ""
+        if kind in ("unknown", "blank-sheet")
+        else say.place(region, size_mm, part=kind in ("streak", "banding"))
+    )
     what = say.what(verdict, kind, region)
-    if spoken := _reason_speaks(verdict, language):
+    if spoken := kind != "blank-sheet" and _reason_speaks(verdict, language):
         what, where = verdict.reason, ""
     elif len(verdict.regions) > 1:
         where = f"{where}, {say.more(len(verdict.regions) - 1)}"
@@ -146,7 +150,7 @@ above what 99 of 100 good sheets show'
         title=KINDS[language].get(kind, kind),
         what=what,
         where=where,
-        link=": " if what or kind in ("streak", "banding") else " ",
+        link=" " if where and not what and kind not in ("streak", "banding") else ": ",
         complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
@@ -164,6 +168,8 @@ def shown_kind(kind: str | None, region: Region | None, size_mm: Size | None = N
     ('streak', 'scum', 'deviation', 'unknown')
     """
     shape = shape_of(region, size_mm)
+    if kind == "missing-content" and region is None:  # of a sheet that shows no page, nothing is printed
+        return "blank-sheet"
     if kind is None or kind == "unknown":
         return "unknown" if shape == "page" else "deviation"
     if kind not in SHAPED or shape == "page":

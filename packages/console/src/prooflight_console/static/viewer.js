@@ -8,6 +8,9 @@ const look = () => {
   const mark = document.createElementNS("urn:prooflight", "style");
   mark.setAttribute("data-openseadragon-mobile-css", "true");
   document.head.append(mark);
+  // Three pictures next to each other are too narrow on a phone; viewers are made at the size that they have then.
+  const narrow = viewers.querySelectorAll("figure").length === 3 && matchMedia("(max-width: 560px)").matches;
+  if (narrow) viewers.dataset.mode = "wipe";
   const told = JSON.parse(document.getElementById("picture").textContent);
   const perMm = told.width / told.width_mm / told.width; // OpenSeadragon's unit is the picture's width
   const panes = [...viewers.querySelectorAll("figure")].map((figure) => {
@@ -108,8 +111,7 @@ const look = () => {
   };
   for (const button of document.querySelectorAll("button[data-mode]")) button.addEventListener("click", () => show(button.dataset.mode));
   for (const button of document.querySelectorAll("button[data-zoom]")) button.addEventListener("click", () => zoom(button.dataset.zoom));
-  // Three pictures beside each other are too narrow on a phone.
-  if (panes.length === 3 && matchMedia("(max-width: 820px)").matches) show("wipe");
+  if (narrow) show("wipe");
   const wipe = viewers.querySelector(".wipe");
   wipe.addEventListener("input", () => viewers.style.setProperty("--wipe", wipe.value + "%"));
 

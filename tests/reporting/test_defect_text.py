@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prooflight.detectors.verdict import Ink, Region, Verdict
+from prooflight.reporting.defect_phrases import KINDS, TEXTS
 from prooflight.reporting.defect_text import SheetSpan, describe, shown_kind
-from prooflight.reporting.defect_words import KINDS, TEXTS
 
 if TYPE_CHECKING:
-    from prooflight.reporting.defect_words import Code
+    from prooflight.reporting.defect_phrases import Code
 
 A4 = (210.0, 297.0)
 

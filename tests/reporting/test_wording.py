@@ -6,7 +6,7 @@ import pytest
 
 from prooflight.detectors.matched_filter.glyphs.reporting import KINDS as GLYPH_KINDS
 from prooflight.inspection.codes.reading import KIND as CODE
-from prooflight.reporting.defect_words import KINDS
+from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.report import Counts, sentence
 from prooflight.simulation.worlds import worlds
 

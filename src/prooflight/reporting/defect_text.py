@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.reporting.defect_words import KINDS, TEXTS
+from prooflight.reporting.defect_phrases import KINDS, TEXTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from prooflight.detectors.verdict import Ink, Region, Verdict
-    from prooflight.reporting.defect_words import Code
+    from prooflight.reporting.defect_phrases import Code
 
 Size = tuple[float, float]
 """Width and height of a page. [mm]"""
@@ -131,7 +131,7 @@ def describe(
     'Magenta 14 % too dark in a streak 3 mm wide along the left edge, on this and the last 12 sheets; seen 9 sigma \
 above what 99 of 100 good sheets show'
     """
-    say = _Words(language)
+    say = _Phrasing(language)
     if verdict.verdict != "misprint":
         return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
@@ -200,7 +200,7 @@ def _capital(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Words:
+class _Phrasing:
     """Phrases of one language."""
 
     language: Code

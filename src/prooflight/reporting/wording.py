@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.registry import family_text
+from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.defect_text import describe
-from prooflight.reporting.defect_words import KINDS
 
 if TYPE_CHECKING:
     from prooflight.detectors.disposition import DecidedBy, Disposition

@@ -7,10 +7,10 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from prooflight.reporting.defect_words import KINDS
+from prooflight.reporting.defect_phrases import KINDS
 
 if TYPE_CHECKING:
-    from prooflight.reporting.defect_words import Code
+    from prooflight.reporting.defect_phrases import Code
 
 ENGLISH: Final = "en"
 

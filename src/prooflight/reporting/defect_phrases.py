@@ -1,4 +1,4 @@
-"""Words of ``defect_text`` and names of all kinds of misprint, in English and in German (docs/reference/words.md)."""
+"""Phrases of ``defect_text`` and names of all kinds of misprint, in English and in German (docs/reference/words.md)."""
 
 from __future__ import annotations
 

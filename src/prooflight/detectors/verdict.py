@@ -68,7 +68,7 @@ class Region:
             score=round(score, 1),
             kind=kind,
             ink=ink,
-            darker_percent=None if darker_percent is None else round(darker_percent, 1),
+            darker_percent=None if darker_percent is None else round(darker_percent, 1) + 0.0,
             above_good_sd=None if above_good_sd is None else round(above_good_sd, 1),
         )
 

@@ -284,7 +284,7 @@ def test_a_table_loses_nothing_in_a_narrow_window_or_in_a_file(
     written = io.StringIO()
     console = PlainConsole()
     console.file = written
-    reason = "a-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
+    reason = "A-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
     verdict = Verdict(page="p0001", verdict="not-inspected", reason=reason, score=12345.6)
     console.print(verdict_table([verdict], title="job on press"))
     shown = written.getvalue()

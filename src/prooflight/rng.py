@@ -149,13 +149,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
         ),
-        "resolution-misprint": Purpose(
-            "misprint and print of a page at its press's resolution", (SEED, FREE + 70, "page")
-        ),
-        "resolution-print": Purpose(
-            "a good print of a page at a resolution", (SEED, FREE + 71, "page", "dpi")
-        ),
-        "resolution-session": Purpose("the session of a press day", (SEED, FREE + 72, "day")),
         "rich-black": Purpose("which blacks of a design are of four inks", (SEED, "design", 4)),
         "rip-day": Purpose(
             "the session of a press that rips PDFs itself, of pages that are learned (0) or judged (1)",

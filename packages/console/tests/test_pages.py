@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from packages.console.tests.consoles import PASSWORD, Served, served, write_run
-from packages.line.tests.journal.sample_rows import good
+from packages.line.tests.journal.sample_rows import misprint
 
 from prooflight.detectors.disposition import LEAST_FIRST
 from prooflight.simulation.misprints.kinds import KINDS
@@ -29,7 +29,19 @@ if TYPE_CHECKING:
 
 SERVER = Path(str(files("prooflight_console")))
 SCRIPT = "<script>alert(1)</script>\"'<img src=x onerror=alert(1)>"
-STATES = ("no-run", "waiting", "good", "overload", "stop", "look", "silent", "ended", "fault", "interrupted")
+STATES = (
+    "no-run",
+    "waiting",
+    "good",
+    "overload",
+    "stop",
+    "blind",
+    "look",
+    "silent",
+    "ended",
+    "fault",
+    "interrupted",
+)
 
 
 def pages_of(client: TestClient) -> dict[str, str]:
@@ -199,13 +211,15 @@ def test_one_tap_is_kept_with_who_and_when(console: Served) -> None:
 def test_seen_ends_the_alarm_and_not_the_incident(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
     with Journal.open(str(console.journal)) as journal:
-        journal.record(1, good(30))
+        for sheet in (30, 31, 32):
+            journal.record(1, misprint(sheet))
         journal.commit()
-        assert operator.get("/api/v1/now").json()["state"] == "stop"
+        told = operator.get("/api/v1/now").json()
+        assert (told["state"], told["alarm"]) == ("stop", True)
         assert operator.post("/runs/1/incidents/1/seen").status_code == 204
         console.console.live._poll()
         told = operator.get("/api/v1/now").json()
-        assert (told["state"], told["alarm"], len(told["incidents"])) == ("look", False, 1)
+        assert (told["state"], told["alarm"], len(told["incidents"])) == ("stop", False, 1), "it goes on"
 
 
 def test_warnings_of_the_job_stand_on_the_page_now_and_in_the_report(tmp_path: Path) -> None:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
 
 WORST_FIRST: Final[tuple[VerdictName, ...]] = ("misprint", "not-inspected", "good")
-OUT_OF_ORDER: Final = frozenset({"repeated", "out-of-order"})
 OPEN_SHEETS: Final = 4096
 """Greatest number of sheets that wait for a side or for the rest of their set.
 

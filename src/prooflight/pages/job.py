@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 FINER: Final = 2
-"""Oversampling of a PDF whose press prints at an unknown resolution, relative to its raster (`prooflight
-study resolution`). A factor of three did not lower the number of good prints that were called misprints."""
+"""Oversampling of a PDF whose press prints at an unknown resolution, relative to its raster (decision 34). A
+factor of three did not lower the number of good prints that were called misprints."""
 COARSE_DPI: Final = 18.0
 """Resolution at which a page is drawn only for its warnings: all of it is read, and almost nothing is
 painted."""

@@ -16,7 +16,6 @@ from prooflight_studies.commands import (
     paper,
     press,
     real,
-    resolution,
     rip,
     running,
     soak,
@@ -45,7 +44,7 @@ def register(app: typer.Typer) -> None:
         ),
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
-        *(content.content, resolution.resolution, rip.rip, zones.zones, visible.visible),
+        *(content.content, rip.rip, zones.zones, visible.visible),
         *(real.real,),
     ):
         study.app.command()(command)

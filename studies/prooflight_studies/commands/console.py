@@ -10,7 +10,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 PARTS = ("live", "beside", "hour", "pages")
 
@@ -60,22 +60,7 @@ def console(
                 quick=quick,
             )
         figures = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
-        if json:
-            show.print_json(figures)
-        else:
-            show.written(out / "console.md")
+        report_results(figures, out / "console.md", json=json)
         return
     results = run_console_study(out, quick=quick, progress=steps)
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = (
-        (
-            one.who,
-            *(f"{value:.3f} s" for value in (one.median_s, one.p99_s, one.greatest_s)),
-            str(one.missing),
-        )
-        for one in results.delays
-    )
-    show_table("From the verdict", ("to", "median", "99 %", "at most", "never came"), cells)
-    show.written(out / "console.md")
+    report_results(asdict(results), out / "console.md", json=json)

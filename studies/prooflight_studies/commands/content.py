@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, show_table
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 class Part(StrEnum):
@@ -41,15 +41,7 @@ def content(
     from prooflight_studies.content.study import run_content_study
 
     results = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = (
-        tuple(str(row[name]) for name in ("pitch_mm", "printed", "asked", "read", "misread"))
-        for row in results.totals
-    )
-    show_table("Good prints", ("mm a pixel", "printed", "asked", "read", "misread"), cells)
-    show.written(out / "content.md")
+    report_results(asdict(results), out / "content.md", json=json)
 
 
 def _text(
@@ -67,10 +59,4 @@ def _text(
         progress=show.steps(quiet=json),
     )
     write_text(out, results)
-    if json:
-        show.print_json(asdict(results))
-        return
-    names = ("pitch_mm", "points", "wrong", "printed", "before", "after")
-    cells = (tuple(str(row[name]) for name in names) for row in results.caught)
-    show_table("Wrong digits", ("mm a pixel", "pt", "wrong", "printed", "caught before", "after"), cells)
-    show.written(out / "content.md")
+    report_results(asdict(results), out / "content.md", json=json)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 QUICK_TRIALS = 3
 QUICK_LEARNING = 16
@@ -30,7 +30,6 @@ def detectability(
     from prooflight.pages.job import parse_pages
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
-    from prooflight_studies.detectability.findings import NAMES
     from prooflight_studies.detectability.study import LEARNING, TRIALS, run_detectability_study
 
     loaded = Press.load(press)
@@ -52,17 +51,4 @@ def detectability(
         | {name: {"of": one.of, "caught": one.caught} for name, one in page.verified.items()}
         for page in results.pages
     ] + [{"page": name, "good_prints_alarm": True} for name in results.alarming]
-    if json:
-        show.print_json(rows)
-        return
-    cells = []
-    for page in results.pages:
-        verified = (page.verified[name] for name in (*NAMES, "none"))
-        cells.append((page.name, *(f"{one.caught} of {one.of}" for one in verified)))
-    headings = ("page", *NAMES.values(), "good prints that alarmed")
-    show_table("Caught of what should be caught at 99 %", headings, cells)
-    for name in results.alarming:
-        show.people.print(
-            f"{name}: good prints of it alarm; most likely no design that taught the press is like it."
-        )
-    show.written(out / "detectability.md")
+    report_results(rows, out / "detectability.md", json=json)

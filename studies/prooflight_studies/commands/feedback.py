@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, show_table
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def feedback(
@@ -32,13 +32,4 @@ def feedback(
         processes=processes,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = (
-        (row.way, str(row.told or "-"), f"{row.realised:.2%}", f"{row.within:.0%}", f"{row.caught:.1%}")
-        for row in results.rows
-    )
-    headings = ("threshold by", "sheets told", "realised", "within 1.5 times", "misprints caught")
-    show_table("Promised: 1.00%", headings, cells)
-    show.written(out / "feedback.md")
+    report_results(asdict(results), out / "feedback.md", json=json)

@@ -9,7 +9,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def gate(
@@ -46,7 +46,4 @@ def gate(
         faster=faster,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(results)
-    else:
-        show.written(out / "gate.md")
+    report_results(results, out / "gate.md", json=json)

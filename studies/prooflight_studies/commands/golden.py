@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 
 def golden(
@@ -36,13 +36,4 @@ def golden(
     rows = run_golden_study(
         pairs, out, seed=seed, quick=quick, picture=picture, progress=show.steps(quiet=json)
     )
-    if json:
-        show.print_json(plain(rows))
-        return
-    cells = []
-    for row in rows:
-        numbers = (f"{row.found_percent:.1f}", f"{row.false_per_image:.2f}", f"{row.mean_overlap:.2f}")
-        cells.append((row.method, row.tuned_on, *numbers))
-    headings = ("method", "tuned on", "found %", "false an image", "mean overlap")
-    show_table("Marked defects found against a golden scan", headings, cells, text_columns=2)
-    show.written(out / "golden.md")
+    report_results(plain(rows), out / "golden.md", json=json)

@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, PressFileAt, Quick, Results
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    Json,
+    PagesDir,
+    PressFileAt,
+    Quick,
+    Results,
+    report_results,
+)
 
 
 def press(
@@ -100,10 +109,7 @@ def ranking(
         processes=processes,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(results)
-    else:
-        show.written(out / "ranking.md")
+    report_results(results, out / "ranking.md", json=json)
 
 
 def stress(
@@ -152,7 +158,4 @@ def stress(
         processes=processes,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(results)
-    else:
-        show.written(out / "stress.md")
+    report_results(results, out / "stress.md", json=json)

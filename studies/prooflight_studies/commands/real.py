@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 
 def real(
@@ -23,12 +23,4 @@ def real(
     from prooflight_studies.real.study import run_real_study
 
     results = run_real_study(copies, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = ((row.scans, str(row.page), row.verdict, row.reason) for row in results.sheets)
-    show_table("Real sheets", ("copy", "page", "verdict", "why"), cells)
-    show_table(
-        "Marks", ("mark", "laid", "caught"), ((m.name, str(m.laid), str(m.caught)) for m in results.marks)
-    )
-    show.written(out / "real.md")
+    report_results(asdict(results), out / "real.md", json=json)

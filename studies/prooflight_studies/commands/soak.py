@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 
 def soak(
@@ -23,12 +23,4 @@ def soak(
     from prooflight_studies.soak.study import run_soak_study
 
     results = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = (
-        (kind, *(str(row[name]) for name in ("drawn", "named", "in_step")))
-        for kind, row in results.kinds.items()
-    )
-    show_table(f"{results.sheets} sheets", ("fault", "drawn", "named", "in step"), cells)
-    show.written(out / "soak.md")
+    report_results(asdict(results), out / "soak.md", json=json)

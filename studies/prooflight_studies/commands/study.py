@@ -34,7 +34,7 @@ Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where
 
 
 def report_results(results: object, path: Path, *, json: bool) -> None:
-    """Print the results for programs, or where they are written for people."""
+    """Print the results for programs, or where they are written for people, who read them there."""
     if json:
         show.print_json(results)
     else:
@@ -67,19 +67,7 @@ def ink(
 
     tell = show.steps(quiet=json)
     rows = run_ink_study(chart, out, folds=folds, seed=seed, quick=quick, progress=tell)
-    if json:
-        show.print_json(rows)
-        return
-    cells = (
-        (
-            row["model"],
-            *(f"{each:.3f}" for each in row["delta_e00"].values()),
-            f"{row['rms_reflectance']:.5f}",
-        )
-        for row in rows
-    )
-    show_table("Ink models", ("model", "median", "95 %", "greatest", "rms reflectance"), cells)
-    show.written(out / "ink.md")
+    report_results(rows, out / "ink.md", json=json)
 
 
 @app.command()
@@ -129,17 +117,7 @@ def tables(
         if pages is not None:
             jobs["real pages"] = pages
         rows = run_table_study(presses, jobs, out, seed=seed, quick=quick, progress=tell)
-    if json:
-        show.print_json(rows)
-        return
-    cells = []
-    for row in rows:
-        errors = (row.rms_sigma, row.rms_sigma_by_pixels, row.max_sigma, row.white_sigma)
-        numbers = (*(f"{error:.4f}" for error in errors), f"{row.sigma_percent:.3f} %")
-        cells.append((row.press, row.inks, row.sensor, row.colours, *numbers))
-    headings = ("press", "inks", "sensor", "colours", "rms", "by pixels", "largest", "white", "sigma")
-    show_table("Tables against the exact model, errors in sigma", headings, cells, text_columns=4)
-    show.written(out / "tables.md")
+    report_results(rows, out / "tables.md", json=json)
 
 
 @app.command()
@@ -214,14 +192,4 @@ def edges(
     from prooflight_studies.edges.study import run_edge_study
 
     study = run_edge_study(pages, out, quick=quick, progress=show.steps(quiet=json))
-    if json:
-        show.print_json(study)
-        return
-    cells = []
-    for truth, rows in (("vector page", study.from_vector), ("the same raster", study.same_raster)):
-        for row in rows:
-            errors = (row.edge_rms_sigma, row.edge_median_sigma, row.all_rms_sigma)
-            cells.append((truth, row.name, *(f"{error:.2f}" for error in errors)))
-    headings = ("truth", "prediction", "rms", "median", "all pixels, rms")
-    show_table("Errors at edges, in sigma", headings, cells, text_columns=2)
-    show.written(out / "edges.md")
+    report_results(study, out / "edges.md", json=json)

@@ -10,7 +10,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, show_table
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def visible(
@@ -26,7 +26,6 @@ def visible(
     json: Json = False,
 ) -> None:
     """Named marks on bare paper and tints, false alarms by difficulty, and curves by place; writes visible.md."""
-    from prooflight_studies.harness.operating import counted
     from prooflight_studies.visible.study import PARTS, VisiblePlan, run_visible_study
 
     for name in part or ():
@@ -41,12 +40,4 @@ def visible(
         processes=processes,
         progress=show.steps(quiet=json),
     )
-    if json:
-        show.print_json(asdict(results))
-        return
-    for table in results.marks:
-        rows = ((one.mark, one.place, f"{one.caught} of {one.prints}") for one in table.caught)
-        show_table(f"Marks, {table.camera} a pixel", ("mark", "on", "caught"), rows, text_columns=2)
-        good = ((one.pages, counted(one.alarms, one.prints)) for one in table.good)
-        show_table("Good prints that alarm", ("pages", "alarms"), good)
-    show.written(out / "visible.md")
+    report_results(asdict(results), out / "visible.md", json=json)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import Json, Quick, Results, show_table
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
 
 def zones(
@@ -22,12 +22,4 @@ def zones(
     from prooflight_studies.zones.study import run_zones_study
 
     results = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    if json:
-        show.print_json(asdict(results))
-        return
-    cells = (
-        (str(row["zones"]), *(f"{row[at]['alarms']} of {row[at]['prints']}" for at in ("without", "with")))
-        for row in results.good
-    )
-    show_table("Good prints that alarm", ("zones", "without", "with"), cells)
-    show.written(out / "zones.md")
+    report_results(asdict(results), out / "zones.md", json=json)

@@ -45,7 +45,6 @@ CROP_MM: Final = 60.0
 CROPS_A_DESIGN: Final = 25
 CROP_PIXELS: Final = 640
 """Pixels of a line that sees a crop and its margins."""
-SILENT_PIXELS: Final = 1.0
 GRID_MM: Final = 3.0
 EDGE_SHARE: Final = 0.02
 """Least slope of the signal, rms over 3 mm, at which a point has content. [white/pixel]"""

@@ -68,10 +68,15 @@ def test_rows_that_lack_a_field_make_no_page_or_leave_nothing_out(kept: Path) ->
         assert text == whole, place
 
 
+ENDS = 2
+"""A template treats all objects of a list alike, but for the first or the last."""
+
+
 def places(value: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where objects that lie in lists have their fields."""
+    """Where objects that lie in lists have their fields; of a long list its first and its last objects."""
     if isinstance(value, list):
-        return [place for index, one in enumerate(value) for place in places(one, (*at, index))]
+        ends = sorted({*range(len(value))[:ENDS], *range(len(value))[-ENDS:]})
+        return [place for index in ends for place in places(value[index], (*at, index))]
     if not isinstance(value, dict):
         return []
     own = [(*at, key) for key in value] if at and isinstance(at[-1], int) else []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.golden.detector import GoldenSheet
-from prooflight.detectors.golden.differences import Tolerance, compare
+from prooflight.detectors.golden.differences import GoldenPlace, Tolerance, compare
 from prooflight.detectors.golden.regions import marks
 from prooflight.detectors.golden.several import mean_and_spread
 from prooflight.detectors.verdict import Verdict
@@ -18,6 +18,8 @@ LINES, PIXELS = 480, 400
 PITCH_MM = 0.3
 """A sheet of 120 x 144 mm, whose strip along the edge takes 13 pixels."""
 STREAK = Tolerance(streak=(3, 48, 0.1))
+BLOT = Tolerance(edge_pixels=2.0, blot=9)
+"""Two edges displaced outwards by the tolerance change the mean of its window by 4 / 9."""
 
 
 def drawn(seed: int = 1) -> np.ndarray:
@@ -106,6 +108,40 @@ def test_a_spot_is_no_streak() -> None:
     golden = drawn()
     scan = with_spot(golden, 330, 200)
     assert marks(compare(golden, scan, tolerance=STREAK)) == marks(compare(golden, scan))
+
+
+def strokes(width: int = 5) -> np.ndarray:
+    """Horizontal strokes of a width around the same centres, (1, lines, pixels)."""
+    page = np.full((1, LINES, PIXELS), 240, np.float32)
+    for y in range(60, 420, 20):
+        page[0, y - width // 2 : y + width // 2 + 1, 40:360] = 20
+    return page
+
+
+def bent_by_two_pixels() -> GoldenPlace:
+    """Return the place of strokes in a field that bends along them, where edges may lie off by two pixels more."""
+    nodes = np.zeros((2, 15, 13), np.float32)
+    nodes[0, 6, 6] = 1.2
+    return GoldenPlace(nodes=nodes, tile_pixels=32, likeness=1.0)
+
+
+@pytest.mark.parametrize("lighter", [True, False])
+def test_a_void_in_a_thin_stroke_and_a_blot_beside_it_are_found(*, lighter: bool) -> None:
+    golden, scan = noisy(strokes(), 5), noisy(strokes(), 6)
+    top = 198 if lighter else 208  # in the stroke of lines 198 to 202, or between it and the next
+    scan[0, top : top + 5, 200:208] = 240 if lighter else 20
+    where = bent_by_two_pixels()
+    (mark,) = marks(compare(golden, scan, tolerance=BLOT, where=where))
+    assert mark.lighter == lighter
+    assert abs(mark.left - 200) <= 2
+    assert abs(mark.top - top) <= 2
+    if lighter:  # all of it is near an edge
+        assert marks(compare(golden, scan, where=where)) == ()
+
+
+@pytest.mark.parametrize("width", [3, 7])
+def test_strokes_that_are_thinner_or_thicker_are_no_blots(width: int) -> None:
+    assert marks(compare(noisy(strokes(), 5), noisy(strokes(width), 6), tolerance=BLOT)) == ()
 
 
 def test_ignored_places_move_with_the_golden_and_alarm_nobody() -> None:

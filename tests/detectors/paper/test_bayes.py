@@ -10,20 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
+from tests.detectors.paper.windows import window_means
 
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork, window_statistics, window_unit
 from prooflight.detectors.paper.evidence import INTERVALS, Evidence
 
 LABELS = np.array(["correct", "global", "local"])
 RATE = 0.01
-
-
-def window_means(z: np.ndarray, *, side: int) -> np.ndarray:
-    """Means of z (..., lines, pixels) over windows beside each other, times side; the sides divide the page."""
-    lines, pixels = z.shape[-2:]
-    return z.reshape(*z.shape[:-2], lines // side, side, pixels // side, side).mean((-3, -1)) * np.float32(
-        side
-    )
 
 
 def pages(rng: np.random.Generator, count: int = 300, sensors: int = 2) -> tuple[np.ndarray, list[str]]:

@@ -2,16 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.detectors.paper.windows import window_means
 
 from prooflight.detectors.paper.bayes import window_statistics
-
-
-def window_means(z: np.ndarray, *, side: int) -> np.ndarray:
-    """Means of z (..., lines, pixels) over windows beside each other, times side; the sides divide the page."""
-    lines, pixels = z.shape[-2:]
-    return z.reshape(*z.shape[:-2], lines // side, side, pixels // side, side).mean((-3, -1)) * np.float32(
-        side
-    )
 
 
 @pytest.mark.parametrize("reading", ["signed", "absolute"])

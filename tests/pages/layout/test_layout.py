@@ -157,10 +157,11 @@ def test_a_zone_of_a_page_lands_on_its_place_and_on_no_other(
     side = side_size(page, layout)
     places = places_on(page, side, layout.gutter_mm, layout, back=layout.sides == 2)
     for place in places:
-        box = place.box_on_side((x, y, width, height))
-        assert place.box_on_page(box) == pytest.approx((x, y, width, height))
+        corners = place.on_side(x, y), place.on_side(x + width, y + height)
+        assert place.on_page(*corners[0]) == pytest.approx((x, y))
+        (left, right), (top, bottom) = (sorted(both) for both in zip(*corners, strict=True))
         inside = 1e-6
-        inner = box[0] + inside, box[1] + inside, box[2] - 2 * inside, box[3] - 2 * inside
+        inner = left + inside, top + inside, right - left - 2 * inside, bottom - top - 2 * inside
         assert [other for other in places if other.meets(inner)] == [place]
 
 

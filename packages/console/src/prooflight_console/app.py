@@ -17,6 +17,7 @@ from prooflight_console.access import include, refuse_unguarded
 from prooflight_console.accounts.account_store import Accounts
 from prooflight_console.accounts.passwords import Passwords, Tries
 from prooflight_console.accounts.provider import Provider
+from prooflight_console.alarms.alarm_store import AlarmStore
 from prooflight_console.api import ROUTERS as API_ROUTERS
 from prooflight_console.bodies import BoundedBodies
 from prooflight_console.console import Console
@@ -77,7 +78,8 @@ def console_app(
     accounts = Accounts(settings.data, clock=clock, passwords=passwords)
     reading = Reading(settings.journal)
     label_store = LabelStore(settings.journal)
-    incidents = RunIncidents(reading, label_store)
+    alarm_store = AlarmStore(accounts)
+    incidents = RunIncidents(reading, label_store, alarm_store)
     gates = Gates(reading, trays=settings.trays)
     reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
     stations = Stations(presses=settings.presses, jobs=settings.jobs)
@@ -95,7 +97,10 @@ def console_app(
         trends=Trends(reading),
         gates=gates,
         reprints=reprints,
-        live=Live(reading, incidents, label_store, reprints, clock=ticking, ahead=pictures.ahead),
+        alarm_store=alarm_store,
+        live=Live(
+            reading, incidents, label_store, reprints, alarm_store, clock=ticking, ahead=pictures.ahead
+        ),
         stations=stations,
         pictures=pictures,
         zones=zones,

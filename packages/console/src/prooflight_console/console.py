@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 
 from prooflight.errors import RequestError
 from prooflight.inspection.sheets import came
+from prooflight_console.accounts.roles import Role
+from prooflight_console.alarms.priority import Priority
+from prooflight_console.problems import Problem
+from prooflight_console.reading.alarms import handover_summary
 from prooflight_line.journal.labels import SEEN, run_key
 
 if TYPE_CHECKING:
@@ -14,6 +18,7 @@ if TYPE_CHECKING:
     from prooflight_console.accounts.passwords import Tries
     from prooflight_console.accounts.provider import Provider
     from prooflight_console.accounts.roles import Who
+    from prooflight_console.alarms.alarm_store import AlarmStore, Handover, Shelving
     from prooflight_console.pictures.pictures import Pictures
     from prooflight_console.reading.gate import Gates
     from prooflight_console.reading.incidents import RunIncidents
@@ -36,6 +41,7 @@ class Console:
 
     settings: ConsoleSettings
     accounts: Accounts
+    alarm_store: AlarmStore
     label_store: LabelStore
     """Labels that people give to sheets, in a file beside the journal to which the command line adds too."""
     tries: Tries
@@ -97,6 +103,48 @@ class Console:
             upto=None if incident is None else upto,
         )
         return self._audited("words.say", record, word=label, note=record.note, upto=record.upto)
+
+    def acknowledge_all(self, who: Who, run: RunRow, *, upto: int) -> list[int]:
+        """Mark all incidents as seen that opened or came back up to a sheet, and return their numbers."""
+        seen = {
+            one.incident.number: min(upto, one.incident.last_sheet)
+            for one in self.incidents.of(run)
+            if not one.seen and not one.shelved and one.incident.reopened_sheet <= upto
+        }
+        if seen:
+            at_s = self.accounts.clock()
+            self.label_store.say_of_incidents(SEEN, run=run_key(run), by=who.name, at_s=at_s, upto=seen)
+            after = {"word": SEEN, "upto": upto, "incidents": len(seen)}
+            self.accounts.note(who.name, "words.say", f"run {run_key(run)}, all incidents", after=after)
+        return sorted(seen)
+
+    def shelve(
+        self, who: Who, run: RunRow, incident: int, *, priority: Priority, seconds: float, reason: str
+    ) -> Shelving:
+        """Shelve an alarm. priority: the one that the person saw.
+
+        Raises RequestError if the alarm is of a higher priority by now, if the time is not allowed, or if no
+        reason is given; ``Problem`` 403 if it is of high priority and the person is no engineer.
+        """
+        current = self.incidents.one(run, incident).priority
+        if current.rank < priority.rank:
+            what = f"the priority of incident {incident} is {current} by now"
+            raise RequestError("priority", what, remedy="look at the incident, then shelve it again")
+        if current is Priority.HIGH and not who.role.may(Role.ENGINEER):
+            what = f"this requires the role {Role.ENGINEER}, as the alarm is of high priority; your role is {who.role}"
+            raise Problem(403, "role", what)
+        return self.alarm_store.shelve(
+            run=run_key(run), incident=incident, priority=current, seconds=seconds, reason=reason, by=who.name
+        )
+
+    def unshelve(self, who: Who, run: RunRow, number: int) -> Shelving:
+        """End a shelving before its time; raises RequestError if no such shelving is in force."""
+        return self.alarm_store.unshelve(number, run=run_key(run), by=who.name)
+
+    def hand_over(self, who: Who, text: str) -> Handover:
+        """Add a note for the next shift, with the state of the alarms; raises RequestError if it is empty."""
+        summary = handover_summary(self.live.now, self.incidents, now_s=self.accounts.clock())
+        return self.alarm_store.hand_over(text, summary=summary, by=who.name)
 
     def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Label:
         """Record that a person has this one sheet in hand and that it is good.

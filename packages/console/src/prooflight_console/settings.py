@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from prooflight_console.accounts.provider_file import ProviderSettings
 
 SUFFIX: Final = ".console.sqlite"
-CACHE_SUFFIX: Final = ".console.tiles"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

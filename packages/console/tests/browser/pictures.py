@@ -48,6 +48,9 @@ SCREENS: Final = {
     "now": ("/", ".band"),
     "incident": ("/runs/3/incidents/4", "#viewers[data-ready]"),
     "sheet": ("/runs/3/sheets/256", "#viewers[data-ready]"),
+    "alarms": ("/alarms?show=all", ".incident"),
+    "alarm-statistics": ("/alarms/statistics", ".course"),
+    "hand-over": ("/alarms/hand-over", "textarea"),
     "reprint": ("/runs/3/reprint", "table"),
     "runs": ("/report", "table"),
     "report": ("/report/1", ".heat"),
@@ -74,7 +77,7 @@ SHOWN: Final = """async () => {
   await Promise.all([document.fonts.ready, ...seen.map((one) => one.decode().catch(() => null))]);
 }"""
 """Until fonts and pictures are there."""
-WHOLE: Final = ("now", "report", "press", "compare", "incident", "zones")
+WHOLE: Final = ("now", "alarms", "alarm-statistics", "report", "press", "compare", "incident", "zones")
 SMALL_PX: Final = 1080
 """Width of the copies for the docs."""
 COLOURS: Final = 256

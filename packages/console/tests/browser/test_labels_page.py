@@ -36,6 +36,30 @@ def test_enter_labels_nothing_and_a_label_is_undone_with_one_tap(
     page.keyboard.press("f")
     page.wait_for_selector(".tap.false-alarm[aria-pressed=true]")
     assert page.locator("#said .words > li").count() == 2
+    assert "What the labels changed" in page.inner_text("#said")
+    page.keyboard.press("z")
+    page.wait_for_selector(".tap.false-alarm[aria-pressed=false]")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_url("**/incidents/2")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_url("**/incidents/1")
+    page.keyboard.press("n")
+    page.wait_for_url(lambda address: not address.endswith("/incidents/1"))
+
+
+def test_an_alarm_is_shelved_on_its_page_and_the_shelving_ended_in_the_list(
+    console: Serving, visit: Callable[..., Visitor]
+) -> None:
+    page = visit(console, has_touch=True).signed_in("operator").goto("/runs/1/incidents/1")
+    page.locator("#shelve summary").tap()
+    page.select_option("#shelve [name=minutes]", "240")
+    page.fill("#shelve [name=reason]", "plate change at noon")
+    page.locator("#shelve button").tap()
+    page.wait_for_selector("#shelve .shelving")
+    page.goto(console.address + "/alarms?run=1&show=shelved")
+    assert "plate change at noon" in page.inner_text(".shelving")
+    page.locator(".shelving button").tap()
+    page.wait_for_selector(".empty")
 
 
 def test_a_sheet_that_nobody_inspected_has_no_label_and_is_vouched_for_with_a_reason(

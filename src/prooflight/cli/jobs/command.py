@@ -30,12 +30,11 @@ from prooflight.reporting.wording import count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from prooflight.cli.jobs.comparison import Comparison
     from prooflight.cli.jobs.inspected import Inspected
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
-    from prooflight.inspection.job import InspectPage, Pair
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.job import JobSource
-    from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press
     from prooflight.reporting.report import PageEntry
@@ -314,37 +313,31 @@ def inspect(
 
     Exits 1 if there is a misprint, 3 if a page was not inspected.
     """
-    done: Inspected[Any]
-    if scanner:  # only then, since what it needs takes a second to load
-        from prooflight.cli.jobs import scanner as scanners
-        from prooflight.inspection.scanner.inspected import InspectScannedPage, drawn_detector
-    else:
+    if not scanner:
         _refuse_without_scanner(tone, scan_dpi)
     if golden:
-        from prooflight.cli.jobs.golden import inspect_golden
-
         raster_only: dict[str, object] = {
             "--detector": detector,
             "--layout": layout,
             "--scanner": scanner or None,
             "--device": None if device == "cpu" else device,
         }
-        for option, given in raster_only.items():
-            if given is not None:
-                remedy = "leave it out: it needs the job's raster"
-                raise RequestError(option, "does not go with --golden", remedy=remedy)
+        _refuse_with_golden(raster_only)
+        from prooflight.cli.jobs.golden import inspect_golden
+
         of_job = (None, job) if scans is None else (job, scans)
-        done = inspect_golden(
-            golden,
-            of_job[1],
-            job=of_job[0],
-            press=press,
-            profile=profile,
-            zones=zones,
-            report=report,
-            json=json,
+        _leave(
+            inspect_golden(
+                golden,
+                of_job[1],
+                job=of_job[0],
+                press=press,
+                profile=profile,
+                zones=zones,
+                report=report,
+                json=json,
+            )
         )
-        _leave(done)
         return
     if scans is None or (press is None and not scanner):
         missing = "SCANS" if scans is None else "--press"
@@ -353,92 +346,52 @@ def inspect(
             f"{missing} is missing",
             remedy="give JOB SCANS --press X.press, or --scanner where an office scanner made them, or --golden SCAN",
         )
-    from prooflight.cli.jobs.check import checked_early, tell_warnings
-    from prooflight.cli.jobs.inspected import inspected
-    from prooflight.cli.jobs.zones import zones_in_force
-    from prooflight.detectors.registry import PREFERRED, present
-    from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
-    from prooflight.inspection.inspector import Inspector
-    from prooflight.inspection.job import InspectPage, Tried, paired
-    from prooflight.inspection.prepared_store import PreparedStore
-    from prooflight.pages.parallel import FEWEST_FOR_PROCESSES, in_order
-    from prooflight.press.artefact import Press
-    from prooflight.press.pages import job_source
-    from prooflight.scans.scanner.reading import scanned_pages
+    from prooflight.cli.jobs.comparison import Options, on_press, on_scanner
 
-    say = show.steps(quiet=json)
-    drawn_way = scanner and (detector == scanners.DRAWN or (detector is None and press is None))
-    if scanner:
-        settings = scanners.scanner_settings(tone, scan_dpi)
-        sheets = scanned_pages(scans)
-        picture = scanners.first_readable(sheets, settings)
-    if press is not None:
-        loaded = Press.load(press)
+    options = Options(
+        layout=layout, detector=detector, device=device, zones=zones, profile=profile, json=json
+    )
+    if press is None or scanner:
+        comparison = on_scanner(job, scans, press, options, tone=tone, scan_dpi=scan_dpi)
     else:
-        loaded = scanners.scanner_press(
-            job,
-            picture,
-            profile=profile,
-            train=present(detector or "") == PREFERRED,
-            as_fine=drawn_way,
-            progress=say,
-            shown=lambda days, total, what: _shown(days, total, what, quiet=json),
-        )
-    inspector = Inspector.of(loaded, None if drawn_way else detector).on(
-        device
-    )  # a wrong name ends before any work
-    source = job_source(job, loaded, profile=profile)
-    source, plan = imposition.imposed(source, layout, loaded.geometry)
-    with source.open() as opened:
-        if drawn_way:
-            zones_of_job = scanners.zones_of_scans(zones, opened.page_sizes_mm)
-        else:
-            zones_of_job = zones_in_force(zones, opened, inspector)
-            inspector = replace(inspector, zones=zones_of_job)
-        if scanner:
-            pairs = scanners.scanner_pairs(source, len(opened), sheets, loaded, settings, progress=say)
-        else:
-            pairs = paired(opened, scans, sensors=len(loaded.sensors))
-        name = opened.name
-        early = checked_early(opened, json=json)
+        comparison = on_press(job, scans, press, options)
+    _leave(_compared(comparison, report, device=device, json=json))
+
+
+def _refuse_with_golden(options: dict[str, object]) -> None:
+    """Raise RequestError if an option is given that needs the job's raster, which a good scan replaces."""
+    for option, given in options.items():
+        if given is not None:
+            remedy = "leave it out: it needs the job's raster"
+            raise RequestError(option, "does not go with --golden", remedy=remedy)
+
+
+def _compared(comparison: Comparison, report: Path | None, *, device: str, json: bool) -> Inspected[Any]:
+    """Inspect every pair, and show verdicts, warnings and, where it is asked for, the report."""
+    from prooflight.cli.jobs.check import tell_warnings
+    from prooflight.inspection.guarantee import GuaranteeMonitor
+    from prooflight.pages.parallel import FEWEST_FOR_PROCESSES
+
     # Each process compiles for a card, and needs its memory; and a process takes longer to start than a few pages.
-    few = sum(scan is not None for _, scan in pairs) < FEWEST_FOR_PROCESSES
+    few = sum(scan is not None for _, scan in comparison.pairs) < FEWEST_FOR_PROCESSES
     processes = 1 if few or device != "cpu" else None
-    if drawn_way:
-        drawn, pairs = drawn_detector(pairs, source, loaded, settings, zones=zones_of_job, progress=say)
-        inspector = Inspector(loaded, drawn, zones=zones_of_job)
-    if scanner:
-        work: InspectPage = InspectScannedPage(
-            job=source, inspector=inspector, scans=scans, settings=settings
-        )
-    else:
-        stored = PreparedStore.of(inspector, source) if plan is None else None
-        work = InspectPage(job=source, inspector=inspector, scans=scans, stored=stored)
-    guarantee = GuaranteeMonitor.of(inspector.detector)
+    guarantee = GuaranteeMonitor.of(comparison.work.inspector.detector)
     if report is None:
-        tried = Tried(work, work.name, Judged)
-        done = inspected(
-            _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), guarantee),
-            attrgetter("verdict"),
-            names=[work.name(pair) for pair in pairs],
-            unseen=lambda _place, verdict: Judged(guarantee.marked(verdict)),
-            json=json,
-        )
+        done: Inspected[Any] = _tried(comparison, guarantee, processes=processes, json=json)
     else:
-        done = _reported(
-            work, pairs, report, guarantee, job=name, plan=plan, early=early, processes=processes, json=json
-        )
-    tell_warnings(_later(done, early), json=json)
+        done = _reported(comparison, report, guarantee, processes=processes, json=json)
+    tell_warnings(_later(done, comparison.early), json=json)
+    plan = comparison.plan
     if not json:
         each = "page" if plan is None else "side"
-        show.judged(done.verdicts, title=f"{name} on press {loaded.name}", each=each)
+        show.judged(done.verdicts, title=f"{comparison.job} on press {comparison.press}", each=each)
         if report is not None:
             show.people.print("Open", show.strong(report / "report.html"))
     if plan is not None:
         imposition.print_job(imposition.of_job(plan, done.verdicts), json=json)
     if guarantee.suspended:
         faults.report(guarantee.suspended)
-    _leave(done)
+    return done
 
 
 def _refuse_without_scanner(tone: str | None, dpi: float | None) -> None:
@@ -469,17 +422,28 @@ def _leave(done: Inspected[Any]) -> None:
         raise typer.Exit(code)
 
 
+def _tried(
+    comparison: Comparison, guarantee: GuaranteeMonitor, *, processes: int | None, json: bool
+) -> Inspected[Judged]:
+    """Inspect, and keep the verdicts."""
+    from prooflight.cli.jobs.inspected import inspected
+    from prooflight.inspection.guarantee import Judged
+    from prooflight.inspection.job import Tried
+    from prooflight.pages.parallel import in_order
+
+    work, pairs = comparison.work, comparison.pairs
+    tried = Tried(work, work.name, Judged)
+    return inspected(
+        _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), guarantee),
+        attrgetter("verdict"),
+        names=[work.name(pair) for pair in pairs],
+        unseen=lambda _place, verdict: Judged(guarantee.marked(verdict)),
+        json=json,
+    )
+
+
 def _reported(
-    work: InspectPage,
-    pairs: Sequence[Pair],
-    report: Path,
-    guarantee: GuaranteeMonitor,
-    *,
-    job: str,
-    plan: SheetPlan | None,
-    early: EarlyWarnings,
-    processes: int | None,
-    json: bool,
+    comparison: Comparison, report: Path, guarantee: GuaranteeMonitor, *, processes: int | None, json: bool
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
@@ -489,6 +453,7 @@ def _reported(
     from prooflight.reporting.report import PicturedPage, RunSummary, unpictured_entry, write_report
     from prooflight.reporting.visibility_picture import VisibleOnPage
 
+    work, pairs, early = comparison.work, comparison.pairs, comparison.early
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
         _in_run(in_order(pictured, pairs, processes=processes, killed=pictured.killed), guarantee),
@@ -501,12 +466,12 @@ def _reported(
     pages_per_s = len(pairs) / (time.perf_counter() - started)
     summary = RunSummary.today(
         work.inspector,
-        job=job,
+        job=comparison.job,
         pages_per_s=pages_per_s,
         suspended=guarantee.suspended,
         warnings=[warning_text(warning) for warning in (*early.warnings, *_later(done, early))],
     )
-    sheets = () if plan is None else imposition.of_job(plan, done.verdicts)
+    sheets = () if comparison.plan is None else imposition.of_job(comparison.plan, done.verdicts)
     visible = None
     with suppress(*UNUSABLE):  # its entry says why the page cannot be used
         visible = VisibleOnPage.of(work.inspector, work.page(1))

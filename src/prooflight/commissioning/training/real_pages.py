@@ -84,17 +84,6 @@ class LearnedPages:
         return f"{text} copies of these designs, and one in {odds:,} pages of new designs"
 
 
-def new_scans(press: Press, digests: Mapping[str, str]) -> dict[str, str]:
-    """Return the digests, by page, of scans that this press was not trained on and that do not come twice."""
-    seen = set(press.origin.get(SEEN, "").split())
-    fresh: dict[str, str] = {}
-    for page, digest in digests.items():
-        if digest not in seen:
-            seen.add(digest)
-            fresh[page] = digest
-    return fresh
-
-
 def learn_pages(
     artefact: Path, press: Press, pages: Sequence[ScannedPage], *, false_alarm_rate: float | None, out: Path
 ) -> LearnedPages:

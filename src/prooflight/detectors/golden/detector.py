@@ -54,6 +54,9 @@ STREAK_PIXELS, STREAK_LENGTH_MM, STREAK_LEAST = 3, 4.0, 0.1
 CROPPED: Final = 0.05
 """Share by which a scan may be longer or shorter than its golden; their common part is compared."""
 TURNED: Final = "the scan is turned by 180 degrees, and its places are given as the page is read"
+BLOT_EDGES: Final = 4.0
+"""Side of the window of the least void in print, in edge tolerances: 5 pixels at 300 dpi, where 0.5 mm has 6. Two edges
+that are displaced by the tolerance change its mean by half of the contrast."""
 STREAK_WIDTH_MM: Final = 5.0
 STREAK_RATIO: Final = 4.0
 SPOT_MM: Final = 6.0
@@ -207,9 +210,11 @@ class GoldenSheet(PreparedOnly):
         fine_mm = min(self.pitch_mm)
         usual = Tolerance().edge_pixels
         length = max(round(STREAK_LENGTH_MM / fine_mm), STREAK_PIXELS)
+        edge_pixels = usual if self.sensors else min(max(EDGE_OFF_MM / fine_mm, 1.0), usual)
         return Tolerance(
-            edge_pixels=usual if self.sensors else min(max(EDGE_OFF_MM / fine_mm, 1.0), usual),
+            edge_pixels=edge_pixels,
             streak=(STREAK_PIXELS, length, STREAK_LEAST),
+            blot=2 * round(BLOT_EDGES * edge_pixels / 2) + 1,
         )
 
     def _unjudged(self, lines: int, pixels: int) -> NDArray[np.bool_] | None:

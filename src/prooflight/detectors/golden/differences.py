@@ -72,6 +72,8 @@ class Tolerance:
     streak: tuple[int, int, float] | None = None
     """Width and length of the window of a streak [pixels, the width odd], and the minimum mean difference in it
     [contrast]; None: streaks are found only where they fill the windows above."""
+    blot: int | None = None
+    """Side of the window in which a void or a spot among fine print is searched for [pixels, odd]; None: in none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,7 +201,35 @@ def _of_channel(
         np.maximum(weight, np.where(enough, np.abs(mean), 0), out=weight)
     if allowed.streak is not None:
         np.maximum(weight, _streaks(excess, flat, allowed.streak), out=weight)
+    if allowed.blot is not None:
+        difference = np.where(valid, scan - moved, 0)
+        if spread is not None:
+            difference = np.sign(difference) * np.maximum(np.abs(difference) - excused, 0)
+        blots = _blots(difference, allowed.blot, allowed.edge_pixels, loose)
+        stronger = (blots > 0) & (np.abs(difference) > np.abs(excess))
+        excess = np.where(stronger, difference, excess)
+        np.maximum(weight, blots, out=weight)
     return excess, weight, misfit
+
+
+def _blots(
+    difference: NDArray[np.float32], side: int, edge_pixels: float, loose: NDArray[np.uint8]
+) -> NDArray[np.float32]:
+    """Return the weight of voids and spots among fine print (lines, pixels), 0 elsewhere. [contrast]
+
+    The edge tolerance hides a void in a thin stroke, since each of its pixels is near an edge. But the stroke's two
+    edges, each displaced by ``edge_pixels`` and both outwards, change the mean over a window of ``side`` pixels by no
+    more than ``2 * edge_pixels / side``. Where the page lies off by ``loose`` pixels more, a stroke is displaced as a
+    whole, which hardly changes the mean, and a single edge by ``edge_pixels + loose``.
+    """
+    mean = cv2.blur(difference, (side, side), borderType=cv2.BORDER_REFLECT)
+    least = (np.maximum(2 * edge_pixels, edge_pixels + loose) / side).astype(np.float32)
+    weight = np.zeros_like(difference)
+    for sign in (1, -1):
+        enough = np.where(sign * mean > least, np.abs(mean), 0)
+        covered = cv2.dilate(enough, np.ones((side, side), np.uint8))
+        np.maximum(weight, np.where(sign * difference > least / 2, covered, 0), out=weight)
+    return weight
 
 
 def _streaks(

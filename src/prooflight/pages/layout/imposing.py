@@ -58,14 +58,6 @@ class Place:
             self.turns
         ]
 
-    def box_on_side(self, box: Box) -> Box:
-        """Map a rectangle of the page to the side."""
-        return _between(self.on_side(box[0], box[1]), self.on_side(box[0] + box[2], box[1] + box[3]))
-
-    def box_on_page(self, box: Box) -> Box:
-        """Map a rectangle of the side to the page; the result may reach beyond the page."""
-        return _between(self.on_page(box[0], box[1]), self.on_page(box[0] + box[2], box[1] + box[3]))
-
     def meets(self, box: Box) -> bool:
         """Return whether a rectangle of the side shares any area with the place."""
         x, y, width, height = box
@@ -209,9 +201,3 @@ def _side(raster: NDArray[np.uint8], pages: Sequence[Page], layout: Layout, numb
 
 def _pixels(length_mm: float, page: Page) -> int:
     return round(length_mm * page.dpi / MM_PER_INCH)
-
-
-def _between(one: tuple[float, float], other: tuple[float, float]) -> Box:
-    left, right = sorted((one[0], other[0]))
-    top, bottom = sorted((one[1], other[1]))
-    return left, top, right - left, bottom - top

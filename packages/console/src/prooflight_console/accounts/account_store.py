@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
     from pathlib import Path
 
-    from sqlalchemy import Connection, Select
+    from sqlalchemy import Connection, Engine, Select
 
     from prooflight_console.accounts.provider import Identity
 
@@ -84,6 +84,11 @@ class Accounts:
     def close(self) -> None:
         """Close the file."""
         self._engine.dispose()
+
+    @property
+    def engine(self) -> Engine:
+        """Engine of the file, for what the console stores beside people."""
+        return self._engine
 
     # --- people ---
 

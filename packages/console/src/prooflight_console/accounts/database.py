@@ -1,8 +1,9 @@
-"""The console's own file: people, sessions, tokens, links and the audit. The journal is never written.
+"""The console's own file: people, sessions, shelved alarms and the audit. The journal is never written.
 
 Schema history:
 1: console, people, links, sessions, tokens, audit.
-2: identities, of people who sign in at an OpenID provider; a file of schema 1 gets the table when it is opened.
+2: identities, of people who sign in at an OpenID provider.
+3: shelvings of alarms, and notes of hand-over. An older file gets its missing tables when it is opened.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy import Connection, Engine
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 BUSY_S: Final = 10.0
 
 
@@ -103,6 +104,25 @@ audit_table = Table(
     Column("after", String),
     *_filled(String, "previous", "digest"),
 )
+shelvings_table = Table(
+    "shelvings",
+    tables,
+    Column("id", Integer, primary_key=True),
+    *_filled(String, "run"),
+    *_filled(Integer, "incident"),
+    *_filled(String, "priority", "reason", "by"),
+    *_filled(Float, "at_s", "ends_s"),
+    Column("ended_by", String),
+    Column("ended_s", Float),
+)
+handovers_table = Table(
+    "handovers",
+    tables,
+    Column("id", Integer, primary_key=True),
+    *_filled(Float, "at_s"),
+    *_filled(String, "by", "text"),
+    *_filled(JSON, "summary"),
+)
 _APPEND_ONLY: Final = tuple(
     f"CREATE TRIGGER {table}_{way} BEFORE {way} ON {table} BEGIN SELECT RAISE(ABORT, '{table} is append-only'); END"
     for table in ("audit",)
@@ -157,12 +177,11 @@ def _make(connection: Connection, path: Path) -> None:
     if console_table.name not in names:
         raise _refusal(path, "is a database, but no console's")
     schema = connection.exec_driver_sql("SELECT schema FROM console").scalar()
-    if schema == 1:
-        identities_table.create(connection)
-        connection.exec_driver_sql("UPDATE console SET schema = ?", (SCHEMA,))
-        return
-    if schema != SCHEMA:
+    if not isinstance(schema, int) or schema not in range(1, SCHEMA + 1):
         raise _refusal(path, f"has schema {schema}, this version reads schema {SCHEMA}")
+    if schema < SCHEMA:
+        tables.create_all(connection)  # those that are missing
+        connection.exec_driver_sql("UPDATE console SET schema = ?", (SCHEMA,))
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -1,6 +1,7 @@
 """The interface for programs, under /api/v1."""
 
 from prooflight_console.api import (
+    alarms,
     audit,
     events,
     gate,
@@ -15,6 +16,6 @@ from prooflight_console.api import (
 )
 
 ROUTERS = (
-    *(session.router, runs.router, sheets.router, incidents.router, press.router, gate.router),
+    *(session.router, runs.router, sheets.router, incidents.router, alarms.router, press.router, gate.router),
     *(events.router, people.router, audit.router, zones.router, tolerances.router),
 )

@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from prooflight.detectors.disposition import DecidedBy, Disposition
 from prooflight_console.accounts.roles import Role, Scope
+from prooflight_console.alarms.alarm_store import LEAST_SHELVED_S, MOST_NOTE, MOST_REASON, MOST_SHELVED_S
+from prooflight_console.alarms.priority import Priority
 from prooflight_console.reading.now import State
 
 Cursor = int | None
@@ -158,6 +160,10 @@ class IncidentAnswer(Answer):
     reason: str
     returned: int
     open: bool
+    priority: Priority
+    shelved_until_s: float | None = Field(
+        description="Unix time until which a person shelved it; null: nobody did."
+    )
     word: str | None
     answered: bool = Field(description="Whether the word covers its sheets up to the last one.")
     seen: bool = Field(description="Whether somebody has looked since it last opened or came back.")
@@ -211,6 +217,100 @@ class VouchRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class AcknowledgeRequest(BaseModel):
+    """Acknowledgement of all incidents that the person saw."""
+
+    model_config = ConfigDict(extra="forbid")
+    upto: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        description="Last sheet that the person saw: incidents that opened or came back later are left out."
+    )
+
+
+class AcknowledgedAnswer(Answer):
+    """Incidents that were acknowledged."""
+
+    incidents: list[int]
+
+
+class ShelveRequest(BaseModel):
+    """Shelving of an alarm until an end, with a reason."""
+
+    model_config = ConfigDict(extra="forbid")
+    minutes: Annotated[float, Field(ge=LEAST_SHELVED_S / 60, le=MOST_SHELVED_S / 60)]
+    reason: Annotated[str, Field(min_length=1, max_length=MOST_REASON)]
+    priority: Priority = Field(
+        description="Priority that the person saw: nothing is shelved if it is higher by now."
+    )
+
+
+class ShelvingAnswer(Answer):
+    """A shelving. It hides its alarm only while that is not of a higher priority than `priority`."""
+
+    id: int
+    incident: int
+    priority: Priority
+    reason: str
+    by: str
+    at_s: float
+    ends_s: float
+    ended_by: str | None
+    ended_s: float | None
+    in_force: bool
+
+
+class ShelvingsAnswer(Answer):
+    """Shelvings of a run, the latest first."""
+
+    items: list[ShelvingAnswer]
+
+
+class StatisticsAnswer(Answer):
+    """Alarm statistics of the last runs; see the page *Alarms* for the figures of ISA-18.2."""
+
+    runs: int = Field(description="Number of runs that they are of.")
+    truncated: bool = Field(description="Whether earlier runs of this time were left out.")
+    hours: float = Field(description="Hours of operation.")
+    alarms: int
+    per_hour: float | None
+    most_in_period: int = Field(description="Greatest number of alarms in any ten minutes.")
+    periods_above: int = Field(description="Periods of ten minutes with more than 10 alarms.")
+    flood_share: float
+    floods: int
+    hours_above_share: float = Field(description="Share of hours with more than 30 alarms.")
+    most_frequent_share: float
+    standing: int
+    stale: int = Field(description="Number of alarms that have been standing for more than 24 hours.")
+    unseen: int
+    shelved: int
+    response_s: float | None = Field(description="Median time until an alarm was acknowledged.")
+    priorities: dict[str, int] = Field(description="Alarms by the highest priority that they reached.")
+    kinds: dict[str, int]
+
+
+class HandoverRequest(BaseModel):
+    """A note for the next shift."""
+
+    model_config = ConfigDict(extra="forbid")
+    text: Annotated[str, Field(min_length=1, max_length=MOST_NOTE)]
+
+
+class HandoverAnswer(Answer):
+    """A note for the next shift, and the state of the alarms when it was written."""
+
+    id: int
+    at_s: float
+    by: str
+    text: str
+    summary: dict[str, Any]
+
+
+class HandoversAnswer(Answer):
+    """Notes for the next shift, the latest first."""
+
+    items: list[HandoverAnswer]
+    next: Cursor
 
 
 class DriftAnswer(Answer):
@@ -314,7 +414,13 @@ class NowAnswer(Answer):
     cause: int | None
     overload: dict[str, int] | None
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
-    incidents: list[dict[str, Any]]
+    incidents: list[dict[str, Any]] = Field(description="The most urgent of those that need action.")
+    pending: int = Field(description="Number of incidents that need action and are not shelved.")
+    unseen: int = Field(description="Number of them that nobody has seen.")
+    shelved: int = Field(description="Number of incidents that are shelved.")
+    flood: bool = Field(
+        description="Whether more than 10 alarms began within the last 10 minutes of the run."
+    )
     to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
     unprinted: int
     together: dict[str, Any] | None

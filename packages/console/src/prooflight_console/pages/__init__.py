@@ -1,6 +1,7 @@
 """The pages for people."""
 
 from prooflight_console.pages import (
+    alarms,
     assets,
     camera,
     incident,
@@ -17,6 +18,6 @@ from prooflight_console.pages import (
 
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
-    *(now.router, incident.router, reprint.router),
+    *(now.router, incident.router, alarms.router, reprint.router),
     *(report.router, search.router, press.router, setup.router, camera.router, zones.router),
 )

@@ -21,6 +21,8 @@ from prooflight_console.api.common import (
 )
 from prooflight_console.pages.defects import incident_text, sheet_text
 from prooflight_console.pages.shell import OperatorPage, ViewerPage, language_of, page
+from prooflight_console.reading.effects import effects
+from prooflight_console.reading.incidents import next_alarm
 from prooflight_line.journal.labels import UNDONE, Labels, run_key
 from prooflight_line.plant.gate.log import log_path
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
     from prooflight_console.accounts.roles import Who
     from prooflight_console.console import Console
+    from prooflight_console.reading.effects import Effects
     from prooflight_console.reading.incidents import LabelledIncident
     from prooflight_line.journal.labels import Label
     from prooflight_line.journal.records import PageRecord, RunRow
@@ -95,8 +98,9 @@ def say(
     """Label an incident by one tap, and return the list of labels. upto: the last sheet shown."""
     state = console(request)
     run_row = state.reading.run_named(run)
+    before = _effects(state, run_row, state.incidents.one(run_row, incident))
     state.say(who, word, run_row, incident=incident, note=note, upto=upto)
-    return _incident_part(request, who, run_row, incident)
+    return _incident_part(request, who, run_row, incident, before=before)
 
 
 @router.post("/runs/{run}/sheets/{sheet}/word")
@@ -144,18 +148,58 @@ def undo(
     """Undo a label, and return the list that it was in."""
     state = console(request)
     run_row = state.reading.run_named(run)
-    undone = state.undo(who, run_row, word)
-    if undone.incident is not None:
-        return _incident_part(request, who, run_row, int(undone.incident), sheet=shown)
-    return _sheet_part(request, who, run_row, shown)
+    labels = state.label_store.of_run(run_key(run_row))
+    number = next((one.incident for one in labels if one.id == word), None)
+    if number is None:
+        state.undo(who, run_row, word)
+        return _sheet_part(request, who, run_row, shown)
+    before = _effects(state, run_row, state.incidents.one(run_row, int(number)))
+    state.undo(who, run_row, word)
+    return _incident_part(request, who, run_row, int(number), sheet=shown, before=before)
 
 
 def _incident_part(
-    request: Request, who: Who, run: RunRow, incident: int, *, sheet: int | None = None
+    request: Request,
+    who: Who,
+    run: RunRow,
+    incident: int,
+    *,
+    sheet: int | None = None,
+    before: Effects | None = None,
 ) -> Response:
-    labelled = console(request).incidents.one(run, incident)
+    state = console(request)
+    labelled = state.incidents.one(run, incident)
     shown = labelled.incident.last_sheet if sheet is None else sheet
-    return page(request, who, "incident_words", run=run, told=labelled, sheet=shown, history_of=history_of)
+    after = _effects(state, run, labelled)
+    values = _of_incident(state, run, labelled) | {"run": run, "sheet": shown, "history_of": history_of}
+    values["effects"] = after if after is None or before is None else after.since(before)
+    return page(request, who, "incident_words", **values)
+
+
+def _effects(state: Console, run: RunRow, labelled: LabelledIncident) -> Effects | None:
+    """Return what labels changed; None for an incident to which no label applies."""
+    if not labelled.of_misprints:
+        return None
+    return effects(state.incidents, state.reprints, state.stations, run, labelled)
+
+
+def _of_incident(state: Console, run: RunRow, labelled: LabelledIncident) -> dict[str, Any]:
+    """Return the values of an incident for its page: its neighbours, and the alarm to look at next."""
+    number = labelled.incident.number
+    every = state.incidents.of(run)
+    numbers = [one.incident.number for one in every]
+    pending = sorted(
+        (one for one in every if one.needs_action and not one.shelved), key=lambda one: one.urgency
+    )
+    return {
+        "told": labelled,
+        "previous": max((one for one in numbers if one < number), default=None),
+        "following": min((one for one in numbers if one > number), default=None),
+        "last": numbers[-1],
+        "next": next_alarm(pending, after=number),
+        "left": sum(one.incident.number != number for one in pending),
+        "wrong": "",
+    }
 
 
 def _sheet_part(
@@ -194,6 +238,9 @@ def _shown(
     values = _of_sheet(state, who, run, sheet)
     record = values["record"]
     values |= {"run": run, "told": labelled, "sheet": sheet}
+    if labelled is not None:
+        changed = _effects(state, run, labelled) if labelled.labels else None
+        values |= _of_incident(state, run, labelled) | {"effects": changed}
     values["pictures"] = pictures = state.pictures.describe(run, record, wait=False)
     size_mm = (pictures["width_mm"], pictures["height_mm"]) if "expected" in pictures["layers"] else None
     t = language_of(request, who)

@@ -72,7 +72,8 @@ def _cached_parts(now: Now, *, t: Language, may_speak: bool) -> str:
 
 
 def parts(now: Now, *, t: Language, may_speak: bool) -> str:
-    """Return the parts of the page as JSON: HTML by element id, and whether an alarm sounds."""
+    """Return the parts of the page as JSON: HTML by element id, and what sounds."""
     values: dict[str, Any] = {"now": now, "may_speak": may_speak}
     rendered_parts: dict[str, Any] = {part: rendered(f"now_{part}", t=t, **values) for part in PARTS}
-    return json.dumps({"parts": rendered_parts, "alarm": now.alarm, "state": now.state})
+    told = {"parts": rendered_parts, "alarm": now.alarm, "unseen": now.unseen_costly, "state": now.state}
+    return json.dumps(told)

@@ -72,6 +72,8 @@ def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     return {
         **_finite(fields),
         "open": labelled.incident.open,
+        "priority": labelled.priority.value,
+        "shelved_until_s": labelled.shelving.ends_s if labelled.shelving and labelled.shelved else None,
         "word": labelled.word,
         "answered": labelled.answered,
         "seen": labelled.seen,
@@ -83,7 +85,12 @@ def brief_incident(labelled: LabelledIncident) -> dict[str, Any]:
     """Return the fields of an incident that a list needs."""
     incident = labelled.incident
     names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")
-    labels = {"word": labelled.word, "answered": labelled.answered, "seen": labelled.seen}
+    labels = {
+        "priority": labelled.priority.value,
+        "word": labelled.word,
+        "answered": labelled.answered,
+        "seen": labelled.seen,
+    }
     return {name: getattr(incident, name) for name in names} | labels
 
 
@@ -101,6 +108,10 @@ def now_facts(now: Now) -> dict[str, Any]:
         "run": None if now.run is None else run_of(now.run),
         "cause": None if now.cause is None else now.cause.incident.number,
         "incidents": [brief_incident(labelled) for labelled in now.incidents[:MOST_INCIDENTS]],
+        "pending": len(now.incidents),
+        "unseen": now.unseen,
+        "shelved": len(now.shelved),
+        "flood": now.flood,
         "overload": None
         if now.overload is None
         else dict(zip(("late", "recent"), now.overload, strict=True)),

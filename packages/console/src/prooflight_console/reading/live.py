@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
     from prooflight.inspection.sheets import Counts
+    from prooflight_console.alarms.alarm_store import AlarmStore
     from prooflight_console.reading.incidents import RunIncidents
     from prooflight_console.reading.reprints import Reprints
     from prooflight_console.reading.runs import Reading
@@ -82,6 +83,7 @@ class Live:
         incidents: RunIncidents,
         label_store: LabelStore,
         reprints: Reprints,
+        alarm_store: AlarmStore,
         *,
         clock: Callable[[], float] = time.monotonic,
         ahead: Callable[[RunRow, PageRecord], None] = lambda _run, _page: None,
@@ -97,11 +99,11 @@ class Live:
             label_store,
             clock,
         )
-        self._reprints = reprints
+        self._reprints, self._alarm_store = reprints, alarm_store
         self._gate = GateFollower(reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
-        self._row = self._state_label = -1
+        self._row, self._state_label = -1, (-1, -1)
         self._guard = threading.Lock()
         self._heads: Heads | None = None
         self._moved_s = self._state_s = clock()
@@ -172,7 +174,7 @@ class Live:
 
     def _read(self) -> bool:
         heads, clock = self._reading.heads(), self._clock()
-        last_label = self._label_store.last()
+        last_label = self._label_store.last(), self._alarm_store.version
         news = heads != self._heads
         if not news and last_label == self._state_label and clock - self._state_s < STATE_S:
             return False
@@ -220,6 +222,8 @@ class Live:
             reprints=reprints,
             together=counts,
             gate=None if run is None else self._gate.of(run, reprints.gated),
+            handover=self._alarm_store.last_handover(),
+            begun_s=() if run is None else self._incidents.begun_s(run),
         )
         return self._publish("now", facts.now_facts(self._now))
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from prooflight.detectors.disposition import LEAST_FIRST
+from prooflight_console.alarms.grouping import flood, single_and_grouped
+from prooflight_console.alarms.priority import BLIND, GOES_ON, Priority
+from prooflight_console.reading.incidents import next_alarm
 from prooflight_line.journal.exporting import job_warnings
 from prooflight_line.run.pace import overload
 
@@ -13,19 +15,32 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.inspection.sheets import Counts
+    from prooflight_console.alarms.alarm_store import Handover
+    from prooflight_console.alarms.grouping import Group
     from prooflight_console.reading.gate_health import GateHealth
     from prooflight_console.reading.incidents import LabelledIncident
     from prooflight_console.reading.reprints import Counted
     from prooflight_line.journal.records import PageRecord, RunRow
 
 State = Literal[
-    "no-run", "waiting", "good", "overload", "stop", "look", "silent", "ended", "fault", "interrupted"
+    "no-run",
+    "waiting",
+    "good",
+    "overload",
+    "stop",
+    "blind",
+    "look",
+    "silent",
+    "ended",
+    "fault",
+    "interrupted",
 ]
 """State of the press.
 
-waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: an alarm advises
-to stop, and nobody has answered. look: another alarm is open or unanswered. silent: no sheet comes. fault,
-interrupted, ended: how the run ended.
+waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: misprints go on, of one
+cause or of several, and the press has not stopped since somebody saw them. blind: sheets are not inspected, one
+after the other. look: an alarm of medium priority needs action. good: none does, though one of low priority may.
+silent: no sheet comes. fault, interrupted, ended: how the run ended.
 """
 SILENT_S: Final = 10.0
 """Time without a sheet after which the camera is reported as silent, as ``watch`` does. [s]"""
@@ -79,7 +94,11 @@ class Now:
     cause: LabelledIncident | None
     """The most urgent incident; None if none needs action."""
     incidents: tuple[LabelledIncident, ...]
-    """Incidents that are open or not answered, the most urgent first."""
+    """Incidents that need action and are not shelved, the most urgent first."""
+    shelved: tuple[LabelledIncident, ...]
+    """Incidents that a person shelved, those that end first in front."""
+    flood: bool
+    """Whether more alarms began in the last ten minutes than a person can answer."""
     reprints: Counted
     """Counts of sheets to print again."""
     health: Health
@@ -87,6 +106,8 @@ class Now:
     """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
     """Health of the gate; None if the run has no gate."""
+    handover: Handover | None = None
+    """The last note of hand-over, if it is of the last shift."""
     overload: tuple[int, int] | None = None
     """Late sheets, and how many of the last they are of; None if inspection keeps pace."""
 
@@ -98,10 +119,37 @@ class Now:
     @property
     def alarm(self) -> bool:
         """Whether the alarm should sound."""
-        stops = any(
-            not labelled.seen and labelled.incident.disposition == "stop" for labelled in self.incidents
-        )
-        return stops or self.state == "overload"
+        return self.state == "overload" or (self.state in ("stop", "blind") and self.unseen_costly > 0)
+
+    @property
+    def unseen_costly(self) -> int:
+        """Number of incidents of more than low priority that nobody has seen."""
+        return sum(not one.seen and one.priority is not Priority.LOW for one in self.incidents)
+
+    @property
+    def affected(self) -> int:
+        """Number of the last sheets that these incidents cost, whatever the causes."""
+        return _affected(self.incidents)
+
+    @property
+    def unseen(self) -> int:
+        """Number of incidents that nobody has seen."""
+        return sum(not one.seen for one in self.incidents)
+
+    @property
+    def upto(self) -> int:
+        """Last sheet of these incidents: an acknowledgement of all covers no later one."""
+        return max((one.incident.last_sheet for one in self.incidents), default=0)
+
+    @property
+    def next(self) -> LabelledIncident | None:
+        """The incident to look at next."""
+        return next_alarm(self.incidents)
+
+    @property
+    def shown(self) -> tuple[list[LabelledIncident], list[Group]]:
+        """Incidents that are shown one by one, and the groups of all others."""
+        return single_and_grouped(self.incidents, flooded=self.flood)
 
 
 def health(pages: Sequence[PageRecord], *, quiet_s: float | None) -> Health:
@@ -130,53 +178,67 @@ def now(
     reprints: Counted,
     together: Counts | None = None,
     gate: GateHealth | None = None,
+    begun_s: Sequence[float] = (),
+    handover: Handover | None = None,
 ) -> Now:
-    """Return the current state of the press; incidents: all of the run; pages: its last ones."""
+    """Return the current state of the press.
+
+    Parameters
+    ----------
+    incidents
+        All of the run.
+    pages
+        Its last ones.
+    begun_s
+        Times at which alarms began or returned, by the source's clock, in order. [s]
+    """
     going = run is not None and run.state == "running"
-    pending = sorted((labelled for labelled in incidents if _needs_action(labelled)), key=_urgency)
+    pending = sorted(
+        (one for one in incidents if one.needs_action and not one.shelved), key=lambda one: one.urgency
+    )
+    shelved = [one for one in incidents if one.shelved]
     last = health(pages, quiet_s=quiet_s if going else None)
     slow = overload(pages)
+    stands = last.camera == "bad"
     state: State = "no-run"
     if run is not None:
         urgent = pending[0] if pending else None
         if going and slow is not None:
             state = "overload"
-        elif going and urgent is not None and not urgent.seen and urgent.incident.disposition == "stop":
-            state = "stop"
+        elif going and urgent is not None and _affected(pending) >= GOES_ON and not (stands and urgent.seen):
+            state = "blind" if urgent.incident.kind in BLIND else "stop"
         elif run.state in ("fault", "interrupted"):
             state = "fault" if run.state == "fault" else "interrupted"
         elif not going:
             state = "ended"
         elif not pages:
             state = "waiting"
-        elif last.camera == "bad":
+        elif stands:
             state = "silent"
         else:
-            state = "look" if pending else "good"
+            state = "look" if any(one.priority is not Priority.LOW for one in pending) else "good"
     return Now(
         state=state,
         run=run,
         cause=pending[0] if pending else None,
         incidents=tuple(pending),
+        shelved=tuple(sorted(shelved, key=_ends_s)),
+        flood=bool(pages) and going and flood(begun_s, pages[-1].time_s),
         reprints=reprints,
         health=last,
         together=together,
         gate=gate,
+        handover=handover,
         overload=slow,
     )
 
 
-def _needs_action(labelled: LabelledIncident) -> bool:
-    """Return whether an incident needs action.
-
-    It does if nobody has seen it, if a label does not cover its last sheets, or if it is open and no false
-    alarm.
-    """
-    if not labelled.seen or (labelled.label is not None and not labelled.answered):
-        return True
-    return labelled.incident.open and labelled.word != "false-alarm"
+def _affected(pending: Sequence[LabelledIncident]) -> int:
+    """Return how many of the last sheets incidents cost; each sheet belongs to one incident."""
+    costly = (one for one in pending if one.priority is not Priority.LOW)
+    return sum(one.recent for one in costly if one.of_misprints or one.incident.kind in BLIND)
 
 
-def _urgency(labelled: LabelledIncident) -> tuple[bool, int, bool, int]:
-    incident = labelled.incident
-    return labelled.seen, -LEAST_FIRST.index(incident.disposition), not incident.open, -incident.last_sheet
+def _ends_s(one: LabelledIncident) -> float:
+    assert one.shelving is not None
+    return one.shelving.ends_s

@@ -127,7 +127,7 @@ def quality(
             unanswered += label is None or label.word == UNKNOWN
     false_alarms = FalseAlarms(
         text=figures["promised"] or "",
-        rate=_rate(stations.press(run), run.facts.detector),
+        rate=guaranteed_rate(stations.press(run), run.facts.detector),
         good=run.pages - run.not_inspected - run.misprints + figures["false_alarms"],
         confirmed=figures["false_alarms"],
         unanswered=unanswered,
@@ -170,7 +170,7 @@ def _last_sheet(reading: Reading, run: RunRow) -> int:
     return -1 if follower is None else follower.last_sheet(run.id)
 
 
-def _rate(press: Press | None, detector: str) -> float | None:
+def guaranteed_rate(press: Press | None, detector: str) -> float | None:
     """Return the promised false-alarm rate; None if the detector gives none, or its press is not known."""
     if press is None:
         return None

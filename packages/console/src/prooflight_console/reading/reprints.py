@@ -147,7 +147,7 @@ class Reprints:
             self._with_others(run, rows, labels),
             passed=positions_passed(self._reading, run, rows),
             labels=labels,
-            incident_of=lambda sheet: self._incidents.of_sheet(run, sheet),
+            incident_of=self._incidents.incident_by_sheet(run).get,
             gate=None if gated is None else (gated.log, gated.accounts),
         )
 

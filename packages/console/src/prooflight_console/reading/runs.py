@@ -131,6 +131,20 @@ class Reading:
             raise not_found(f"run {run_id} has no sheet {sheet}")
         return follower.page(run_id, sheet)
 
+    def first_time_s(self, run: RunRow) -> float:
+        """Return the time of a run's first sheet, by the source's clock; 0 if there is none. [s]"""
+        rows = self.sheets(PageQuery(run_id=run.id), after=-1, limit=1, damaged=lambda _: None)
+        return rows[0].page.time_s if rows else 0.0
+
+    def last_time_s(self, run: RunRow) -> float:
+        """Return the time of a run's last sheet, by the source's clock; 0 if there is none. [s]"""
+        follower = self.follower
+        if follower is None:
+            return 0.0
+        last = PageQuery(run_id=run.id, first_sheet=follower.last_sheet(run.id))
+        rows = self.sheets(last, after=-1, limit=1, damaged=lambda _: None)
+        return rows[0].page.time_s if rows else 0.0
+
     def sheets(
         self, query: PageQuery, *, after: int, limit: int, damaged: Callable[[JournalError], None]
     ) -> list[Written]:

@@ -22,6 +22,18 @@ one("theme")?.addEventListener("click", () => {
   document.dispatchEvent(new Event("prooflight:theme"));
 });
 
+// --- from alarm to alarm: N opens the next one, arrows the neighbours, Z undoes a label; a list shows what was done to it ---
+
+document.addEventListener("keydown", (event) => {
+  if (event.target.closest("input, textarea, select, .pane") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const neighbour = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
+  const sought = neighbour ? `a[rel="${neighbour}"]` : `[data-go="${CSS.escape(event.key.toUpperCase())}"]`;
+  document.querySelector(sought)?.click();
+});
+document.addEventListener("htmx:afterRequest", (event) => {
+  if (event.detail.successful && "reload" in event.target.dataset) location.reload();
+});
+
 // --- the menu closes by itself ---
 
 document.addEventListener("click", (event) => {
@@ -54,7 +66,7 @@ if (welcome) {
 // --- sound of alarms that nobody has answered ---
 
 const Sound = {
-  on: localStorage.getItem("sound") === "on",
+  on: localStorage.getItem("sound") !== "off",
   context: null,
   timer: 0,
   alarm: false,
@@ -81,11 +93,17 @@ const Sound = {
       this.timer = setInterval(() => this.call(), 4000);
     }
   },
+  unseen: 0,
+  note(unseen) { // one soft tone for an alarm that does not stop the press
+    if (unseen > this.unseen && this.on && !this.alarm) this.beep(520, 0.3);
+    this.unseen = unseen;
+  },
   call() {
     this.beep(880, 0.18);
     this.beep(660, 0.25, 0.22);
   },
   beep(hertz, seconds, after = 0) {
+    if (!navigator.userActivation?.hasBeenActive) return; // until somebody touches the page, browsers allow no sound
     this.context ??= new AudioContext();
     if (this.context.state === "suspended") this.context.resume().catch(() => {});
     const at = this.context.currentTime + after;
@@ -124,6 +142,7 @@ if (live) {
       if (focused) part.querySelector(`[href="${CSS.escape(focused)}"], [hx-post="${CSS.escape(focused)}"]`)?.focus();
     }
     Sound.set(told.alarm);
+    Sound.note(told.unseen);
     document.title = document.title.replace(/^(● )?/, told.alarm ? "● " : "");
   };
   const show = (told) => {
@@ -195,4 +214,5 @@ if (live) {
   });
   addEventListener("pagehide", () => events.close());
   Sound.set(live.dataset.alarm === "1");
+  Sound.unseen = Number(live.dataset.unseen);
 }

@@ -127,6 +127,21 @@ class LabelStore:
         fields = {"run": run, "sheet": sheet, "incident": incident, "word": label, "note": note, "upto": upto}
         return self._add(fields, by=by, at_s=at_s)
 
+    def say_of_incidents(
+        self, label: str, *, run: str, by: str, at_s: float, upto: Mapping[int, int]
+    ) -> list[Label]:
+        """Add one label to several incidents, all or none. RequestError: as ``say``.
+
+        at_s: Unix time. [s] upto: by incident, the last of its sheets that the person saw.
+        """
+        if label not in LABELS:
+            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+        rows = [
+            {"run": run, "incident": str(number), "word": label, "upto": last}
+            for number, last in upto.items()
+        ]
+        return self._add_all(rows, by=by, at_s=at_s)
+
     def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Label:
         """Add the label that a person has this sheet in hand and that it is good. RequestError: no reason is given.
 
@@ -152,22 +167,28 @@ class LabelStore:
         return self._add(fields, by=by, at_s=at_s)
 
     def _add(self, fields: Mapping[str, Any], *, by: str, at_s: float) -> Label:
+        (label,) = self._add_all([fields], by=by, at_s=at_s)
+        return label
+
+    def _add_all(self, rows: Sequence[Mapping[str, Any]], *, by: str, at_s: float) -> list[Label]:
         name = unicodedata.normalize("NFC", " ".join(by.split()))
         if not 0 < len(name) <= MOST_NAME or not name.isprintable():
             remedy = f"give 1 to {MOST_NAME} letters that can be printed"
             raise RequestError("name", f"{name[:MOST_NAME]!r} is none", remedy=remedy)
         empty: dict[str, Any] = {"sheet": None, "incident": None, "note": "", "upto": None, "undoes": None}
-        row = empty | dict(fields) | {"by": name, "at_s": float(at_s)}
-        row["note"] = row["note"][:MOST_NOTE]
-        names = ", ".join(f'"{name}"' for name in row)
+        added: list[Label] = []
         with closing(self._opened(create=True)) as connection, connection:
             connection.execute("BEGIN IMMEDIATE")
-            added = connection.execute(
-                f"INSERT INTO words ({names}) VALUES ({', '.join('?' * len(row))})", tuple(row.values())
-            )
-            number = added.lastrowid
-        assert number is not None
-        return Label(id=number, **row)
+            for fields in rows:
+                row = empty | dict(fields) | {"by": name, "at_s": float(at_s)}
+                row["note"] = row["note"][:MOST_NOTE]
+                names = ", ".join(f'"{name}"' for name in row)
+                number = connection.execute(
+                    f"INSERT INTO words ({names}) VALUES ({', '.join('?' * len(row))})", tuple(row.values())
+                ).lastrowid
+                assert number is not None
+                added.append(Label(id=number, **row))
+        return added
 
     def of_run(self, run: str) -> list[Label]:
         """Return all labels of a run, in order."""

@@ -141,7 +141,8 @@ def test_misprints_end_with_exit_code_1_and_a_place(
     more = {"shift_mm", "milliseconds", "detector", "family", "reason", "inks", "expected_cost"}
     more |= {"stopping_costs_more", "widened", "codes", "promise_suspended"}
     assert keys | more == set(verdicts[0])
-    assert set(verdicts[0]["regions"][0]) == {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
+    place = {"x_mm", "y_mm", "width_mm", "height_mm", "score", "kind"}
+    assert set(verdicts[0]["regions"][0]) == place | {"ink", "darker_percent", "above_good_sd"}
 
 
 def test_pages_without_scan_are_said_to_be_not_inspected(
@@ -283,7 +284,7 @@ def test_a_table_loses_nothing_in_a_narrow_window_or_in_a_file(
     written = io.StringIO()
     console = PlainConsole()
     console.file = written
-    reason = "a-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
+    reason = "A-word-that-is-longer-than-any-column-of-80-could-ever-be-beside-six-others-" * 2
     verdict = Verdict(page="p0001", verdict="not-inspected", reason=reason, score=12345.6)
     console.print(verdict_table([verdict], title="job on press"))
     shown = written.getvalue()

@@ -5,56 +5,19 @@ from __future__ import annotations
 import pytest
 
 from prooflight.detectors.matched_filter.glyphs.reporting import KINDS as GLYPH_KINDS
-from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.codes.reading import KIND as CODE
-from prooflight.reporting import wording
+from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.report import Counts, sentence
 from prooflight.simulation.worlds import worlds
-
-A4 = (210.0, 297.0)
-
-
-def verdict(kind: str | None, *regions: Region) -> Verdict:
-    return Verdict(page="p0001", verdict="misprint", kind=kind, regions=regions)
-
-
-def region(x: float, y: float, width: float, height: float, kind: str) -> Region:
-    return Region(x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=20.0, kind=kind)
 
 
 def test_every_kind_of_misprint_has_plain_words() -> None:
     kinds = {entry["kind"] for entry in worlds()["misprint"]}
     assert len(kinds) == 12
-    assert kinds | {CODE, *GLYPH_KINDS} == set(wording.KINDS)
-    assert len(set(wording.KINDS.values())) == 15
-
-
-@pytest.mark.parametrize(
-    ("regions", "kind", "words"),
-    [
-        ([], None, "Small deviations on the whole page"),
-        ([region(82, 0, 2, 297, "streak")], "streak", "Streak in print direction at x = 83 mm"),
-        (
-            [region(1, 1, 208, 290, "missing-plane")],
-            "missing-plane",
-            "Missing or faded ink all over the page",
-        ),
-        (
-            [region(-0.1, -0.1, 208, 90, "missing-plane")],
-            "missing-plane",
-            "Missing or faded ink from y = 0 to 90 mm",
-        ),
-        (
-            [region(20, 30, 40, 60, "missing-content"), region(90, 90, 1, 1, "missing-content")],
-            "missing-content",
-            "Part of the page missing around x = 40 mm, y = 60 mm (40 × 60 mm), and 1 more place",
-        ),
-        ([region(20, 30, 4.22, 60, "scum")], "scum", "Ink on blank paper (scum) around x = 22 mm, "
-         "y = 60 mm (4.2 × 60.0 mm)"),
-    ],
-)  # fmt: skip
-def test_headlines(regions: list[Region], kind: str | None, words: str) -> None:
-    assert wording.headline(verdict(kind, *regions), A4) == words
+    named = kinds | {CODE, *GLYPH_KINDS, "blank-sheet", "deviation", "unknown"}
+    for words in KINDS.values():
+        assert set(words) == named
+        assert len(set(words.values())) == len(named)
 
 
 @pytest.mark.parametrize(

@@ -20,18 +20,23 @@ from packages.console.tests.drawn_sheets import MIDDLE, write_drawn
 from packages.line.tests.journal.sample_rows import CUT_MM, facts, misprint
 from PIL import Image
 
+from prooflight.detectors.verdict import Region
 from prooflight.files.content import content_digest
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.redeciding import evidence_to_store
+from prooflight.inspection.redeciding import evidence_to_store, scan_to_store
 from prooflight.pages.files import write_tiff
 from prooflight.spectra import srgb_encoded
 from prooflight_console.accounts.roles import Role
 from prooflight_console.pictures import expected
 from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_at, write_levels
 from prooflight_console.pictures.pictures import tidy
-from prooflight_console.pictures.tiles import Cut, SheetPicture
+from prooflight_console.pictures.seen import make_seen
+from prooflight_console.pictures.tiles import UNSEEN_GREY, Cut, SheetPicture, thumbnail
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
+from prooflight_line.journal.whole import packed
+from prooflight_line.run.outcomes import unknown_sheet
+from prooflight_line.run.sheets.records import Fault, SeenPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,8 +46,10 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight_console.pictures.tiles import Layer
 
 API = "/api/v1"
+BLANK = Fault(kind="blank", first_line=0, detail="it is blank")
 
 
 def decoded(picture: bytes | None) -> NDArray[np.uint8]:
@@ -167,6 +174,64 @@ def test_a_cut_over_four_tiles_has_no_seam() -> None:
     middle = whole[512, 415:610]
     expected_ramp = 255 * srgb_encoded((np.arange(415, 610) + 0.5 - 412) / 200)
     assert np.abs(middle - expected_ramp).max() < 12  # WebP's loss
+
+
+def pyramid(folder: Path, signal: NDArray[np.float32]) -> Pyramid:
+    """Levels of a page at ten pixels to a millimetre."""
+    height, width = signal.shape
+    return write_levels(
+        folder, lambda a, b: signal[a:b], width=width, height=height, size_mm=(width / 10, height / 10)
+    )
+
+
+@pytest.mark.parametrize("layer", ["scan", "difference"])
+def test_beside_what_was_stored_nothing_of_the_expected_page_is_shown(tmp_path: Path, layer: Layer) -> None:
+    page = np.random.default_rng(3).random((400, 300)).astype(np.float32)
+    cut = Cut(signal=page[100:160, 50:90], box_mm=(5.0, 10.0, 4.0, 6.0), region=0)
+    made = pyramid(tmp_path / "page", page)
+    shown = SheetPicture(
+        width=300, height=400, width_mm=30.0, height_mm=40.0, levels=1, cuts=(cut,), expected=made
+    )
+    tile = decoded(shown.tile(layer, 0, 0, 0)).astype(int)
+    beside = np.ones(tile.shape[:2], bool)
+    beside[90:170, 40:100] = False  # WebP blurs the border
+    assert np.abs(tile[beside] - UNSEEN_GREY).max() < 8
+    inside = tile[110:150, 60:80]
+    if layer == "scan":
+        wanted = 255 * srgb_encoded(page[110:150, 60:80])
+        assert np.abs(inside[..., 0] - wanted).mean() < 25, "WebP's loss on noise"
+    else:
+        assert inside.min() > 235, "seen as expected"
+
+
+def test_of_a_whole_scan_too_nothing_is_shown_where_it_ends(tmp_path: Path) -> None:
+    page = pyramid(tmp_path / "page", np.full((300, 300), 0.2, np.float32))
+    scan = np.full((200, 300), 3000, np.uint16)
+    kept = packed({"whole": scan, "whole_mm": np.array([0.0, 0.0, 30.0, 20.0])})
+    make_seen(kept, None, None, page, tmp_path / "seen")
+    seen = Pyramid.read(tmp_path / "seen")
+    assert seen is not None
+    shown = SheetPicture(
+        width=300, height=300, width_mm=30.0, height_mm=30.0, levels=1, cuts=(), expected=page, seen=seen
+    )
+    tile = decoded(shown.tile("scan", 0, 0, 0)).astype(int)
+    assert tile[:190].min() > 245, "paper"
+    assert np.abs(tile[210:] - UNSEEN_GREY).max() < 8
+
+
+def test_a_thumbnail_is_stretched_to_its_defect_s_contrast_and_a_whole_sheet_is_not() -> None:
+    signal = np.full((140, 140), 0.95, np.float32)
+    signal[20:26] = 0.05  # text
+    signal[:, 64:76] *= 0.97  # a streak of 3 %
+    box = (10.0, 20.0, 14.0, 14.0)
+    streak = Region(x_mm=16.4, y_mm=0.0, width_mm=1.2, height_mm=297.0, score=9.0, kind="streak")
+    stretched = decoded(thumbnail([Cut(signal=signal, box_mm=box, region=0)], [streak], side=140))[..., 0]
+    plain = decoded(thumbnail([Cut(signal=signal, box_mm=box)], [], side=140))[..., 0]
+    for picture, least, most in ((stretched, 25, 255), (plain, 0, 8)):
+        paper, defect = (
+            float(np.median(picture[60:, columns])) for columns in (slice(10, 50), slice(66, 74))
+        )
+        assert least <= paper - defect <= most
 
 
 def test_places_outside_are_no_tiles() -> None:
@@ -317,6 +382,29 @@ def test_a_page_that_cannot_be_pictured_is_shown_without_and_tried_once(
         assert (answer["layers"], answer["note"]) == (["scan"], "no-picture")
         console.console.pictures._sheets.clear()
     assert caplog.text.count("page 11 of job.tif cannot be pictured") == 1
+    console.close()
+
+
+def test_a_blank_sheet_has_its_picture_and_its_title(tmp_path: Path, press: Press) -> None:
+    console = served(tmp_path, run=False)
+    scan = np.full((1, 480, 400), 3000, np.uint16)
+    blank = SeenPage(scan=scan, first_line=0, last_line_time_s=1.0, job_page=None, faults=(BLANK,))
+    with Journal.open(str(console.journal)) as journal:
+        run = journal.begin_run(facts())
+        for sheet, evidence in ((60, scan_to_store(scan, press)), (61, None)):
+            journal.record(run, unknown_sheet(sheet, blank, stored_evidence=evidence).record)
+    client = console.client(Role.VIEWER)
+    told = client.get(f"{API}/runs/1/sheets/60/pictures").json()
+    assert (told["layers"], told["whole"], told["note"]) == (["scan"], True, "no-page")
+    assert told["width_mm"] == pytest.approx(400 * press.geometry.pixel_pitch_mm)
+    assert decoded(client.get(f"{API}/runs/1/sheets/60/pictures/scan/0/0/0").content).min() > 240
+    assert client.get("/runs/1/sheets/60/thumbnail").headers["content-type"] == "image/webp"
+    page = client.get("/runs/1/sheets/60").text
+    assert "Sheet 60 · no page of the job" in page
+    assert "sheet 60" not in page.lower().replace("sheet 60 · no page of the job", "").split("<h2>")[1]
+    nothing = client.get(f"{API}/runs/1/sheets/61/pictures").json()
+    assert nothing["layers"] == []
+    assert "No picture of this sheet is stored" in client.get("/runs/1/sheets/61").text
     console.close()
 
 

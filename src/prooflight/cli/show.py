@@ -25,6 +25,7 @@ from rich.text import Text
 from prooflight.detectors.disposition import without_gate
 from prooflight.errors import visible
 from prooflight.reporting import wording
+from prooflight.reporting.defect_text import describe
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def table_of(title: str, headings: Iterable[str], *, text_columns: Collection[st
 
 def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
     """Return verdicts as a table for people."""
-    text_columns = ("page", "verdict", "disposition", "what", "where [mm]")
+    text_columns = ("page", "verdict", "disposition", "what")
     table = table_of(title, text_columns, text_columns=text_columns)
     table.add_column("score", justify="right", overflow="fold")
     table.add_column("ms", justify="right", overflow="fold")
@@ -141,8 +142,7 @@ def verdict_table(verdicts: Iterable[Verdict], *, title: str) -> Table:
             verdict.page,
             Text(verdict.verdict, style=style),
             disposed(*without_gate(verdict)),
-            Text("; ".join(filter(None, (verdict.reason or verdict.kind, *_marks(verdict))))),
-            where(verdict),
+            Text("; ".join(filter(None, (what(verdict), *_marks(verdict))))),
             "" if verdict.score is None else _short(verdict.score),
             f"{verdict.milliseconds:.0f}" if verdict.milliseconds else "",
         )
@@ -192,10 +192,6 @@ def _short(score: float) -> str:
     return f"{score:.0f}" if score < 10_000 else f"{score / 1000:.0f}k"
 
 
-def where(verdict: Verdict) -> str:
-    """Return the strongest region in words."""
-    if not verdict.regions:
-        return ""
-    region = verdict.regions[0]
-    more = f" and {len(verdict.regions) - 1} more" if len(verdict.regions) > 1 else ""
-    return f"{region.width_mm:.0f} x {region.height_mm:.0f} at {region.x_mm:.0f}, {region.y_mm:.0f}{more}"
+def what(verdict: Verdict) -> str:
+    """Return in words what is wrong with a page and where, or why it was not inspected; empty if it is good."""
+    return describe(verdict).brief

@@ -38,12 +38,39 @@ class Region:
     """Deviation of this place in standard deviations, of an 8 x 8 pixel mean or of the statistic that
     detected it."""
     kind: str
+    ink: str = ""
+    """Letter of the ink that is off; empty: it is not one ink, or the sensors do not distinguish it."""
+    darker_percent: float | None = None
+    """By how much the place is darker than expected: more of ``ink``, or less light where that is empty; below 0 it
+    is lighter. None: this was not measured."""
+    above_good_sd: float | None = None
+    """By how much its deviation exceeds the one that 99 of 100 good sheets stay below, in standard deviations of
+    good sheets; None: the detector does not know how good sheets vary."""
 
     @classmethod
-    def rounded(cls, box_mm: tuple[float, float, float, float], *, score: float, kind: str) -> Self:
-        """Return a region rounded for display: x, y, width and height to 0.01 mm, the score to a tenth."""
+    def rounded(
+        cls,
+        box_mm: tuple[float, float, float, float],
+        *,
+        score: float,
+        kind: str,
+        ink: str = "",
+        darker_percent: float | None = None,
+        above_good_sd: float | None = None,
+    ) -> Self:
+        """Return a region rounded for display: x, y, width and height to 0.01 mm, all other numbers to a tenth."""
         x, y, width, height = (round(extent, 2) for extent in box_mm)
-        return cls(x_mm=x, y_mm=y, width_mm=width, height_mm=height, score=round(score, 1), kind=kind)
+        return cls(
+            x_mm=x,
+            y_mm=y,
+            width_mm=width,
+            height_mm=height,
+            score=round(score, 1),
+            kind=kind,
+            ink=ink,
+            darker_percent=None if darker_percent is None else round(darker_percent, 1) + 0.0,
+            above_good_sd=None if above_good_sd is None else round(above_good_sd, 1),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,6 +40,8 @@ WHOLE_PIXELS: Final = 12_000_000
 
 Larger ones are halved.
 """
+UNKNOWN_PIXELS: Final = 2_000_000
+"""Greatest number of pixels of the picture of a sheet that shows no page of the job: nothing is computed from it."""
 ROUNDING: Final = 1e-9
 """Relative tolerance of repeated figures; other processors add in another order."""
 
@@ -55,6 +57,21 @@ def evidence_to_store(
     """
     cuts = _cuts(inspection, page, press) if inspection.verdict.regions else {}
     return {**inspection.stored_arrays, **cuts, **(_whole(inspection, page, press) if whole else {})}
+
+
+def scan_to_store(scan: NDArray[np.uint16], press: Press) -> dict[str, NDArray[Any]]:
+    """Return the picture of a sheet that shows no page of the job, of at most ``UNKNOWN_PIXELS``.
+
+    scan: (sensors, lines, pixels) [DN]. Arrays: "whole" (lines, pixels) [DN] of the first sensor, and "whole_mm", whose
+    origin is the camera's first column and the sheet's leading edge.
+    """
+    geometry = press.geometry
+    lines, pixels = scan.shape[1:]
+    size_mm = pixels * geometry.pixel_pitch_mm, lines * geometry.line_pitch_mm
+    return {
+        "whole": _halved(scan[0], UNKNOWN_PIXELS),
+        "whole_mm": np.array([0.0, -geometry.lead_in_mm, *size_mm]),
+    }
 
 
 def decided_again(stored: StoredEvidence, press: Press, detector_name: str) -> Decision:
@@ -110,11 +127,18 @@ def _whole(inspection: Inspection, page: Page, press: Press) -> dict[str, NDArra
     begin_mm, pitch = _begin_mm(inspection, page, press)
     seen = inspection.measured_dn[0]
     (y, x), (height, width) = -begin_mm, np.array(seen.shape) * pitch
-    image = seen.copy()
-    while image.size > WHOLE_PIXELS:
+    return {"whole": _halved(seen, WHOLE_PIXELS), "whole_mm": np.array([x, y, width, height])}
+
+
+def _halved(image: NDArray[np.uint16], most: int) -> NDArray[np.uint16]:
+    """Return a copy of an image (lines, pixels), halved until it has at most ``most`` pixels."""
+    image = image.copy()
+    while image.size > most:
         half = max(image.shape[1] // 2, 1), max(image.shape[0] // 2, 1)
-        image = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
-    return {"whole": image, "whole_mm": np.array([x, y, width, height])}
+        image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint16).reshape(
+            half[::-1]
+        )
+    return image
 
 
 def _begin_mm(

@@ -290,7 +290,7 @@ def sheet_verdict(plan: SheetPlan, sheet: int, sides: Sequence[SideVerdict]) -> 
     copy, number = divmod(sheet, plan.sheets_a_job)
     why = [f"{side.side}: {side.why}" if side.side else side.why for side in sides if side.verdict != "good"]
     again = [side for side in sides if len(side.rows) > 1 or "repeated" in side.faults]
-    why += [f"its {side.side or 'print'} came again" for side in again]
+    why += [f"its {side.side or 'print'} was captured twice" for side in again]
     why += [
         f"its {side.side or 'print'} came behind its turn" for side in sides if "out-of-order" in side.faults
     ]

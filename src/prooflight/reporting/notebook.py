@@ -37,7 +37,6 @@ MARK: Final = (0, 122, 61)
 """Colour of a region's box: neither end of the difference's scale, nor grey."""
 CAPTIONS: Final = ("Expected by the camera", "Seen by the camera", "Difference")
 SCALE_NOTE: Final = "orange: darker, blue: lighter"
-NO_PAGE: Final = (float("inf"), float("inf"))
 """Size of the page of a verdict alone, which is unknown."""
 
 
@@ -104,7 +103,7 @@ def _(result: Inspection) -> str:
 
 @_sentence.register
 def _(result: Verdict) -> str:
-    return wording.judged(result, NO_PAGE)
+    return wording.judged(result, None)
 
 
 @_sentence.register
@@ -116,8 +115,8 @@ def _(result: Press) -> str:
     )
 
 
-def _size_mm(planned: PlannedPage | None) -> tuple[float, float]:
-    return NO_PAGE if planned is None else (planned.page.width_mm, planned.page.height_mm)
+def _size_mm(planned: PlannedPage | None) -> tuple[float, float] | None:
+    return None if planned is None else (planned.page.width_mm, planned.page.height_mm)
 
 
 def _side_by_side(panels: Sequence[Image.Image], frame: Frame, regions: Sequence[Region]) -> Image.Image:

@@ -19,6 +19,7 @@ from prooflight.inspection.sheets import Counts as SheetCounts
 from prooflight.inspection.sheets import SetVerdict, SheetVerdict
 from prooflight.pages.parallel import KILLED
 from prooflight.reporting import pictures, wording
+from prooflight.reporting.defect_text import describe, shown_kind
 from prooflight.reporting.html import data_uri, template
 
 if TYPE_CHECKING:
@@ -282,6 +283,8 @@ def write_report(
         place=_place,
         decided=lambda verdict: wording.disposition(*without_gate(verdict)),
         name_of_ink=NAME_OF_INK,
+        describe=describe,
+        shown_kind=shown_kind,
         screen_pixels=_screen_pixels,
         saturation=pictures.SATURATION,
     )

@@ -65,28 +65,28 @@ def two_worlds(
         width_mm=WINDOW[1] * press.geometry.pixel_pitch_mm,
         panels=(
             Panel(
-                title="One good print",
-                caption="as the camera sees a piece of it",
+                title="Good print",
+                caption="A section of it, as the camera sees it.",
                 verdict="",
                 picture=encoded(seen),
             ),
             Panel(
-                title="The paper's world",
-                caption="Each pixel against the camera's noise: nothing but noise. "
+                title="Ideal world",
+                caption="Each pixel, compared with the camera's noise: the difference is noise alone. "
                 f"{_scores_text('Chi-square', ideal.verdict)}",
                 verdict=ideal.verdict.verdict,
                 picture=_coloured(_pixel_z(ideal)[window]),
             ),
             Panel(
-                title="A press",
-                caption="The same: register, dot gain and light put every edge and tint off by far more than noise. "
+                title="Press world",
+                caption="The same: register, dot gain and light change every edge and tint by far more than noise. "
                 + _scores_text("Chi-square", paper),
                 verdict=paper.verdict,
                 picture=_coloured(_pixel_z(plain)[window]),
             ),
             Panel(
-                title="The same print, to our detector",
-                caption="What good prints do is found and taken out; the rest, in standard deviations of good prints. "
+                title="Matched filter",
+                caption="The variation of good prints is removed; the rest, in standard deviations of good prints. "
                 + _scores_text("Matched filter", of_matched_filter),
                 verdict=of_matched_filter.verdict,
                 picture=_coloured(_block_z(matched_filter, plain.area, window)),

@@ -7,28 +7,13 @@ from typing import TYPE_CHECKING
 
 from prooflight.detectors.disposition import without_gate
 from prooflight.detectors.registry import family_text
+from prooflight.reporting.defect_phrases import KINDS
+from prooflight.reporting.defect_text import describe
 
 if TYPE_CHECKING:
     from prooflight.detectors.disposition import DecidedBy, Disposition
-    from prooflight.detectors.verdict import Region, Verdict
+    from prooflight.detectors.verdict import Verdict
 
-KINDS = {
-    "missing-plane": "Missing or faded ink",
-    "swapped-planes": "Inks exchanged",
-    "density": "Too much or too little ink",
-    "plane-register": "Ink out of register",
-    "streak": "Streak in print direction",
-    "banding": "Bands across the page",
-    "spots-voids": "Spots or voids",
-    "ghost-smear": "Ghost image or smear",
-    "local-blur": "Blurred area",
-    "missing-content": "Part of the page missing",
-    "wrong-page": "Wrong or displaced content",
-    "scum": "Ink on blank paper (scum)",
-    "code": "Unreadable code",
-    "exchanged-glyph": "Wrong letter or digit",
-    "missing-glyph": "Missing letter or digit",
-}
 DISPOSITIONS: dict[Disposition, str] = {
     "accept": "accepted",
     "hold": "held until a person has seen it",
@@ -41,10 +26,6 @@ WORLDS = {
     "press": "press world: good prints differ as those of a real press do",
     "measured": "measured world: good prints are screened, and differ as public series of real sheets show",
 }
-ALL_OVER_SHARE = 0.6
-"""Share of the page above which a region is described as all over it."""
-ACROSS_SHARE = 0.8
-"""Share of the page's width above which a region is described as a band."""
 
 
 def disposition(what: Disposition, by: DecidedBy) -> str:
@@ -64,31 +45,17 @@ def kind(name: str | None) -> str:
     >>> kind(None)
     'Small deviations on the whole page'
     """
-    if name is None:
-        return "Small deviations on the whole page"
-    return KINDS.get(name, name)
+    return KINDS["en"].get(name or "unknown", name or "")
 
 
-def headline(verdict: Verdict, size_mm: tuple[float, float]) -> str:
-    """Describe an alarm and its position on a page of size_mm (width, height)."""
-    if verdict.reason:
-        return verdict.reason[0].upper() + verdict.reason[1:]
-    if not verdict.regions:
-        return kind(verdict.kind)
-    first, *others = verdict.regions
-    where = _where(first, size_mm)
-    more = f", and {count(len(others), 'more place')}" if others else ""
-    return f"{kind(verdict.kind)} {where}{more}"
-
-
-def judged(verdict: Verdict, size_mm: tuple[float, float]) -> str:
-    """Describe the verdict of a page of size_mm (width, height), in one sentence or two."""
+def judged(verdict: Verdict, size_mm: tuple[float, float] | None) -> str:
+    """Describe the verdict of a page of size_mm (width, height; None: unknown), in one sentence or two."""
     if verdict.verdict == "not-inspected":
         why = f": {verdict.reason}" if verdict.reason else ""
         return f"{verdict.page} was not inspected{why}. Decision: {disposition(*without_gate(verdict))}."
     text = f"{verdict.page} is good."
     if verdict.verdict == "misprint":
-        what = headline(verdict, size_mm)
+        what = describe(verdict, size_mm=size_mm).sentence
         text = f"{verdict.page} is a misprint: {what}. Decision: {disposition(*without_gate(verdict))}."
     note = widened(verdict.widened)
     return f"{text} {note[0].upper()}{note[1:]}." if note else text
@@ -101,22 +68,6 @@ def widened(times: float) -> str:
     'more colours than the fit follows: judged 1.28 times more widely'
     """
     return f"more colours than the fit follows: judged {times:g} times more widely" if times > 1 else ""
-
-
-def _where(region: Region, size_mm: tuple[float, float]) -> str:
-    x, y = region.x_mm + region.width_mm / 2, region.y_mm + region.height_mm / 2
-    if region.kind == "streak":
-        return f"at x = {x:.0f} mm"
-    if region.width_mm * region.height_mm > ALL_OVER_SHARE * size_mm[0] * size_mm[1]:
-        return "all over the page"
-    if region.kind == "missing-plane" or region.width_mm > ACROSS_SHARE * size_mm[0]:
-        return f"from y = {max(region.y_mm, 0):.0f} to {region.y_mm + region.height_mm:.0f} mm"
-    return f"around x = {x:.0f} mm, y = {y:.0f} mm ({_size(region)})"
-
-
-def _size(region: Region) -> str:
-    digits = 1 if min(region.width_mm, region.height_mm) < 10 else 0
-    return f"{region.width_mm:.{digits}f} × {region.height_mm:.{digits}f} mm"
 
 
 def family(name: str | None, detector: str) -> str:

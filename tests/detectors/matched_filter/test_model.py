@@ -24,7 +24,7 @@ from prooflight.detectors.matched_filter.ranking import (
 )
 from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-from prooflight.detectors.matched_filter.statistics.statistic import Statistic, keys_of, values_of
+from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic, keys_of, values_of
 from prooflight.files.schema import Misfit
 from prooflight.prediction.predict import predict
 from prooflight.simulation.misprints.kinds import KINDS
@@ -267,6 +267,16 @@ def test_evidence_is_the_greatest_deviations_p_value(deviation: float, p: float)
     """By quantiles up to the nine tenths, then by a generalised Pareto distribution: (1 + 0.5 x / 3)^-2."""
     found = by_hand().family_evidence(np.array([[deviation, -5.0, deviation]]))
     assert found == pytest.approx(np.full((1, 2), -np.log10(p)))
+
+
+def test_an_excess_is_counted_from_what_99_of_100_good_pages_show() -> None:
+    """A hundredth is 0.1 (1 + 0.5 x / 3)^-2 at x = 6 (sqrt(10) - 1), beyond the two deviations of nine tenths."""
+    level, features = 2 + 6 * (np.sqrt(10) - 1), np.array([5.0, -9.0])
+    white = Observed(statistic=Statistic.parse("fit/white"), value=7.0)
+    assert by_hand().above_good(white, features) == pytest.approx(7.0 - level)
+    box = Observed(statistic=Statistic.parse("box/add-C+/4"), value=2.0)
+    assert by_hand().above_good(box, features) == pytest.approx((np.log(7) - 0.7) / 0.25 - level)
+    assert by_hand().above_good(replace(box, statistic=Statistic.parse("box/void+/4")), features) is None
 
 
 def test_the_score_that_no_misprint_taught_counts_the_kth_family_by_its_kth_part() -> None:

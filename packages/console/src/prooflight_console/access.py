@@ -59,9 +59,8 @@ def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
         if who.scopes is None and request.method not in SAFE:
             meant(request, settings)
             if not secrets.compare_digest(request.headers.get(CSRF_HEADER, "").encode(), who.csrf.encode()):
-                raise Problem(
-                    403, "csrf", f"the header {CSRF_HEADER} does not match this session; reload the page"
-                )
+                detail = f"the header {CSRF_HEADER} does not match the session: reload the page and repeat the action"
+                raise Problem(403, "csrf", detail)
         return who
 
     who_may.needs = Needs(role=role, scope=scope)  # type: ignore[attr-defined]

@@ -61,7 +61,7 @@ class Console:
     began_s: float
     """Unix time at which the console started. [s]"""
     provider: Provider | None = None
-    """OpenID provider at which people may sign in as well as here."""
+    """OpenID provider for sign-in, in addition to the console's own accounts."""
 
     def say(
         self,

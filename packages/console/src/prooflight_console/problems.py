@@ -39,6 +39,8 @@ TITLES: Final = {
     500: "Internal error in Prooflight",
     503: "Temporarily unavailable",
 }
+TITLES_OF_KINDS: Final = {"csrf": "Page out of date", "origin": "Request from another site"}
+"""Titles of kinds that say more than their status does."""
 
 
 class ProblemBody(BaseModel):
@@ -70,10 +72,10 @@ def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
     """Return the response to an exception; ``page`` makes the one that people read."""
     status, kind, detail, headers, errors = _described(error)
     if not request.url.path.startswith(FOR_PROGRAMS):
-        return page(request, status, TITLES.get(status, ""), detail, headers)
+        return page(request, status, kind, detail, headers)
     body = ProblemBody(
         type=f"urn:prooflight:{kind}",
-        title=TITLES.get(status, "The request failed"),
+        title=TITLES_OF_KINDS.get(kind) or TITLES.get(status, "The request failed"),
         status=status,
         detail=detail,
         errors=errors,

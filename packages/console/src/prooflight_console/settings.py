@@ -38,7 +38,7 @@ class ConsoleSettings:
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of proxies whose ``X-Forwarded-For`` is trusted."""
     provider: ProviderSettings | None = None
-    """OpenID provider at which people may sign in as well."""
+    """OpenID provider for sign-in, in addition to the console's own accounts."""
 
     @classmethod
     def of(cls, journal: Path, *, data: Path | None = None, **values: object) -> ConsoleSettings:

@@ -67,7 +67,10 @@ SCREENS: Final = {
 SIZES: Final[dict[str, dict[str, Any]]] = {
     "desktop": {"viewport": {"width": 1440, "height": 900}, "color_scheme": "light"},
     "tablet": {"viewport": {"width": 1024, "height": 768}, "color_scheme": "light", "has_touch": True},
+    "phone": {"viewport": {"width": 390, "height": 844}, "color_scheme": "light", "has_touch": True},
     "dark": {"viewport": {"width": 1440, "height": 900}, "color_scheme": "dark"},
+    "tablet-dark": {"viewport": {"width": 1024, "height": 768}, "color_scheme": "dark", "has_touch": True},
+    "phone-dark": {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark", "has_touch": True},
 }
 SHOWN: Final = """async () => {
   const seen = [...document.images].filter((one) => one.getBoundingClientRect().top < innerHeight);

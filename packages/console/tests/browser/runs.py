@@ -23,6 +23,7 @@ NOON_S: Final = 1_780_000_000.0
 """When the first run began: 28 May 2026. [s]"""
 JOBS: Final = ("spring-catalogue.pdf", "annual-report.pdf", "labels-0417.pdf", "spring-catalogue.pdf")
 TIMES: Final = {"median_ms": 141.2, "p99_ms": 262.9, "p999_ms": 402.5, "greatest_ms": 431.0, "count": 600}
+DARKER_PERCENT: Final = {"streak": 14.0, "spots-voids": 83.0, "missing-content": -61.0}
 EVIL: Final = '<img src=x onerror="document.title=1"><script>document.title=1</script>'
 """Script that somebody put into a name."""
 
@@ -85,7 +86,14 @@ def misprint(
 ) -> PageRecord:
     """One whose cut of the scan is kept."""
     good = sheet(number, rng)
-    region = Region.rounded(box_mm, score=float(rng.normal(12, 1)), kind=kind)
+    region = Region.rounded(
+        box_mm,
+        score=float(rng.normal(12, 1)),
+        kind=kind,
+        ink="M" if kind == "streak" else "",
+        darker_percent=DARKER_PERCENT[kind],
+        above_good_sd=float(rng.normal(8, 0.5)),
+    )
     verdict = replace(
         good.verdict,
         verdict="misprint",

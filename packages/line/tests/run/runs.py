@@ -57,6 +57,9 @@ class SheetInspector:
     def warm_up(self, ready: Any) -> None:
         pass
 
+    def picture_to_store(self, scan: Any) -> None:
+        pass
+
     def following(self, press: Any) -> SheetInspector:
         return self
 

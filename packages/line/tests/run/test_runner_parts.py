@@ -331,7 +331,9 @@ def test_the_terminal_says_where_an_alarm_is_and_keeps_one_line() -> None:
     region = Region(x_mm=80, y_mm=0, width_mm=6, height_mm=297, score=9.0, kind="streak")
     alarm = Verdict(page="p0004", verdict="misprint", kind="streak", regions=(region,))
     (line,) = alarm_lines(outcome(3, seen, alarm))
-    assert line.plain == "sheet 3, p0004: streak at 83, 148 mm"
+    assert line.plain == (
+        "sheet 3, p0004: Streak in print direction: in a streak 6 mm wide, 83 mm from the left edge"
+    )
     assert list(alarm_lines(outcome(3, seen, Verdict(page="p0004", verdict="good")))) == []
     tally = Tally(overloaded=True)
     tally.count("misprints", by=2)

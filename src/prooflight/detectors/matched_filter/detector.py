@@ -5,6 +5,7 @@ It also explains its decisions.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,8 +28,11 @@ from prooflight.detectors.matched_filter.calibrated import score_of, statistics_
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
+    OF_GAIN,
+    amount_of,
     distinct_inks,
     floor_explanation,
+    greatest_gain,
     measured_inks,
     reason_for,
     regions_of,
@@ -68,7 +72,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.statistic import Observed
-    from prooflight.detectors.verdict import Decision, Region
+    from prooflight.detectors.verdict import Decision, Ink, Region
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Kind, PageZones
@@ -396,8 +400,7 @@ class MatchedFilterPage:
         careful: list[Observed],
     ) -> dict[str, Any]:
         """Return kind, places and reason of a misprint."""
-        page, model = self.prepared_page.page, self.model
-        another = shows_another(analysis.registration)
+        model, another = self.model, shows_another(analysis.registration)
         alarmed = self.judge is not None and self.judge.careful_alarms(
             self.detector.calibrated, values_of(careful)
         )
@@ -405,12 +408,12 @@ class MatchedFilterPage:
             return self._careful_explanation(analysis, self.judge.greatest(careful))
         learned = model.kinds_of(values[None], self.prepared_page.page_features[None])[0]
         kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.registration)
-        regions = _regions(strongest, kind, analysis, page)
+        inks = measured_inks(analysis, self.inks)
+        regions = self._regions(strongest, kind, analysis, inks)
         speaking = next(
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
         )
         place = regions[0] if regions else None
-        inks = measured_inks(analysis, self.inks)
         only_parts = kind == WRONG_PAGE_KIND and not another
         distinct = distinct_inks(self.detector.press_context.sensors)
         reason = reason_for(kind, speaking, place, inks, analysis.registration, distinct=distinct)
@@ -423,8 +426,9 @@ class MatchedFilterPage:
         greatest: the area's greatest statistic, with its deviation.
         """
         kind, strongest = kind_of(greatest.statistic), [(greatest.statistic.cause, greatest)]
-        regions = _regions(strongest, kind, analysis, self.prepared_page.page)
-        inks, place = measured_inks(analysis, self.inks), regions[0] if regions else None
+        inks = measured_inks(analysis, self.inks)
+        regions = self._regions(strongest, kind, analysis, inks, careful=True)
+        place = regions[0] if regions else None
         distinct = distinct_inks(self.detector.press_context.sensors)
         reason = reason_for(kind, greatest, place, inks, analysis.registration, distinct=distinct)
         zone = None
@@ -433,6 +437,46 @@ class MatchedFilterPage:
             zone = self.zones.at(*middle)
         name = f" '{zone.name}'" if zone is not None and zone.kind == "careful" else ""
         return {"kind": kind, "regions": regions, "reason": f"{reason}, in the careful zone{name}"}
+
+    def _regions(
+        self,
+        strongest: list[tuple[str, Observed]],
+        kind: str,
+        analysis: ScanAnalysis,
+        inks: dict[str, Ink],
+        *,
+        careful: bool = False,
+    ) -> tuple[Region, ...]:
+        """Return places, those of the verdict's kind first; a wrong page is wrong as a whole.
+
+        careful: the values are deviations of a careful area, of which the model does not know what good pages show.
+        """
+        page = self.prepared_page.page
+        size_mm = page.width_mm, page.height_mm
+        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
+        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
+            return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
+        distinct = distinct_inks(self.detector.press_context.sensors)
+
+        def measured(statistic: Observed) -> dict[str, Any]:
+            ink, darker_percent = amount_of(statistic, analysis.sums, inks, distinct=distinct)
+            if darker_percent is None and kind in OF_GAIN and math.isnan(statistic.box[0]):
+                ink, darker_percent = greatest_gain(inks, distinct=distinct)
+            features = self.prepared_page.page_features
+            above_good_sd = None if careful else self.model.above_good(statistic, features)
+            return {"ink": ink, "darker_percent": darker_percent, "above_good_sd": above_good_sd}
+
+        kinds = [
+            kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest
+        ]
+        order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
+        return regions_of(
+            [strongest[i] for i in order],
+            [kinds[i] for i in order],
+            shift_mm=shift_mm,
+            size_mm=size_mm,
+            measured=measured,
+        )
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
@@ -445,21 +489,6 @@ class MatchedFilterPage:
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
-
-
-def _regions(
-    strongest: list[tuple[str, Observed]], kind: str, analysis: ScanAnalysis, page: Page
-) -> tuple[Region, ...]:
-    """Return places, those of the verdict's kind first; a wrong page is wrong as a whole."""
-    size_mm = page.width_mm, page.height_mm
-    shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
-    if kind == WRONG_PAGE_KIND:  # no place is more specific than another
-        return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
-    kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
-    order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
-    return regions_of(
-        [strongest[i] for i in order], [kinds[i] for i in order], shift_mm=shift_mm, size_mm=size_mm
-    )
 
 
 def summary_of(

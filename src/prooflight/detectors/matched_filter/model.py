@@ -18,6 +18,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
+    deviation_at,
     every_column,
     evidence_of,
     family_columns,
@@ -63,6 +64,9 @@ with a weight of 1 (a ranking of 581 pages); by the shipped ranking 68, 65 and 6
 IN_DEVIATIONS: Final = ("white", "lamp", "gain", "gain-all", "gain-rms", "tilt", "dot", "plane")
 """Amounts that the fit states in standard deviations of good prints, whatever the page's content."""
 ARRAYS: Final = ("family", "centre", "baseline", "sd", "shift", "scale", "quantiles", "tail")
+GOOD_EVIDENCE: Final = 2.0
+"""-log10 of the share of good pages whose greatest deviation of a family is above the level of ``above_good``: 1 of
+100."""
 MOST_SHAPE: Final = 0.5
 """Limit of a tail's shape: beyond, its variance would be infinite."""
 STATISTIC: Final = r"^[a-z]+(/[^/\s]+)+$"
@@ -329,6 +333,20 @@ class DetectorModel:
             best = members[int(np.argmax(deviations[0, members]))]
             result.append((families[index], statistics[best]))
         return result
+
+    def above_good(self, observed: Observed, page_features: NDArray[np.floating]) -> float | None:
+        """Return by how much a statistic's deviation exceeds what its family shows on 99 of 100 good pages. [sd]
+
+        None: the statistic is none of the model's.
+        """
+        if observed.statistic not in self.statistics:
+            return None
+        index = self.statistics.index(observed.statistic)
+        values = np.zeros(len(self.statistics))
+        values[index] = observed.value
+        deviation = self.deviations(values[None], page_features[None])[0, index]
+        level = deviation_at(GOOD_EVIDENCE, self.quantiles, self.tail, self.tail_from)[self.family[index]]
+        return float(deviation - level)
 
     def vector_of(self, statistics: Sequence[Observed]) -> NDArray[np.float32]:
         """Return values (n,) of all the model's statistics, with NaN for those that were not computed.

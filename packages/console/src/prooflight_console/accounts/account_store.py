@@ -44,7 +44,7 @@ LANGUAGES: Final = ("en", "de")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Person:
-    """A person who may sign in."""
+    """A user account."""
 
     id: int
     name: str

@@ -36,7 +36,7 @@ LINK_PATH = "/welcome#"
 
 @router.get("/people", responses=responses(401, 403))
 def people(request: Request, _who: Admin) -> PeopleAnswer:
-    """List everybody who may sign in."""
+    """List all user accounts."""
     return PeopleAnswer(items=[_person(person) for person in console(request).accounts.people()])
 
 

@@ -458,7 +458,7 @@ class SignInRequest(BaseModel):
 
 
 class PersonAnswer(Answer):
-    """A person who may sign in."""
+    """A user account."""
 
     id: int
     name: str
@@ -471,7 +471,7 @@ class PersonAnswer(Answer):
 
 
 class PeopleAnswer(Answer):
-    """All people who may sign in."""
+    """All user accounts."""
 
     items: list[PersonAnswer]
 

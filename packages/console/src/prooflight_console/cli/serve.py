@@ -80,7 +80,9 @@ QueueOption = Annotated[
 ]
 OidcOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE.toml", help="OpenID provider at which people may sign in as well: [oidc]."),
+    typer.Option(
+        metavar="FILE.toml", help="OpenID provider for sign-in, in addition to console accounts: [oidc]."
+    ),
 ]
 TilesMbOption = Annotated[
     int,
@@ -224,7 +226,7 @@ def link(
 
 @user.command("list")
 def users(journal: JournalUrl = None, data: Data = None, json: Json = False) -> None:
-    """List all users who may sign in."""
+    """List all users."""
     from dataclasses import asdict
 
     people = _accounts(journal, data).people()

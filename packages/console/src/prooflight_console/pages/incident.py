@@ -19,7 +19,8 @@ from prooflight_console.api.common import (
     not_modified,
     unchanged,
 )
-from prooflight_console.pages.shell import OperatorPage, ViewerPage, page
+from prooflight_console.pages.defects import incident_text, sheet_text
+from prooflight_console.pages.shell import OperatorPage, ViewerPage, language_of, page
 from prooflight_console.reading.effects import effects
 from prooflight_console.reading.incidents import next_alarm
 from prooflight_line.journal.labels import UNDONE, Labels, run_key
@@ -77,7 +78,7 @@ def thumbnail(request: Request, _who: ViewerPage, run: RunId, sheet: SheetNumber
     tag = etag(run_key(run_row), sheet, "thumbnail", state.pictures.version)
     if unchanged(request, tag):
         return not_modified(tag, A_WHILE)
-    picture = state.pictures.thumbnail(run_row, state.reading.sheet(run_row.id, sheet))
+    picture = state.pictures.thumbnail(run_row, sheet, lambda: state.reading.sheet(run_row.id, sheet))
     headers = {"ETag": tag, "Cache-Control": A_WHILE}
     if picture is None:
         return Response(NO_SCAN, media_type="image/svg+xml", headers=headers)
@@ -240,8 +241,17 @@ def _shown(
     if labelled is not None:
         changed = _effects(state, run, labelled) if labelled.labels else None
         values |= _of_incident(state, run, labelled) | {"effects": changed}
-    values["pictures"] = state.pictures.describe(run, record, wait=False)
-    values["can_replay"] = record.evidence is not None and state.stations.press(run) is not None
+    values["pictures"] = pictures = state.pictures.describe(run, record, wait=False)
+    size_mm = (pictures["width_mm"], pictures["height_mm"]) if "expected" in pictures["layers"] else None
+    t = language_of(request, who)
+    values["text"] = (
+        sheet_text(t, record.verdict, size_mm)
+        if labelled is None
+        else incident_text(t, labelled.incident, verdict=record.verdict, sheet=sheet, size_mm=size_mm)
+    )
+    values["can_replay"] = record.verdict.score is not None and (
+        record.evidence is not None and state.stations.press(run) is not None
+    )
     return page(request, who, "incident", **values)
 
 

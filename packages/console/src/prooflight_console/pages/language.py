@@ -5,7 +5,12 @@ from __future__ import annotations
 import json
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from prooflight.reporting.defect_phrases import KINDS
+
+if TYPE_CHECKING:
+    from prooflight.reporting.defect_phrases import Code
 
 ENGLISH: Final = "en"
 
@@ -16,10 +21,11 @@ class Language:
     An unknown key is an error; a kind that a package adds is shown by its name.
     """
 
-    def __init__(self, code: str) -> None:
+    def __init__(self, code: Code) -> None:
         self.code = code
         folder = files("prooflight_console.pages") / "languages"
-        self._words: dict[str, str] = {}
+        self._words = {f"kind.{name}": text for name, text in KINDS[code].items()}
+        self._words["kind.none"] = KINDS[code]["unknown"]
         for name in (f"{code}.json", f"{code}-office.json"):
             self._words |= json.loads((folder / name).read_text("utf-8"))
 
@@ -56,4 +62,4 @@ class Language:
 @cache
 def language(code: str) -> Language:
     """Return one of ``LANGUAGES``."""
-    return Language(code)
+    return Language(cast("Code", code))

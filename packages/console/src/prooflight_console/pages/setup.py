@@ -74,7 +74,7 @@ def _cached_press(path: Path, _stamp: tuple[int, ...]) -> PressFacts:
 
 @router.get("/setup/users")
 def users_page(request: Request, who: AdminPage) -> Response:
-    """Return the list of people who may sign in."""
+    """Return the list of user accounts."""
     return _users(request, who, whole=True)
 
 

@@ -17,8 +17,8 @@ from prooflight import __version__
 from prooflight_console.access import authenticated, needs
 from prooflight_console.accounts.account_store import LANGUAGES
 from prooflight_console.accounts.roles import Role, Scope, Who
+from prooflight_console.pages.defects import incident_text, sheet_text
 from prooflight_console.pages.language import ENGLISH, Language, language
-from prooflight_console.pages.places import place
 from prooflight_console.problems import Problem
 
 if TYPE_CHECKING:
@@ -55,7 +55,12 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.globals |= {"asset": asset, "place": place, "Role": Role}
+    templates.globals |= {
+        "asset": asset,
+        "incident_text": incident_text,
+        "sheet_text": sheet_text,
+        "Role": Role,
+    }
     templates.filters["moment"] = moment
     templates.filters["quoted"] = lambda text: quote(str(text), safe="")
     return templates
@@ -104,7 +109,7 @@ def page(
 
 
 def problem_page(
-    request: Request, status: int, title: str, detail: str, headers: Mapping[str, str]
+    request: Request, status: int, kind: str, detail: str, headers: Mapping[str, str]
 ) -> Response:
     """Return the page of an error for people; a person who is not signed in is redirected to sign in."""
     wants_page = "HX-Request" not in request.headers
@@ -118,5 +123,5 @@ def problem_page(
     if status == 401:
         headers = {**headers, "HX-Redirect": "/sign-in"}
     return page(
-        request, who, "problem", status=status, headers=headers, code=status, title=title, detail=detail
+        request, who, "problem", status=status, headers=headers, code=status, kind=kind, detail=detail
     )

@@ -28,7 +28,7 @@ from prooflight_console.pictures.tiles import (
     SheetPicture,
     aligned,
     cuts_of,
-    difference,
+    drawn,
     thumbnail,
 )
 from prooflight_console.problems import Problem, not_found
@@ -47,11 +47,13 @@ Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
-VERSION: Final = "2"
+VERSION: Final = "3"
 """Version of the rendering, a part of cache keys: with a new one browsers load pictures again."""
 MOST_AHEAD: Final = 4
 MOST_CACHED: Final = 64
 """Number of sheets with cuts in memory, a quarter of a megabyte each."""
+MOST_THUMBNAILS: Final = 1000
+"""Number of thumbnails in memory, some kilobytes each."""
 PITCH_MM: Final = MM_PER_INCH / 240
 """Pixel pitch of pictures of unknown pages; assumed: the prototype's."""
 A4_MM: Final = (210.0, 297.0)
@@ -73,6 +75,7 @@ class Pictures:
         self._folder, self._bound_bytes, self._stations = folder, bound_bytes, stations
         self._guard = threading.Lock()
         self._sheets: OrderedDict[tuple[str, int], SheetPicture] = OrderedDict()
+        self._thumbnails: OrderedDict[tuple[str, int], bytes | None] = OrderedDict()
         self._making: dict[str, Future[None]] = {}
         self._refused: dict[str, str] = {}
         self._pool: ProcessPoolExecutor | None = None
@@ -91,7 +94,7 @@ class Pictures:
         )
         for level in (0, 1):
             picture.tile("scan", level, 0, 0)
-        difference(cut.signal, cut.signal)
+        drawn("difference", cut.signal, cut.signal)
 
     def describe(self, run: RunRow, page: PageRecord, *, wait: bool = True) -> dict[str, Any]:
         """Describe the pictures of a sheet; see ``PictureAnswer``.
@@ -109,16 +112,18 @@ class Pictures:
             "layers": list(picture.layers),
             "regions": [
                 {
-                    "x_mm": one.x_mm,
-                    "y_mm": one.y_mm,
+                    "x_mm": one.x_mm + moved[0],
+                    "y_mm": one.y_mm + moved[1],
                     "width_mm": one.width_mm,
                     "height_mm": one.height_mm,
                     "kind": one.kind,
                 }
-                for one in page.verdict.regions
+                for one, moved in zip(
+                    page.verdict.regions, picture.moved_mm(len(page.verdict.regions)), strict=True
+                )
             ],
             "cuts": [{"box_mm": list(cut.box_mm)} for cut in picture.cuts],
-            "whole": picture.seen is not None,
+            "whole": picture.seen is not None or any(cut.region is None for cut in picture.cuts),
             "note": self._note(run, page, picture),
         }
 
@@ -144,8 +149,24 @@ class Pictures:
                 return tile
         raise not_found(f"sheet {sheet} has no tile {layer[:20]}/{level}/{column}/{row}")
 
-    def thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
-        """Return a small picture of the first region in the scan; None if no scan of it is stored."""
+    def thumbnail(self, run: RunRow, sheet: int, read: Callable[[], PageRecord]) -> bytes | None:
+        """Return a small picture of the first region in the scan; None if no scan of it is stored.
+
+        read: loads the sheet if its thumbnail is not in memory. Many browsers ask for the same one at once.
+        """
+        key = run_key(run), sheet
+        with self._guard:
+            if key in self._thumbnails:
+                self._thumbnails.move_to_end(key)
+                return self._thumbnails[key]
+        made = self._thumbnail(run, read())
+        with self._guard:
+            self._thumbnails[key] = made
+            while len(self._thumbnails) > MOST_THUMBNAILS:
+                self._thumbnails.popitem(last=False)
+        return made
+
+    def _thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
         number = page_number(run, page)
         size = None if number is None else self._size_mm(run, number)
         placed: Any = {
@@ -154,7 +175,7 @@ class Pictures:
         }
         press = self._stations.press(run)
         cuts = cuts_of(page.evidence, press, **placed) or whole_cut(page.evidence, press, **placed)
-        return thumbnail(cuts, side=THUMBNAIL)
+        return thumbnail(cuts, page.verdict.regions, side=THUMBNAIL)
 
     def ahead(self, run: RunRow, page: PageRecord) -> None:
         """Begin the page of a misprint before it is opened, unless many are pending; does not wait."""
@@ -231,8 +252,9 @@ class Pictures:
         else:
             boxes = [cut.box_mm for cut in cuts]
             boxes += [(one.x_mm, one.y_mm, one.width_mm, one.height_mm) for one in page.verdict.regions]
-            width_mm = max([A4_MM[0], *(x + w for x, _, w, _ in boxes)])
-            height_mm = max([A4_MM[1], *(y + h for _, y, _, h in boxes)])
+            least = (0.0, 0.0) if cuts and cuts[0].region is None else A4_MM  # a whole sheet has its own size
+            width_mm = max([least[0], *(x + w for x, _, w, _ in boxes)])
+            height_mm = max([least[1], *(y + h for _, y, _, h in boxes)])
             width, height = (
                 min(max(round(extent / PITCH_MM), 1), 40_000) for extent in (width_mm, height_mm)
             )

@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.press.artefact import Press
 from prooflight_console.pictures.expected import write_levels
-from prooflight_console.pictures.tiles import FLAT, REACH, Cut, signal_of, valley
+from prooflight_console.pictures.tiles import FLAT, REACH, UNSEEN, Cut, signal_of, valley
 from prooflight_line.journal.whole import NAME, TOP, unpacked
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def make_seen(
     """Write the levels of a sheet's whole scan; called in a process of its own.
 
     The scan is aligned to the page by an affine map, which is fitted to the best matches of blocks: paper
-    shifts, stretches and turns. Where no scan is stored the expected page is shown. Raises ValueError if the
+    shifts, stretches and turns. Where no scan is stored its signal is ``UNSEEN``. Raises ValueError if the
     scan cannot be read.
     """
     read = _read(evidence)
@@ -115,7 +115,7 @@ def _aligned(
         where = finer @ np.vstack([where, [0, 0, 1]])
         first = cv2.warpAffine(signal, where, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     covered = cv2.warpAffine(there, where, size, flags=cv2.INTER_NEAREST).astype(bool)
-    return np.asarray(np.where(covered, first, page), np.float32)
+    return np.asarray(np.where(covered, first, UNSEEN), np.float32)
 
 
 def _fitted(seen: NDArray[np.float32], page: NDArray[np.float32]) -> NDArray[np.float64] | None:

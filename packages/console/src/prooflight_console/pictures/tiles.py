@@ -1,9 +1,9 @@
-"""Tiles of a sheet: the expected page, with the stored parts of the scan at their positions."""
+"""Tiles of a sheet: the stored parts of its scan and nothing else, the expected page, and the difference of both."""
 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import cv2
@@ -12,19 +12,26 @@ from PIL import Image, WebPImagePlugin  # noqa: F401 (else Pillow loads all its 
 
 from prooflight.reporting.pictures import SATURATION, error_colours
 from prooflight.spectra import srgb_encoded
-from prooflight_console.pictures.expected import TILE, Pyramid, size_at
+from prooflight_console.pictures.expected import FULL, TILE, Pyramid, size_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.verdict import Region
     from prooflight.press.artefact import Press
 
 Layer = Literal["scan", "expected", "difference"]
 LAYERS: Final[tuple[Layer, ...]] = ("scan", "expected", "difference")
-GHOST: Final = 0.30
-"""Contrast of the expected page where no scan is stored."""
+UNSEEN: Final = 65_535 / FULL
+"""Signal that stands for no scan; ink and paper give less."""
+UNSEEN_GREY: Final = 150
+"""Grey of the screen where no scan is stored: darker than the ground of the viewer, lighter than ink."""
+LEAST_RANGE: Final = 0.1
+"""Least range of light that a thumbnail's contrast is stretched from: a smaller one would show noise alone."""
+AROUND: Final = 3.0
+"""Range of light of a thumbnail, in multiples of the defect's contrast."""
 STRONG: Final = 0.25
 """Difference at the end of the colour scale, as a share of bare paper's light."""
 MOST_CUTS: Final = 16
@@ -44,6 +51,10 @@ class Cut:
     """(lines, pixels), bare paper 1."""
     box_mm: tuple[float, float, float, float]
     """x, y, width and height on the page as printed."""
+    region: int | None = None
+    """Index of the verdict's region that it shows; None: it shows the whole sheet."""
+    moved_mm: tuple[float, float] = (0.0, 0.0)
+    """By how much ``aligned`` has moved it."""
 
 
 def cuts_of(
@@ -71,7 +82,7 @@ def cuts_of(
         x, y, width, height = (float(part) for part in box)
         light = stored[0].astype(np.float32)
         signal = signal_of(light, (x, width), press, page_width_mm=page_width_mm, shift_mm=shift_mm)
-        cuts.append(Cut(signal=signal, box_mm=(x, y, width, height)))
+        cuts.append(Cut(signal=signal, box_mm=(x, y, width, height), region=index))
     return tuple(cuts)
 
 
@@ -116,6 +127,11 @@ class SheetPicture:
     coming: bool = False
     """Whether ``expected`` or ``seen`` is being made."""
 
+    def moved_mm(self, regions: int) -> list[tuple[float, float]]:
+        """Return by how much each of the verdict's regions moves with its cut. [mm]"""
+        moved = {cut.region: cut.moved_mm for cut in self.cuts}
+        return [moved.get(index, (0.0, 0.0)) for index in range(regions)]
+
     @property
     def layers(self) -> tuple[Layer, ...]:
         """Layers that exist."""
@@ -136,27 +152,11 @@ class SheetPicture:
         expected = np.ones(shape, np.float32) if pyramid is None else pyramid.part(level, left, top, TILE)
         if self.seen is not None and layer != "expected":
             seen = self.seen.part(level, left, top, TILE)
-            return encoded(grey(seen) if layer == "scan" else difference(seen, expected))
-        return encoded(self._drawn(layer, expected, (left, top), 2.0 ** (level - self.levels + 1)))
-
-    def _drawn(
-        self, layer: Layer, expected: NDArray[np.float32], corner: tuple[int, int], scale: float
-    ) -> NDArray[np.uint8]:
-        """Draw a layer: (lines, pixels) grey, or (lines, pixels, 3). corner: left and top [pixels]."""
-        if layer == "expected":
-            return grey(expected)
-        ghost = 1 - GHOST * (1 - shown(expected))
-        seen = np.full(expected.shape, np.nan, np.float32)
-        for cut in self.cuts:
-            self._lay(cut, seen, corner, scale)
-        there = np.isfinite(seen)
-        if layer == "scan":
-            light = np.where(there, shown(np.nan_to_num(seen)), ghost)
-            return np.asarray(np.rint(255 * light).astype(np.uint8))
-        off = np.where(there, cv2.GaussianBlur(np.where(there, seen - expected, 0), (0, 0), 0.8), 0)
-        colours = error_colours(np.asarray(off * (SATURATION / STRONG), np.float32))
-        colours *= np.where(there, 1.0, ghost)[..., None]
-        return np.asarray(np.rint(colours).astype(np.uint8))
+        else:
+            seen = np.full(expected.shape, UNSEEN, np.float32)
+            for cut in self.cuts:
+                self._lay(cut, seen, (left, top), 2.0 ** (level - self.levels + 1))
+        return encoded(drawn(layer, seen, expected))
 
     def _lay(self, cut: Cut, into: NDArray[np.float32], corner: tuple[int, int], scale: float) -> None:
         """Draw a cut into a tile at its position."""
@@ -187,12 +187,16 @@ class SheetPicture:
         into[first[1] : last[1], first[0] : last[0]] = drawn
 
 
-def difference(seen: NDArray[np.float32], expected: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the difference in colour, (lines, pixels, 3), where both signals are known everywhere."""
-    off = cv2.GaussianBlur(seen - expected, (0, 0), 0.8)
-    return np.asarray(
-        np.rint(error_colours(np.asarray(off * (SATURATION / STRONG), np.float32))).astype(np.uint8)
-    )
+def drawn(layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Draw a layer: (lines, pixels) grey, or (lines, pixels, 3); ``UNSEEN_GREY`` where ``seen`` is ``UNSEEN``."""
+    if layer == "expected":
+        return grey(expected)
+    there = seen < (1 + UNSEEN) / 2
+    if layer == "scan":
+        return np.where(there, grey(seen), np.uint8(UNSEEN_GREY))
+    off = cv2.GaussianBlur(np.where(there, seen - expected, np.float32(0)), (0, 0), 0.8)
+    colours = error_colours(np.asarray(off * (SATURATION / STRONG), np.float32))
+    return np.where(there[..., None], np.rint(colours), UNSEEN_GREY).astype(np.uint8)
 
 
 def aligned(cut: Cut, expected: Pyramid) -> Cut:
@@ -213,7 +217,9 @@ def aligned(cut: Cut, expected: Pyramid) -> Cut:
     row, column = np.unravel_index(int(off.argmin()), off.shape)
     x = begin[0] + column + valley(off[row], int(column))
     y = begin[1] + row + valley(off[:, column], int(row))
-    return Cut(signal=cut.signal, box_mm=(x / scale[0], y / scale[1], *cut.box_mm[2:]))
+    corner = x / scale[0], y / scale[1]
+    moved = corner[0] - cut.box_mm[0], corner[1] - cut.box_mm[1]
+    return replace(cut, box_mm=(*corner, *cut.box_mm[2:]), moved_mm=moved)
 
 
 def valley(values: NDArray[np.float32], at: int) -> float:
@@ -225,18 +231,52 @@ def valley(values: NDArray[np.float32], at: int) -> float:
     return 0.0 if bend <= 0 else 0.5 * (before - after) / bend
 
 
-def thumbnail(cuts: Sequence[Cut], *, side: int) -> bytes | None:
-    """Return the first cut as a square picture; None if there is none."""
+def thumbnail(cuts: Sequence[Cut], regions: Sequence[Region], *, side: int) -> bytes | None:
+    """Return the first cut as a square picture, stretched to its defect's contrast; None if there is no cut."""
     if not cuts:
         return None
-    signal = cuts[0].signal
+    cut = cuts[0]
+    region = regions[cut.region] if cut.region is not None and cut.region < len(regions) else None
+    signal = stretched(cut, region)
     lines, pixels = signal.shape
     scale = side / min(lines, pixels)
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     size = max(round(pixels * scale), side), max(round(lines * scale), side)
-    drawn = cv2.resize(signal, size, interpolation=how).reshape(size[1], size[0])
+    resized = cv2.resize(signal, size, interpolation=how).reshape(size[1], size[0])
     top, left = (size[1] - side) // 2, (size[0] - side) // 2
-    return encoded(grey(drawn[top : top + side, left : left + side]))
+    part = np.clip(resized[top : top + side, left : left + side], 0, 1)
+    return encoded(np.asarray(np.rint(255 * part).astype(np.uint8)))
+
+
+def stretched(cut: Cut, region: Region | None) -> NDArray[np.float32]:
+    """Return a cut as shades of a screen, 0..1, in which the defect's contrast is at least a third of the range.
+
+    The range is ``AROUND`` times the difference of the medians inside and outside of the region, and lies about both;
+    it is never wider than from black to paper. A whole sheet is shown as it is.
+    """
+    light = shown(cut.signal)
+    if region is None:
+        return light
+    inside = _inside(cut, region)
+    if inside.all() or not inside.any():
+        low, high = (float(one) for one in np.quantile(cv2.GaussianBlur(light, (0, 0), 1.0), (0.02, 0.98)))
+        spread = high - low
+    else:
+        low, high = sorted((float(np.median(light[inside])), float(np.median(light[~inside]))))
+        spread = AROUND * (high - low)
+    spread = min(max(spread, LEAST_RANGE), 1.0)
+    begin = min(max((low + high - spread) / 2, 0.0), 1.0 - spread)
+    return np.asarray((light - begin) / spread, np.float32)
+
+
+def _inside(cut: Cut, region: Region) -> NDArray[np.bool_]:
+    """Return which pixels of a cut are in a region."""
+    lines, pixels = cut.signal.shape
+    x, y, width, height = cut.box_mm
+    across = x + (np.arange(pixels) + 0.5) * width / pixels - region.x_mm
+    down = y + (np.arange(lines) + 0.5) * height / lines - region.y_mm
+    within = (across >= 0) & (across <= region.width_mm)
+    return np.asarray(((down >= 0) & (down <= region.height_mm))[:, None] & within)
 
 
 def grey(signal: NDArray[np.float32]) -> NDArray[np.uint8]:

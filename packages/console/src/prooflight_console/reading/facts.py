@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from prooflight_console.reading.now import Now
     from prooflight_line.journal.following import Written
     from prooflight_line.journal.labels import Label
-    from prooflight_line.journal.records import RunRow
+    from prooflight_line.journal.records import PageRecord, RunRow
 
 
 MOST_INCIDENTS = 20
@@ -49,7 +49,13 @@ def live_sheet(row: Written) -> dict[str, Any]:
         "kind": verdict.kind,
         "late": row.page.late,
         "faults": list(row.page.faults),
+        "pictured": pictured(row.page),
     }
+
+
+def pictured(page: PageRecord) -> bool:
+    """Return whether a camera image of a sheet is stored where the run stores evidence: of misprints and samples."""
+    return page.verdict.verdict == "misprint" or page.asked is not None
 
 
 def label_of(label: Label) -> dict[str, Any]:
@@ -61,9 +67,10 @@ def label_of(label: Label) -> dict[str, Any]:
 
 def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     """Return an incident with its labels."""
-    fields = _finite(asdict(labelled.incident))
+    fields = asdict(labelled.incident)
+    del fields["last_verdict"]  # a sheet's, not the incident's
     return {
-        **fields,
+        **_finite(fields),
         "open": labelled.incident.open,
         "priority": labelled.priority.value,
         "shelved_until_s": labelled.shelving.ends_s if labelled.shelving and labelled.shelved else None,

@@ -177,6 +177,25 @@ if (live) {
     if (known) known.replaceWith(cell);
     else strip.append(cell);
     while (strip.children.length > room) strip.firstElementChild.remove();
+    if (sheet.pictured && !known) picture(sheet);
+  };
+  // The latest camera images, the latest first: of misprints and of the random sample, of which alone one is stored.
+  const film = one("seen");
+  const picture = (sheet) => {
+    const last = film.firstElementChild?.dataset.run;
+    if (last && last !== String(sheet.run)) film.replaceChildren();
+    const cell = document.createElement("li");
+    cell.dataset.run = sheet.run;
+    const link = document.createElement("a");
+    link.href = `/runs/${sheet.run}/sheets/${sheet.sheet}`;
+    const image = document.createElement("img");
+    image.src = `${link.href}/thumbnail`;
+    image.alt = "";
+    image.width = image.height = 88;
+    link.append(image, sheet.sheet);
+    cell.append(link);
+    film.prepend(cell);
+    while (film.children.length > Number(film.dataset.room)) film.lastElementChild.remove();
   };
 
   // EventSource comes again by itself and says the last id, so that no sheet is lost meanwhile.

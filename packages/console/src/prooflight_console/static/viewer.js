@@ -1,4 +1,4 @@
-// Seen, expected and difference with one zoom: side by side, wiped, or blinking. Keys: W, B, S; + and - zoom, 0 shows the page.
+// Seen, expected and difference with one zoom: side by side, wiped, blinking, or the difference alone. Keys: S, W, B, D; + and - zoom, 0 shows the page.
 "use strict";
 
 const look = () => {
@@ -8,6 +8,9 @@ const look = () => {
   const mark = document.createElementNS("urn:prooflight", "style");
   mark.setAttribute("data-openseadragon-mobile-css", "true");
   document.head.append(mark);
+  // Three pictures next to each other are too narrow on a phone; viewers are made at the size that they have then.
+  const narrow = viewers.querySelectorAll("figure").length === 3 && matchMedia("(max-width: 560px)").matches;
+  if (narrow) viewers.dataset.mode = "wipe";
   const told = JSON.parse(document.getElementById("picture").textContent);
   const perMm = told.width / told.width_mm / told.width; // OpenSeadragon's unit is the picture's width
   const panes = [...viewers.querySelectorAll("figure")].map((figure) => {
@@ -55,9 +58,12 @@ const look = () => {
     const y = region.y_mm + region.height_mm / 2 - high / 2;
     return new OpenSeadragon.Rect(x * perMm, y * perMm, wide * perMm, high * perMm);
   };
+  // What was seen of a defect that is longer than the stored section is that section.
   const place = (at_once) => {
     const first = told.regions[0];
-    if (first) panes[0].viewer.viewport.fitBounds(box(first, 8), at_once);
+    const [x_mm, y_mm, width_mm, height_mm] = told.whole ? [] : (told.cuts[0]?.box_mm ?? []);
+    const bounds = x_mm === undefined ? first && box(first, 8) : box({ x_mm, y_mm, width_mm, height_mm }, 1);
+    if (bounds) panes[0].viewer.viewport.fitBounds(bounds, at_once);
   };
   let ready = 0;
   for (const { viewer, layer } of panes) {
@@ -70,7 +76,7 @@ const look = () => {
         const rect = new OpenSeadragon.Rect(x_mm * perMm, y_mm * perMm, width_mm * perMm, height_mm * perMm);
         viewer.addOverlay({ element: frame, location: rect, checkResize: false });
       };
-      if (layer !== "expected") for (const cut of told.cuts) lay("cut", ...cut.box_mm);
+      if (layer !== "expected" && !told.whole) for (const cut of told.cuts) lay("cut", ...cut.box_mm);
       told.regions.forEach((region, index) => {
         lay(index ? "region" : "region first", region.x_mm, region.y_mm, region.width_mm, region.height_mm);
       });
@@ -105,13 +111,14 @@ const look = () => {
   };
   for (const button of document.querySelectorAll("button[data-mode]")) button.addEventListener("click", () => show(button.dataset.mode));
   for (const button of document.querySelectorAll("button[data-zoom]")) button.addEventListener("click", () => zoom(button.dataset.zoom));
+  if (narrow) show("wipe");
   const wipe = viewers.querySelector(".wipe");
   wipe.addEventListener("input", () => viewers.style.setProperty("--wipe", wipe.value + "%"));
 
   document.addEventListener("keydown", (event) => {
     if (event.target.matches("input, textarea, select") || event.ctrlKey || event.metaKey || event.altKey) return;
     const key = event.key.toLowerCase();
-    const modes = { s: "side", w: "wipe", b: "blink" };
+    const modes = { s: "side", w: "wipe", b: "blink", d: "difference" };
     if (modes[key] && panes.length === 3) show(modes[key]);
     else if (key === "+") zoom("in");
     else if (key === "-") zoom("out");

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from prooflight.errors import plain, sentence
 from prooflight.reporting import wording
+from prooflight.reporting.defect_text import describe
 from prooflight_line.run.pace import REMEDY
 from prooflight_line.run.status import Phase
 
@@ -51,7 +52,7 @@ def alarm_lines(outcome: Outcome) -> Iterator[Text]:
     record = outcome.record
     verdict = record.verdict
     if verdict.verdict == "misprint":
-        what = verdict.reason or " ".join(filter(None, (verdict.kind or "misprint", _place(outcome))))
+        what = describe(verdict).sentence
         yield Text(f"sheet {record.sheet}, {plain(verdict.page)}: {what}", style="red")
     for one in outcome.announcements:
         what = sentence(one.text.rpartition(":")[0])
@@ -99,10 +100,3 @@ def _counts(status: Status, deadline_s: float | None, sheets: str) -> Iterator[s
     verdict = status.stages["verdict"]
     limit = "" if deadline_s is None else f" of {deadline_s * 1e3:.0f}"
     yield f"verdicts after {verdict.median_ms:.0f} ms, 99.9 % within {verdict.p999_ms:.0f}{limit} ms"
-
-
-def _place(outcome: Outcome) -> str:
-    if not outcome.record.verdict.regions:
-        return ""
-    region = outcome.record.verdict.regions[0]
-    return f"at {region.x_mm + region.width_mm / 2:.0f}, {region.y_mm + region.height_mm / 2:.0f} mm"

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from prooflight.detectors.disposition import Disposition
-    from prooflight.detectors.verdict import Region
+    from prooflight.detectors.verdict import Region, Verdict
     from prooflight_line.journal.records import PageRecord
     from prooflight_line.run.places import Box
 
@@ -105,6 +105,8 @@ class Incident:
     """Most severe disposition among its sheets."""
     reason: str
     """Reason of its last sheet, in one line."""
+    last_verdict: Verdict
+    """Verdict of its last sheet, whose first region is the incident's."""
     returned: int
     """Number of times it recurred after it had ended."""
     ended_with: int | None
@@ -409,6 +411,7 @@ class _Tracked:
             size_mm2=self._size.trend(),
             disposition=self._disposition,
             reason=last.verdict.reason,
+            last_verdict=last.verdict,
             returned=self.returned,
             ended_with=self.ended_with,
         )

@@ -85,7 +85,9 @@ def skipped(number: int, seen: SeenPage, why: str, *, name: str | None = None) -
     return outcome(number, seen, Verdict.skipped(name, why))
 
 
-def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
+def unknown_sheet(
+    number: int, seen: SeenPage, *, stored_evidence: Mapping[str, NDArray[Any]] | None = None
+) -> Outcome:
     """Return the outcome of a sheet that shows no page of the job: it is a misprint."""
     kinds = kinds_of(seen.faults)
     blank = "blank" in kinds
@@ -95,6 +97,7 @@ def unknown_sheet(number: int, seen: SeenPage) -> Outcome:
         number,
         seen,
         Verdict(page=f"sheet {number}", verdict="misprint", kind=kind, reason=reason),
+        stored_evidence=stored_evidence,
     )
 
 

@@ -392,7 +392,9 @@ class Running:
         elif "blank" not in kinds_of(page.faults) and (doubt := self._doubt(next_page)):
             self._done.put(skipped(number, page, doubt))
         else:
-            self._done.put(unknown_sheet(number, page))
+            self._done.put(
+                unknown_sheet(number, page, stored_evidence=self._inspector.picture_to_store(page.scan))
+            )
 
     def _why_unusable(self, sheet: int) -> str:
         """Return why a sheet's page cannot be used; empty: no failure is recorded."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from prooflight.inspection.lost_lines import inspect_where_seen
 from prooflight.inspection.packed_design import PackedDesign
-from prooflight.inspection.redeciding import evidence_to_store
+from prooflight.inspection.redeciding import evidence_to_store, scan_to_store
 from prooflight_line.run.monitor.evidence import run_evidence
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.sampling import Sampling
@@ -113,6 +113,13 @@ class SheetInspector:
             else None,
             asked=asked,
         )
+
+    def picture_to_store(self, scan: NDArray[np.uint16]) -> dict[str, NDArray[Any]] | None:
+        """Return the picture of a sheet that shows no page of the job; None: no evidence of misprints is kept.
+
+        scan: (sensors, lines, pixels) [DN].
+        """
+        return None if self.keep == "none" else scan_to_store(scan, self.inspector.press)
 
     def warm_up(self, ready: PackedDesign) -> None:
         """Exercise inspection and preparation, so that the first sheets wait for no compiler, cache or memory.

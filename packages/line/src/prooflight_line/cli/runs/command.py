@@ -443,7 +443,7 @@ def _page_table(pages: Iterable[PageRecord], *, title: str) -> Table:
     )
     for page in pages:
         verdict = page.verdict
-        what = [verdict.reason or " ".join(filter(None, (verdict.kind, show.where(verdict))))]
+        what = [show.what(verdict)]
         what += ["late"] if page.late else []
         what += filter(None, [show.reserved(verdict)])
         table.add_row(

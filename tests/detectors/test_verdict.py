@@ -16,9 +16,9 @@ def test_a_verdict_says_everything_in_json() -> None:
     verdict = Verdict(page="p0007", verdict="misprint", regions=(region,), kind="streak")
     read = json.loads(json.dumps(asdict(verdict), allow_nan=False))
     assert read["page"] == "p0007"
-    assert read["regions"] == [
-        {"x_mm": 1.5, "y_mm": 2.0, "width_mm": 3.0, "height_mm": 4.0, "score": 9.5, "kind": "streak"}
-    ]
+    place = {"x_mm": 1.5, "y_mm": 2.0, "width_mm": 3.0, "height_mm": 4.0}
+    amount = {"ink": "", "darker_percent": None, "above_good_sd": None}
+    assert read["regions"] == [{**place, "score": 9.5, "kind": "streak", **amount}]
     # the names that other tools rely on
     contract = "page verdict probability score threshold p_value kind regions shift_mm milliseconds"
     assert set(contract.split()) <= set(read)

@@ -133,8 +133,8 @@ def test_a_run_is_shown_by_the_pages_to_look_at(journal: Path, capsys: pytest.Ca
     for said in (
         "p0002",
         "streak",
-        "streak 1 x 297 at 83, 0; late",
-        "the machine is too slow",
+        "in a streak 1 mm wide, 84 mm from the left edge; late",
+        "The machine is too slow",
         "slip; lost-lines",
         "black drifts",
     ):
@@ -275,7 +275,7 @@ def test_damaged_rows_are_named_after_the_others_are_shown(
 ) -> None:
     bad = change(journal, tmp_path / "bad.sqlite", "UPDATE pages SET time_s = 'x' WHERE sheet = 1")
     for command, shown in (
-        (("show", 1), "the machine is too slow"),
+        (("show", 1), "The machine is too slow"),
         (("show", 1, "--json"), "the machine is too slow"),
         (("export", 1), "the machine is too slow"),
         (("export", 1, "--json"), "the machine is too slow"),

@@ -21,8 +21,8 @@ MANY = 40
 SAY = """
 import sys
 from pathlib import Path
-from prooflight_line.journal.labels import Words
-words = Words(Path(sys.argv[1]))
+from prooflight_line.journal.labels import LabelStore
+words = LabelStore(Path(sys.argv[1]))
 for sheet in range(int(sys.argv[3])):
     words.say("good", run="1@1000", sheet=sheet, by=sys.argv[2], at_s=float(sheet))
 """

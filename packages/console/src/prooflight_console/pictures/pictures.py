@@ -159,12 +159,12 @@ class Pictures:
             if key in self._thumbnails:
                 self._thumbnails.move_to_end(key)
                 return self._thumbnails[key]
-        made = self._thumbnail(run, read())
+        thumbnail = self._thumbnail(run, read())
         with self._guard:
-            self._thumbnails[key] = made
+            self._thumbnails[key] = thumbnail
             while len(self._thumbnails) > MOST_THUMBNAILS:
                 self._thumbnails.popitem(last=False)
-        return made
+        return thumbnail
 
     def _thumbnail(self, run: RunRow, page: PageRecord) -> bytes | None:
         number = page_number(run, page)

@@ -96,6 +96,11 @@ def test_every_endpoint_refuses_roles_below_its_own_and_no_other(console: Served
     assert not wrong
 
 
+def test_the_event_stream_of_a_page_without_a_session_ends_for_good(console: Served) -> None:
+    answer = console.client().get("/now/events?after=0", headers={"accept": "text/event-stream"})
+    assert (answer.status_code, answer.content) == (204, b"")  # a browser reconnects after anything else
+
+
 def test_nobody_gets_anything(console: Served) -> None:
     client = console.client()
     for method, path, asked, _ in endpoint_rows(console.app):

@@ -91,7 +91,7 @@ def misprint(
         score=float(rng.normal(12, 1)),
         kind=kind,
         ink="M" if kind == "streak" else "",
-        darker_percent=DARKER_PERCENT[kind],
+        darker_percent=DARKER_PERCENT.get(kind),
         above_good_sd=float(rng.normal(8, 0.5)),
     )
     verdict = replace(

@@ -47,8 +47,9 @@ PARTS: Final = (
     *("/now/events", "/setup/camera/events", "/press/{run}/course", "/press/figures", "/setup/audit/chain"),
     *("/runs/{run}/sheets/{sheet}/again", "/runs/{run}/sheets/{sheet}/thumbnail", "/runs/{run}/reprint.csv"),
     *("/setup/zones/{job}/picture", "/sign-in/provider/return", "/static/{name:path}"),
+    *("/healthz", "/metrics", "/readyz"),
 )
-"""What pages fetch, and what leads to them."""
+"""What pages fetch, what leads to them, and what programs ask."""
 LEAST_PX: Final = 44
 """WCAG 2.2, target size (enhanced)."""
 TOO_SMALL: Final = """least => {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from urllib.parse import quote
 
 from fastapi import Depends, Request
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
@@ -23,8 +23,6 @@ from prooflight_console.problems import Problem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from fastapi.responses import Response
 
     from prooflight_console.console import Console
 
@@ -112,6 +110,8 @@ def problem_page(
     request: Request, status: int, kind: str, detail: str, headers: Mapping[str, str]
 ) -> Response:
     """Return the page of an error for people; a person who is not signed in is redirected to sign in."""
+    if status == 401 and request.headers.get("accept") == "text/event-stream":
+        return Response(status_code=204)  # the browser reconnects no more, and the page loads itself again
     wants_page = "HX-Request" not in request.headers
     if status == 401 and wants_page and request.method == "GET":
         back = request.url.path + (f"?{request.url.query}" if request.url.query else "")

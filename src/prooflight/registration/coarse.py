@@ -90,7 +90,9 @@ def coarse_page(
     strength = across**2 + along**2
     flat = strength.ravel()
     count = min(MOST_POINTS, int((flat > LEAST_EDGE**2).sum()))
-    points = np.sort(np.argpartition(-flat, min(count, len(flat) - 1))[:count]) if count else np.zeros(0, np.intp)
+    points = (
+        np.sort(np.argpartition(-flat, min(count, len(flat) - 1))[:count]) if count else np.zeros(0, np.intp)
+    )
     rows, columns = picture.shape
     x_mm = geometry.centres_x_mm(page_width_mm)[: columns * SHRINK].reshape(-1, SHRINK).mean(axis=1)
     y_mm = geometry.centres_y_mm(rows * SHRINK).reshape(-1, SHRINK).mean(axis=1)

@@ -20,7 +20,7 @@ SOURCES = {
     "prooflight_line": ROOT / "packages" / "line" / "src",
     "prooflight_console": ROOT / "packages" / "console" / "src",
 }
-"""Where each package lies, from the lowest to the highest."""
+"""Source folders of the packages, from the lowest to the highest."""
 INDEX = "reference/api/index.md"
 
 
@@ -83,12 +83,12 @@ def rooms(package: str) -> list[str]:
 
 
 def page_of(package: str, room: str) -> str:
-    """Where a room's page lies."""
+    """Return the path of a room's page."""
     return f"reference/api/{package}/{room}.md"
 
 
 def room_page(package: str, room: str) -> str:
-    """Every module of a room that says what it is."""
+    """Return the page of a room: each of its modules."""
     source = SOURCES[package]
     at = source / package / room
     modules = sorted(at.rglob("*.py")) if at.is_dir() else [at.with_suffix(".py")]
@@ -101,7 +101,7 @@ def room_page(package: str, room: str) -> str:
 
 
 def first_line(room: Path) -> str:
-    """What a room says of itself."""
+    """Return the first paragraph of a room's docstring."""
     path = room / "__init__.py" if room.is_dir() else room.with_suffix(".py")
-    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    return said.split("\n\n")[0].replace("\n", " ")
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return docstring.split("\n\n")[0].replace("\n", " ")

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import tifffile
 from tests.stand_ins import SHARED
+from tests.two_sensors import BLUE_SENSOR
 
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import trained
@@ -103,27 +104,6 @@ class Designs:
         return replace(design(index + 1, height_mm=30.0), number=index + 1)
 
 
-BLUE = """
-[[sensor]]
-name = "blue"
-pixels = 2048
-pixel_pitch_um = 13.0
-fill_factor = 0.90
-tdi_stages = 96
-line_rate_hz = 2770.0
-conversion_gain_uv_per_e = 20.0
-voltage_swing_v = 2.0
-read_noise_e = 60.0
-dark_current_e_per_s = 300.0
-dsnu_e = 10.0
-prnu_percent = 0.5
-bits = 10
-black_level_dn = 16
-quantum_efficiency = { wave_nm = [380, 450, 500, 550, 730], qe = [0.2, 0.5, 0.35, 0.05, 0.0] }
-
-[costs]"""
-
-
 class Presses:
     """Built once each. shaken: a seed by which every column's gain is moved by ``SHAKEN``; 0: none is moved."""
 
@@ -137,7 +117,7 @@ class Presses:
     @cached_property
     def two(self) -> Press:
         """With a second sensor, of 10 bits."""
-        text = PressFile.prototype().text.replace("[costs]", BLUE)
+        text = PressFile.prototype().text.replace("[costs]", BLUE_SENSOR)
         return self._moved(build_press(PressFile(Path("two.toml"), text), seed=2, pixels=400))
 
     def _moved(self, press: Press) -> Press:

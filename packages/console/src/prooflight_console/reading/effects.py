@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from prooflight_console.reading.quality import FalseAlarms, guaranteed_rate
+from prooflight_console.reading.quality import FalseAlarms
 from prooflight_line.journal.labels import OF_GOOD, UNKNOWN
 
 if TYPE_CHECKING:
@@ -54,19 +54,15 @@ def effects(
         for sheet, number in incidents.incident_by_sheet(run).items()
         if number in misprints
     ]
-    confirmed = sum(label in OF_GOOD for label in in_force)
-    press = stations.press(run)
     sampled = incidents.sampled(run)
     of_incident = set(incidents.sheets_of(run, labelled.incident.number))
     return Effects(
         to_print_again=reprints.count(run).count,
-        false_alarms=FalseAlarms(
-            text="",
-            rate=guaranteed_rate(press, run.facts.detector),
-            good=run.pages - run.not_inspected - run.misprints + confirmed,
-            confirmed=confirmed,
+        false_alarms=FalseAlarms.of(
+            run,
+            stations.press(run),
+            confirmed=sum(label in OF_GOOD for label in in_force),
             unanswered=sum(label is None or label == UNKNOWN for label in in_force),
-            suspended_from=run.promise_suspended_from,
         ),
         sampled=sum(one.record.sheet in of_incident for one in sampled),
         labelled=sum(one.good for one in sampled),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 from scipy import special
 
@@ -53,6 +53,18 @@ class FalseAlarms:
     unanswered: int
     """Number of misprints without a label that says what they are."""
     suspended_from: int | None
+
+    @classmethod
+    def of(cls, run: RunRow, press: Press | None, *, confirmed: int, unanswered: int, text: str = "") -> Self:
+        """Return the false alarms of a run; press: its own, if it is known here."""
+        return cls(
+            text=text,
+            rate=_guaranteed_rate(press, run.facts.detector),
+            good=run.pages - run.not_inspected - run.misprints + confirmed,
+            confirmed=confirmed,
+            unanswered=unanswered,
+            suspended_from=run.promise_suspended_from,
+        )
 
     @property
     def expected(self) -> float | None:
@@ -125,13 +137,12 @@ def quality(
         else:
             label = label_of(page.sheet)
             unanswered += label is None or label.word == UNKNOWN
-    false_alarms = FalseAlarms(
-        text=figures["promised"] or "",
-        rate=guaranteed_rate(stations.press(run), run.facts.detector),
-        good=run.pages - run.not_inspected - run.misprints + figures["false_alarms"],
+    false_alarms = FalseAlarms.of(
+        run,
+        stations.press(run),
         confirmed=figures["false_alarms"],
         unanswered=unanswered,
-        suspended_from=run.promise_suspended_from,
+        text=figures["promised"] or "",
     )
     overrides = (
         one for each in labelled for one in _overrides(each, incidents.sheets_of(run, each.incident.number))
@@ -170,7 +181,7 @@ def _last_sheet(reading: Reading, run: RunRow) -> int:
     return -1 if follower is None else follower.last_sheet(run.id)
 
 
-def guaranteed_rate(press: Press | None, detector: str) -> float | None:
+def _guaranteed_rate(press: Press | None, detector: str) -> float | None:
     """Return the promised false-alarm rate; None if the detector gives none, or its press is not known."""
     if press is None:
         return None

@@ -15,7 +15,6 @@ whatever moment a process is killed at, every file is in exactly one stage, and 
 from __future__ import annotations
 
 import filecmp
-import os
 import re
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self, get_args
 
 from prooflight.errors import RequestError, sentence
+from prooflight.files.atomic import sync_folder
 from prooflight.files.lock import WriterLock, writer_lives
 
 if TYPE_CHECKING:
@@ -119,7 +119,8 @@ class HotFolder:
         path.mkdir()
         # An entry's reason has a name of its own.
         (self.path / name).rename(path / (f"_{name}" if name == REASON else name))
-        _settle_on_disk(path, self.path)
+        for folder in (path, self.path):
+            sync_folder(folder)
         return Entry(path=path, stage="checking", number=number, digest="")
 
     def interrupted(self) -> list[Entry]:
@@ -203,7 +204,8 @@ class HotFolder:
         name = f"{entry.number:06d}-{(digest or entry.digest)[:DIGEST_LETTERS]}"
         path = self.path / stage / name
         entry.path.rename(path)
-        _settle_on_disk(path.parent, entry.path.parent)
+        for folder in (path.parent, entry.path.parent):
+            sync_folder(folder)
         return Entry(path=path, stage=stage, number=entry.number, digest=name.partition("-")[2])
 
 
@@ -214,13 +216,3 @@ class Printing:
     entry: Entry
     finished: bool = False
     """Whether all sheets of the job have come."""
-
-
-def _settle_on_disk(*folders: Path) -> None:
-    """Have renames within these folders survive a loss of power."""
-    for folder in folders:
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -12,6 +12,7 @@ import stat
 import zipfile
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.files.atomic import sync_folder
 from prooflight.files.lock import PLAIN
 from prooflight_line.journal.arrays import read_arrays, write_arrays
 from prooflight_line.journal.columns import PACK_NAME
@@ -83,7 +84,7 @@ def write_pack(path: Path, pages: Mapping[int, Mapping[str, NDArray[Any]]]) -> i
             path.unlink(missing_ok=True)
             raise
     for folder in path.parents[:2]:
-        _sync_folder(folder)
+        sync_folder(folder)
     return size
 
 
@@ -105,15 +106,3 @@ def remove_pack(folder: Path, file: object) -> int:
     except FileNotFoundError:
         return 0
     return size
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a new name durable; systems that cannot open a folder do not need this."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

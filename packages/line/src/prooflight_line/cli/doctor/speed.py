@@ -11,6 +11,7 @@ import numpy as np
 
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.process import settle_process
+from prooflight.pages.raster import MM_PER_INCH
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.scans import ideal_scan
@@ -68,5 +69,5 @@ def measure_speed(press: Press, *, steps: Iterable[int] = range(SHEETS)) -> Spee
 def _page(press: Press) -> Page:
     """Return a composed page, cut to the width that the press sees."""
     page = Corpus(seed=SEED, dpi=press.dpi).page(0)
-    columns = int(press.geometry.field_mm / 25.4 * page.dpi)
+    columns = int(press.geometry.field_mm / MM_PER_INCH * page.dpi)
     return replace(page, cmyk=np.ascontiguousarray(page.cmyk[:, :columns]))

@@ -5,9 +5,8 @@ It also explains its decisions.
 
 from __future__ import annotations
 
-import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -17,6 +16,7 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
 from prooflight.detectors.devices import refuse_without_card
+from prooflight.detectors.matched_filter.amounts import amount_in
 from prooflight.detectors.matched_filter.analysis import (
     analyse,
     mode_sensors,
@@ -28,16 +28,14 @@ from prooflight.detectors.matched_filter.calibrated import score_of, statistics_
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
-    OF_GAIN,
-    amount_of,
     distinct_inks,
     floor_explanation,
-    greatest_gain,
     measured_inks,
     reason_for,
     regions_of,
     whole_page,
 )
+from prooflight.detectors.matched_filter.extents import MODES_OF_KIND, extended
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
@@ -284,6 +282,7 @@ class MatchedFilterPage:
                 score > calibrated.threshold,
             )
         explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
+        analysis = analysis.settled()
         if floor.alarms and not explanation:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
@@ -378,7 +377,7 @@ class MatchedFilterPage:
             statistics, score = scored(seen)
             if score <= calibrated.threshold:
                 return analysis.settled(), statistics, score
-        analysis = analysis.of_every_mode().settled()
+        analysis = analysis.of_every_mode()
         if not seen:
             return analysis, *scored(
                 all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter)
@@ -457,26 +456,26 @@ class MatchedFilterPage:
         if kind == WRONG_PAGE_KIND:  # no place is more specific than another
             return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
         distinct = distinct_inks(self.detector.press_context.sensors)
-
-        def measured(statistic: Observed) -> dict[str, Any]:
-            ink, darker_percent = amount_of(statistic, analysis.sums, inks, distinct=distinct)
-            if darker_percent is None and kind in OF_GAIN and math.isnan(statistic.box[0]):
-                ink, darker_percent = greatest_gain(inks, distinct=distinct)
-            features = self.prepared_page.page_features
-            above_good_sd = None if careful else self.model.above_good(statistic, features)
-            return {"ink": ink, "darker_percent": darker_percent, "above_good_sd": above_good_sd}
-
         kinds = [
             kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest
         ]
         order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
-        return regions_of(
-            [strongest[i] for i in order],
-            [kinds[i] for i in order],
-            shift_mm=shift_mm,
-            size_mm=size_mm,
-            measured=measured,
-        )
+        places, kinds = [strongest[i] for i in order], [kinds[i] for i in order]
+        sums, fit = analysis.sums, analysis.fit
+        if kind in MODES_OF_KIND and not careful:
+            places, kinds = extended(kind, places, sums, fit.gain), [kind] * len(places)
+
+        def measured(statistic: Observed) -> dict[str, Any]:
+            placed = analysis.placed()
+            shape = placed.where.inside.shape
+            rows, columns = sums.cells_of(statistic.box, shape, (sums.pixel_mm, sums.pixel_mm))
+            added = self.prepared_page.added
+            amount = amount_in(kind, rows, columns, placed, added, fit, distinct=distinct, inks=inks)
+            features = self.prepared_page.page_features
+            above_good_sd = None if careful else self.model.above_good(statistic, features)
+            return asdict(amount) | {"above_good_sd": above_good_sd}
+
+        return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""

@@ -9,7 +9,7 @@ know nothing of ink that is missing, and end no rectangle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
-    from prooflight.detectors.matched_filter.statistics.statistic import Box
+    from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
 
 ADDED: Final = ("add-C", "add-M", "add-Y", "add-K")
 GAINED: Final = ("gain-C", "gain-M", "gain-Y", "gain-K")
 MODES_OF_KIND: Final = {
     "streak": ("light", "void", *ADDED, *GAINED),
-    "spots-voids": ("light", "void", *ADDED),
+    "spots-voids": ("light", "void"),
     "ghost-smear": ADDED,
     "scum": ADDED,
     "local-blur": ("blur",),
@@ -37,6 +37,22 @@ MODES_OF_KIND: Final = {
     "missing-plane": GAINED,
 }
 """Modes by which the places of a kind differ; kinds that are left out have no extent but that of their statistic."""
+SIGN_OF_KIND: Final = {
+    "ghost-smear": 1,
+    "scum": 1,
+    "local-blur": 1,
+    "missing-content": 1,
+    "missing-plane": -1,
+}
+"""Sign of a kind's amount, where it has only one."""
+OF_THE_PAGE: Final = ("missing-plane",)
+"""Kinds that may extend over the whole page."""
+WIDER_MM: Final = (0.0, 5.0, 20.0)
+"""Margins of places at which a rectangle begins: from within one line of a ghost's text no other would be reached."""
+PATCH_MM: Final = 10.0
+"""Side of the patches in which light is taken to vary as one. (worlds.toml: paper is cloudy over 5 to 20 mm)"""
+SLACK: Final = 0.01
+"""Share of its evidence that either end of a rectangle may lack. assumed"""
 ROUNDS: Final = 12
 """Greatest number of times that rows, columns and amount are found from each other."""
 
@@ -55,15 +71,43 @@ class Extent:
     """Logarithm of the likelihood ratio to a page without defect."""
 
 
-def extent_of(kind: str, seeds: Sequence[Box], sums: Sums) -> Extent | None:
+def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.float64]) -> Extent | None:
     """Return the most likely extent of a defect; None: its kind has none, or it has no place.
 
-    seeds: places at which to begin; the modes are those of the kind.
+    Parameters
+    ----------
+    kind : of the defect, which decides its modes.
+    seeds : places at which to begin. [mm]
+    sums : of the scan.
+    gains : (4, 3) ``Fit.gain``, which the residuals lack.
     """
     modes = [mode for mode in MODES_OF_KIND.get(kind, ()) if mode in sums.modes]
-    grids = [_columns(sums, mode) if kind == "streak" else _tiles(sums, mode) for mode in modes]
-    found = [grid.grown(seed) for grid in grids for seed in seeds if not math.isnan(seed[0])]
-    return max(filter(None, found), key=lambda one: one.likelihood, default=None)
+    grids = [_columns(sums, mode) if kind == "streak" else _tiles(sums, mode, gains) for mode in modes]
+    places = [seed for seed in seeds if not math.isnan(seed[0])]
+    if kind in OF_THE_PAGE:
+        places.append((sums.left_mm, sums.top_mm, math.inf, math.inf))
+    wider = [
+        _wider(place, by_mm) for place in places for by_mm in WIDER_MM if not by_mm or kind != "spots-voids"
+    ]
+    found = [grid.grown(seed) for grid in grids for seed in wider]
+    sign = SIGN_OF_KIND.get(kind, 0)
+    kept = [one for one in found if one is not None and one.likelihood > 0 and one.amount * sign >= 0]
+    return max(kept, key=lambda one: one.likelihood, default=None)
+
+
+def extended(
+    kind: str, strongest: Sequence[tuple[str, Observed]], sums: Sums, gains: NDArray[np.float64]
+) -> list[tuple[str, Observed]]:
+    """Return families with their strongest statistics, each with the extent of the defect of a kind for its place.
+
+    The first has that of the defect as a whole; the others follow the defect from their own place.
+    """
+    result = []
+    for at, (cause, observed) in enumerate(strongest):
+        seeds = [one.box for _, one in (strongest if at == 0 else [(cause, observed)])]
+        extent = extent_of(kind, seeds, sums, gains) if at == 0 or not math.isnan(seeds[0][0]) else None
+        result.append((cause, observed if extent is None else replace(observed, box=extent.box)))
+    return result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,8 +117,9 @@ class _Grid:
     """(rows, columns) N of the cells."""
     power: NDArray[np.float64]
     """(rows, columns) D."""
-    corner_mm: tuple[float, float]
-    """x and y of the first cell."""
+    shared: NDArray[np.float64]
+    """(rows, columns) C, the effect of light as a whole on N."""
+    sums: Sums
     cell_mm: tuple[float, float]
     """Width and height of a cell."""
     parts: bool = False
@@ -82,10 +127,7 @@ class _Grid:
 
     def grown(self, seed: Box) -> Extent | None:
         """Return the most likely rectangle that begins at a place; None: nothing is known there."""
-        columns, rows = (
-            _cells(seed[axis], seed[axis + 2], self.corner_mm[axis], self.cell_mm[axis], count)
-            for axis, count in enumerate(self.push.shape[::-1])
-        )
+        rows, columns = self.sums.cells_of(seed, self.push.shape, self.cell_mm[::-1])
         for _ in range(ROUNDS):
             power = self.power[rows, columns].sum()
             if power <= 0:
@@ -102,13 +144,18 @@ class _Grid:
             return None
         amount = float(push / power)
         top, bottom = self._ends(rows, columns, amount)
-        left = self.corner_mm[0] + columns.start * self.cell_mm[0]
-        box = left, top, (columns.stop - columns.start) * self.cell_mm[0], bottom - top
-        return Extent(mode=self.mode, box=box, amount=amount, likelihood=float(push**2 / power / 2))
+        left = self.sums.left_mm + columns.start * self.cell_mm[0]
+        width, height = (columns.stop - columns.start) * self.cell_mm[0], bottom - top
+        box = left, top, width, height
+        variance = power
+        if self.mode in ("light", "void"):  # so is paper that is cloudy
+            patches = max(width / PATCH_MM, 1) * max(height / PATCH_MM, 1)
+            variance += (self.sums.prior.place * self.shared[rows, columns].sum()) ** 2 / patches
+        return Extent(mode=self.mode, box=box, amount=amount, likelihood=float(push**2 / variance / 2))
 
     def _ends(self, rows: slice, columns: slice, amount: float) -> tuple[float, float]:
         """Return top and bottom of a rectangle; long rows count by the share of the amount that they have."""
-        begin, cell = self.corner_mm[1], self.cell_mm[1]
+        begin, cell = self.sums.top_mm, self.cell_mm[1]
         top, bottom = begin + rows.start * cell, begin + rows.stop * cell
         if self.parts:
             power = self.power[:, columns].sum(axis=1)
@@ -121,33 +168,49 @@ class _Grid:
         return top, bottom
 
 
-def _tiles(sums: Sums, mode: str) -> _Grid:
-    push, power = sums.tiles[:2, sums.modes.index(mode)].astype(np.float64)
-    corner_mm, cell_mm = (sums.left_mm, sums.top_mm), (sums.tile_mm, sums.tile_mm)
-    return _Grid(mode=mode, push=push, power=power, corner_mm=corner_mm, cell_mm=cell_mm)
+def _tiles(sums: Sums, mode: str, gains: NDArray[np.float64]) -> _Grid:
+    push, power, shared = sums.tiles[:3, sums.modes.index(mode)].astype(np.float64)
+    if mode in GAINED:
+        level, *tilts = gains[GAINED.index(mode)]
+        across, along = (np.linspace(-1, 1, count) for count in push.shape[::-1])
+        push += power * (level + tilts[0] * across + tilts[1] * along[:, None])
+    return _Grid(
+        mode=mode,
+        push=push,
+        power=power,
+        shared=shared,
+        sums=sums,
+        cell_mm=(sums.tile_mm, sums.tile_mm),
+    )
 
 
 def _columns(sums: Sums, mode: str) -> _Grid:
     """Return columns by segments, less the level about each: streaks are narrow."""
-    push, power = sums.columns[:2, sums.line_modes.index(mode)].astype(np.float64)
+    push, power, shared = sums.columns[:3, sums.line_modes.index(mode)].astype(np.float64)
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     level, known = (ndimage.uniform_filter1d(one, wide, axis=1, mode="nearest") for one in (push, power))
-    push = push - level / np.maximum(known, 1e-9) * power
-    corner_mm, height_mm = (sums.left_mm, sums.top_mm), sums.tiles.shape[2] * sums.tile_mm
-    cell_mm = sums.pixel_mm, height_mm / SEGMENTS
-    return _Grid(mode=mode, push=push, power=power, corner_mm=corner_mm, cell_mm=cell_mm, parts=True)
+    return _Grid(
+        mode=mode,
+        push=push - level / np.maximum(known, 1e-9) * power,
+        power=power,
+        shared=shared,
+        sums=sums,
+        cell_mm=(sums.pixel_mm, sums.tiles.shape[2] * sums.tile_mm / SEGMENTS),
+        parts=True,
+    )
+
+
+def _wider(box: Box, by_mm: float) -> Box:
+    x, y, width, height = box
+    return x - by_mm, y - by_mm, width + 2 * by_mm, height + 2 * by_mm
 
 
 def _segment(evidence: NDArray[np.float64], within: slice) -> slice:
     """Return the run of cells of greatest sum that holds the strongest cell of a slice."""
     peak = within.start + int(evidence[within].argmax())
     sums = np.concatenate([[0.0], np.cumsum(evidence)])
-    return slice(int(sums[: peak + 1].argmin()), peak + 1 + int(sums[peak + 1 :].argmax()))
-
-
-def _cells(begin_mm: float, extent_mm: float, first_mm: float, pitch_mm: float, count: int) -> slice:
-    """Return the cells of a grid whose middles are in an interval, at least one."""
-    first = math.ceil((begin_mm - first_mm) / pitch_mm - 0.5)
-    last = math.ceil((min(begin_mm + extent_mm, first_mm + count * pitch_mm) - first_mm) / pitch_mm - 0.5)
-    first = min(max(first, 0), count - 1)
-    return slice(first, max(last, first + 1))
+    low, high = sums[: peak + 1].min(), sums[peak + 1 :].max()
+    # Of runs of almost the same sum the shortest: cells that know nothing change no sum.
+    slack = SLACK * (high - low)
+    first = np.flatnonzero(sums[: peak + 1] <= low + slack)[-1]
+    return slice(int(first), peak + 1 + int(np.flatnonzero(sums[peak + 1 :] >= high - slack)[0]))

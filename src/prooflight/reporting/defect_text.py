@@ -40,6 +40,12 @@ AMOUNT_SUFFICES: Final = (*SHAPED, "density", "missing-plane", "plane-register",
 """Kinds of which an amount states all: that ink is missing, say."""
 IN_REASON: Final = ("wrong-page", "code", "exchanged-glyph", "missing-glyph")
 """Kinds whose reason says what no amount says: which letter, which code, how far off."""
+PLACELESS: Final = ("plane-register", "swapped-planes", "density", "banding")
+"""Kinds that change the print as a whole; a place of them says only where that is seen best."""
+BROAD: Final = ("ghost-smear", "local-blur", "missing-content", "scum")
+"""Kinds of areas, which may be long without being a streak or a band."""
+LEAST_MISSING_PERCENT: Final = -60.0
+"""Amount above which a place is too light, and no content of it is missing. assumed: what is lost is lost wholly."""
 MISSING_PERCENT: Final = -90.0
 """Amount of an ink below which it is missing. assumed"""
 LEAST_CLEAR_SD: Final = 0.5
@@ -136,21 +142,20 @@ above what 99 of 100 good sheets show'
         return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
-    where = (
-        ""
-        if kind in ("unknown", "blank-sheet")
-        else say.place(region, size_mm, part=kind in ("streak", "banding"))
+    no_place = kind in ("unknown", "blank-sheet") or (
+        kind in PLACELESS and shape_of(region, size_mm) == "area"
     )
+    where = "" if no_place else say.place(region, size_mm, kind)
     what = say.what(verdict, kind, region)
     if spoken := kind != "blank-sheet" and _reason_speaks(verdict, language):
         what, where = verdict.reason, ""
-    elif len(verdict.regions) > 1:
+    elif len(verdict.regions) > 1 and where:
         where = f"{where}, {say.more(len(verdict.regions) - 1)}"
     return DefectText(
         title=KINDS[language].get(kind, kind),
         what=what,
         where=where,
-        link=" " if where and not what and kind not in ("streak", "banding") else ": ",
+        link=" " if where and not what and kind != "streak" else ": ",
         complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
@@ -172,6 +177,9 @@ def shown_kind(kind: str | None, region: Region | None, size_mm: Size | None = N
         return "blank-sheet"
     if kind is None or kind == "unknown":
         return "unknown" if shape == "page" else "deviation"
+    percent = None if region is None else region.darker_percent
+    if kind == "missing-content" and percent is not None and percent > LEAST_MISSING_PERCENT:
+        return "density"
     if kind not in SHAPED or shape == "page":
         return kind
     return {"streak": "streak", "band": "banding"}.get(shape, kind)
@@ -258,19 +266,19 @@ class _Phrasing:
         both = f" ({', '.join(which)})" if which else ""
         return self.text("register", ink=ink, mm=self.number(math.hypot(right, down), 2)) + both
 
-    def place(self, region: Region | None, size_mm: Size | None, *, part: bool) -> str:
+    def place(self, region: Region | None, size_mm: Size | None, kind: str) -> str:
         shape = shape_of(region, size_mm)
         if region is None or shape == "page":
             return self.text("where.page")
         across = self.side(region.x_mm, region.width_mm, size_mm and size_mm[0], "left", "right")
         down = self.side(region.y_mm, region.height_mm, size_mm and size_mm[1], "lead", "tail")
-        if shape == "streak":
+        if shape == "streak" and kind not in BROAD:
             ends = self.ends(region.y_mm, region.height_mm, size_mm and size_mm[1], "ends.down")
             return self.text("where.streak", mm=self.mm(region.width_mm), at=across) + ends
-        if shape == "band":
+        if shape == "band" and kind not in BROAD:
             ends = self.ends(region.x_mm, region.width_mm, size_mm and size_mm[0], "ends.across")
             return self.text("where.band", mm=self.mm(region.height_mm), at=down) + ends
-        text = "where.part" if part else "where.area"
+        text = "where.part" if kind == "streak" else "where.area"
         size = f"{self.mm(region.width_mm)} × {self.mm(region.height_mm)} mm"
         return self.text(text, size=size, across=across, down=down.lstrip(", "))
 

@@ -8,27 +8,33 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
+from prooflight.prediction.predict import Prediction, predict
 from prooflight.press.artefact import Press
 from prooflight.reporting.defect_text import describe, shown_kind
 from prooflight.rng import stream
+from prooflight.scans.placement import IN_PLACE, Placement
 from prooflight.scans.scan import Scan
 from prooflight.simulation.corpus.corpus import Corpus
-from prooflight.simulation.scans import MisprintRequest, scan_page
+from prooflight.simulation.fast import fast_scan
+from prooflight.simulation.misprints.kinds import draw_misprint
+from prooflight.simulation.prints import Print, composed
+from prooflight.simulation.scans import TRIES, passes_gate
 from prooflight.simulation.session import session_of
+from prooflight.simulation.worlds import gate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from prooflight.detectors.verdict import Verdict
-    from prooflight.simulation.misprints.kinds import Misprint
+    from prooflight.pages.raster import Page
+    from prooflight.simulation.misprints.kinds import Drawn
 
 Box = tuple[float, float, float, float]
 
@@ -39,6 +45,8 @@ KINDS: Final = (
 """Kind of the misprint on each design of a seed, in turn."""
 SEVERITY: Final = (0.4, 1.0)
 """Range of severities, drawn uniformly: below, half of all misprints are not caught."""
+CHANGED: Final = 0.25
+"""Share of the greatest change of ink that counts as changed: edges are soft, and content differs."""
 OTHER_DESIGN: Final = 99
 """Design that a wrong page shows."""
 
@@ -47,8 +55,12 @@ OTHER_DESIGN: Final = 99
 class Row:
     """One misprint and what was said of it."""
 
+    seed: int
     kind: str
-    truth: Misprint
+    detail: str
+    """Description of the misprint."""
+    true_mm: list[Box]
+    """Its places."""
     verdict: Verdict
     size_mm: tuple[float, float]
 
@@ -57,7 +69,7 @@ class Row:
         """Intersection over union of the first region and the true place that it shares most with."""
         region = self.verdict.regions[0]
         box = region.x_mm, region.y_mm, region.width_mm, region.height_mm
-        return max(overlap(box, true) for true in self.truth.regions_mm or (self.truth.region_mm,))
+        return max(overlap(box, true) for true in self.true_mm)
 
     @property
     def shown(self) -> str:
@@ -86,24 +98,59 @@ def rows(press: Press, seeds: range) -> Iterator[Row]:
         session = session_of(press, seed, "press")
         for index, kind in enumerate(KINDS):
             page, rng = press.geometry.lay(corpus.page(index)), stream(seed, "study-print", index, 0)
-            request = MisprintRequest(kind=kind, severity=float(rng.uniform(*SEVERITY)))
-            try:
-                scan = scan_page(
+            severity = float(rng.uniform(*SEVERITY))
+            print_ = Print.draw(session, press, page, rng)
+            good = _predicted(page, IN_PLACE, press)
+            for _ in range(TRIES):
+                drawn = draw_misprint(
                     page,
-                    press=press,
-                    request=request,
+                    kind,
+                    severity,
                     others=(OTHER_DESIGN,),
                     fetch=lambda number, of=corpus: press.geometry.lay(of.page(number)),  # type: ignore[misc]
                     rng=rng,
-                    session=session,
                 )
-            except RequestError:
+                if passes_gate(good, _predicted(drawn.page, drawn.placement, press), press, gate()):
+                    break
+            else:
                 continue  # this kind shows nothing on this design
-            verdict = inspector.inspect(page, Scan(dn=scan.dn, name=page.name), seed=seed).verdict
-            if scan.misprint is not None and verdict.verdict == "misprint" and verdict.regions:
+            moved = replace(print_, placement=composed(print_.placement, drawn.placement))
+            dn = fast_scan(drawn.page, press, session, moved, rng=rng)
+            verdict = inspector.inspect(page, Scan(dn=dn, name=page.name), seed=seed).verdict
+            if verdict.verdict == "misprint" and verdict.regions:
                 yield Row(
-                    kind=kind, truth=scan.misprint, verdict=verdict, size_mm=(page.width_mm, page.height_mm)
+                    seed=seed,
+                    kind=kind,
+                    detail=drawn.misprint.detail,
+                    true_mm=true_places(page, drawn),
+                    verdict=verdict,
+                    size_mm=(page.width_mm, page.height_mm),
                 )
+
+
+def _predicted(page: Page, placement: Placement, press: Press) -> Prediction:
+    return predict(page, sensors=press.sensors, geometry=press.geometry, placement=placement)
+
+
+def true_places(page: Page, drawn: Drawn) -> list[Box]:
+    """Return the boxes about the pixels of each place whose ink changed by ``CHANGED`` of the most or more; of a page
+    that is off its place, the whole page.
+    """
+    change = np.abs(drawn.page.cmyk.astype(np.int16) - page.cmyk).sum(axis=2)
+    places = []
+    for x, y, width, height in drawn.misprint.regions_mm or (drawn.misprint.region_mm,):
+        first, last = (
+            [int(at / page.pixel_mm) + more for at in corner]
+            for corner, more in (((y, x), 0), ((y + height, x + width), 2))
+        )
+        part = change[first[0] : last[0], first[1] : last[1]]
+        if not part.any():
+            continue
+        on = part >= CHANGED * part.max()
+        (top, bottom), (left, right) = (np.flatnonzero(on.any(axis=axis))[[0, -1]] for axis in (1, 0))
+        corner = (first[1] + left) * page.pixel_mm, (first[0] + top) * page.pixel_mm
+        places.append((*corner, (right - left + 1) * page.pixel_mm, (bottom - top + 1) * page.pixel_mm))
+    return places or [(0.0, 0.0, page.width_mm, page.height_mm)]
 
 
 def main() -> None:
@@ -117,7 +164,7 @@ def main() -> None:
     for row in rows(Press.load(given.press), range(first, last + 1)):
         by_kind[row.kind].append((row.overlap, row.shown == row.kind))
         said = describe(row.verdict, size_mm=row.size_mm).brief
-        print(f"{row.kind}: {row.truth.detail}\n    {said}\n    overlap {row.overlap:.2f}", flush=True)  # noqa: T201
+        print(f"{row.seed} {row.kind}: {row.detail}\n    {said}\n    overlap {row.overlap:.2f}", flush=True)  # noqa: T201
     for kind, found in by_kind.items():
         overlaps, right = (np.array(one, float) for one in zip(*found, strict=True))
         print(f"{kind:16} {len(found):3} overlap {np.median(overlaps):.2f} right {right.mean():.2f}")  # noqa: T201

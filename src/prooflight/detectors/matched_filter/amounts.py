@@ -45,7 +45,7 @@ PARTS: Final = 4
 """Parts of a place, each way, of which amounts are compared."""
 MOST_UNEVEN: Final = 0.25
 """Greatest standard deviation of an amount, as a share of it. assumed: 20 % is then between 10 and 30 %."""
-CLEARER: Final = 1.25
+CLEARER: Final = 2.0
 """Factor by which the next ink leaves more unexplained than the one that is named. assumed"""
 
 
@@ -100,7 +100,7 @@ def amount_in(
     if 1 - best.left / total < LEAST_EXPLAINED or best.uneven > MOST_UNEVEN:
         return Amount(ink=named)
     percent = 100 * best.amount * (-1 if best.mode in ("light", "void") else 1)
-    possible = percent >= -100 and not (letter and not named)
+    possible = abs(percent) <= 100 and bool(named) == bool(letter)
     return Amount(ink=named, darker_percent=percent if possible else None)
 
 

@@ -49,8 +49,10 @@ OF_THE_PAGE: Final = ("missing-plane",)
 """Kinds that may extend over the whole page."""
 WIDER_MM: Final = (0.0, 5.0, 20.0)
 """Margins of places at which a rectangle begins: from within one line of a ghost's text no other would be reached."""
-PATCH_MM: Final = 10.0
-"""Side of the patches in which light is taken to vary as one. (worlds.toml: paper is cloudy over 5 to 20 mm)"""
+OF_LIGHT: Final = ("light", "void")
+"""Modes that paper and lamp have as well ..."""
+CLOUDS: Final = 3.0
+"""... and least amount of them in a defect. [standard deviations of good prints]"""
 SLACK: Final = 0.01
 """Share of its evidence that either end of a rectangle may lack. assumed"""
 ROUNDS: Final = 12
@@ -91,7 +93,7 @@ def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.flo
     ]
     found = [grid.grown(seed) for grid in grids for seed in wider]
     sign = SIGN_OF_KIND.get(kind, 0)
-    kept = [one for one in found if one is not None and one.likelihood > 0 and one.amount * sign >= 0]
+    kept = [one for one in found if one is not None and one.amount * sign >= 0]
     return max(kept, key=lambda one: one.likelihood, default=None)
 
 
@@ -117,8 +119,6 @@ class _Grid:
     """(rows, columns) N of the cells."""
     power: NDArray[np.float64]
     """(rows, columns) D."""
-    shared: NDArray[np.float64]
-    """(rows, columns) C, the effect of light as a whole on N."""
     sums: Sums
     cell_mm: tuple[float, float]
     """Width and height of a cell."""
@@ -140,18 +140,15 @@ class _Grid:
             if (rows, columns) == before:
                 break
         push, power = self.push[rows, columns].sum(), self.power[rows, columns].sum()
-        if power <= 0:
+        amount = float(push / power) if power > 0 else 0.0
+        least = CLOUDS * self.sums.prior.place if self.mode in OF_LIGHT else 0.0
+        if abs(amount) <= least:
             return None
-        amount = float(push / power)
         top, bottom = self._ends(rows, columns, amount)
         left = self.sums.left_mm + columns.start * self.cell_mm[0]
         width, height = (columns.stop - columns.start) * self.cell_mm[0], bottom - top
         box = left, top, width, height
-        variance = power
-        if self.mode in ("light", "void"):  # so is paper that is cloudy
-            patches = max(width / PATCH_MM, 1) * max(height / PATCH_MM, 1)
-            variance += (self.sums.prior.place * self.shared[rows, columns].sum()) ** 2 / patches
-        return Extent(mode=self.mode, box=box, amount=amount, likelihood=float(push**2 / variance / 2))
+        return Extent(mode=self.mode, box=box, amount=amount, likelihood=float(push**2 / power / 2))
 
     def _ends(self, rows: slice, columns: slice, amount: float) -> tuple[float, float]:
         """Return top and bottom of a rectangle; long rows count by the share of the amount that they have."""
@@ -169,7 +166,7 @@ class _Grid:
 
 
 def _tiles(sums: Sums, mode: str, gains: NDArray[np.float64]) -> _Grid:
-    push, power, shared = sums.tiles[:3, sums.modes.index(mode)].astype(np.float64)
+    push, power = sums.tiles[:2, sums.modes.index(mode)].astype(np.float64)
     if mode in GAINED:
         level, *tilts = gains[GAINED.index(mode)]
         across, along = (np.linspace(-1, 1, count) for count in push.shape[::-1])
@@ -178,7 +175,6 @@ def _tiles(sums: Sums, mode: str, gains: NDArray[np.float64]) -> _Grid:
         mode=mode,
         push=push,
         power=power,
-        shared=shared,
         sums=sums,
         cell_mm=(sums.tile_mm, sums.tile_mm),
     )
@@ -186,14 +182,13 @@ def _tiles(sums: Sums, mode: str, gains: NDArray[np.float64]) -> _Grid:
 
 def _columns(sums: Sums, mode: str) -> _Grid:
     """Return columns by segments, less the level about each: streaks are narrow."""
-    push, power, shared = sums.columns[:3, sums.line_modes.index(mode)].astype(np.float64)
+    push, power = sums.columns[:2, sums.line_modes.index(mode)].astype(np.float64)
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
     level, known = (ndimage.uniform_filter1d(one, wide, axis=1, mode="nearest") for one in (push, power))
     return _Grid(
         mode=mode,
         push=push - level / np.maximum(known, 1e-9) * power,
         power=power,
-        shared=shared,
         sums=sums,
         cell_mm=(sums.pixel_mm, sums.tiles.shape[2] * sums.tile_mm / SEGMENTS),
         parts=True,

@@ -39,6 +39,10 @@ REACH: Final = 10
 """Search range in pixels: a millimetre at the prototype's pitch, by which paper distorts."""
 FLAT: Final = 0.02
 """Least standard deviation of the page, as a share of paper's light, for a match to be defined."""
+AROUND_DEFECT_MM: Final = 0.5
+"""Margin of a defect that is left out of a match: its edges are soft."""
+LEAST_SOUND: Final = 0.1
+"""Least share of a cut, without its defect, that is matched: of less, the place of the verdict is kept."""
 QUALITY: Final = 82
 _SHOWN: Final = srgb_encoded(np.linspace(0, 1, 4097)).astype(np.float32)
 
@@ -199,10 +203,11 @@ def drawn(layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32]
     return np.where(there[..., None], np.rint(colours), UNSEEN_GREY).astype(np.uint8)
 
 
-def aligned(cut: Cut, expected: Pyramid) -> Cut:
+def aligned(cut: Cut, expected: Pyramid, region: Region | None = None) -> Cut:
     """Return the cut where it matches the page best, within ``REACH`` pixels.
 
-    The verdict gives the position of the page as a whole; paper stretches and turns besides.
+    The verdict gives the position of the page as a whole; paper stretches and turns besides. What is around the defect
+    decides: a spot would be matched with a letter. region: the defect; None: the cut has none.
     """
     scale = expected.width / expected.width_mm, expected.height / expected.height_mm
     left, top = (cut.box_mm[axis] * scale[axis] for axis in (0, 1))
@@ -213,7 +218,13 @@ def aligned(cut: Cut, expected: Pyramid) -> Cut:
     around = expected.part(expected.levels - 1, *begin, side)[: lines + 2 * REACH, : pixels + 2 * REACH]
     if around.shape[0] < lines or around.shape[1] < pixels or float(around.std()) < FLAT:
         return cut
-    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF)
+    sound = np.ones((lines, pixels), np.float32)
+    if region is not None:
+        sound[_inside(cut, region, margin_mm=AROUND_DEFECT_MM)] = 0
+    there = sound > 0
+    if there.mean() < LEAST_SOUND or float(cut.signal[there].std()) < FLAT:
+        return cut
+    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF, mask=sound)
     row, column = np.unravel_index(int(off.argmin()), off.shape)
     x = begin[0] + column + valley(off[row], int(column))
     y = begin[1] + row + valley(off[:, column], int(row))
@@ -269,14 +280,17 @@ def stretched(cut: Cut, region: Region | None) -> NDArray[np.float32]:
     return np.asarray((light - begin) / spread, np.float32)
 
 
-def _inside(cut: Cut, region: Region) -> NDArray[np.bool_]:
-    """Return which pixels of a cut are in a region."""
+def _inside(cut: Cut, region: Region, *, margin_mm: float = 0.0) -> NDArray[np.bool_]:
+    """Return which pixels of a cut are in a region, or within a margin of it."""
     lines, pixels = cut.signal.shape
     x, y, width, height = cut.box_mm
     across = x + (np.arange(pixels) + 0.5) * width / pixels - region.x_mm
     down = y + (np.arange(lines) + 0.5) * height / lines - region.y_mm
-    within = (across >= 0) & (across <= region.width_mm)
-    return np.asarray(((down >= 0) & (down <= region.height_mm))[:, None] & within)
+    within, between = (
+        (at >= -margin_mm) & (at <= extent + margin_mm)
+        for at, extent in ((across, region.width_mm), (down, region.height_mm))
+    )
+    return np.asarray(between[:, None] & within)
 
 
 def grey(signal: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -156,7 +156,7 @@ above what 99 of 100 good sheets show'
         what=what,
         where=where,
         link=" " if where and not what and kind != "streak" else ": ",
-        complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
+        complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES and not say.ink_alone(region, what)),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
     )
@@ -227,6 +227,10 @@ class _Phrasing:
 
     def ink(self, letter: str) -> str:
         return self.text(f"ink.{letter}") if letter in NAME_OF_INK else self.text("ink")
+
+    def ink_alone(self, region: Region | None, what: str) -> bool:
+        """Return whether what is wrong is stated as an ink without an amount."""
+        return region is not None and what == self.ink(region.ink)
 
     def what(self, verdict: Verdict, kind: str, region: Region | None) -> str:
         if kind == "plane-register":

@@ -96,6 +96,7 @@ def rows(press: Press, seeds: range) -> Iterator[Row]:
     for seed in seeds:
         corpus = Corpus(seed=seed, dpi=press.dpi)
         session = session_of(press, seed, "press")
+        assert session is not None  # only the ideal world has none
         for index, kind in enumerate(KINDS):
             page, rng = press.geometry.lay(corpus.page(index)), stream(seed, "study-print", index, 0)
             severity = float(rng.uniform(*SEVERITY))
@@ -163,11 +164,12 @@ def main() -> None:
     by_kind = defaultdict(list)
     for row in rows(Press.load(given.press), range(first, last + 1)):
         by_kind[row.kind].append((row.overlap, row.shown == row.kind))
-        said = describe(row.verdict, size_mm=row.size_mm).brief
-        print(f"{row.seed} {row.kind}: {row.detail}\n    {said}\n    overlap {row.overlap:.2f}", flush=True)  # noqa: T201
-    for kind, found in by_kind.items():
-        overlaps, right = (np.array(one, float) for one in zip(*found, strict=True))
-        print(f"{kind:16} {len(found):3} overlap {np.median(overlaps):.2f} right {right.mean():.2f}")  # noqa: T201
+        sentence = describe(row.verdict, size_mm=row.size_mm).brief
+        text = f"{row.seed} {row.kind}: {row.detail}\n    {sentence}\n    overlap {row.overlap:.2f}"
+        print(text, flush=True)  # noqa: T201
+    for kind, of_kind in by_kind.items():
+        overlaps, right = (np.array(one, float) for one in zip(*of_kind, strict=True))
+        print(f"{kind:16} {len(of_kind):3} overlap {np.median(overlaps):.2f} right {right.mean():.2f}")  # noqa: T201
 
 
 if __name__ == "__main__":

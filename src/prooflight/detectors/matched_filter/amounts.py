@@ -118,10 +118,10 @@ class _Fitted:
         pushes, powers = (_in_parts(one) for one in (mode * off, mode * mode))
         push, power = pushes.sum(), powers.sum()
         amount = float(push / power)
-        known = powers > 0
-        apart = pushes[known] / powers[known] - amount
-        share = powers[known] / power
-        sd = np.sqrt((share**2 * apart**2).sum()) if known.sum() > 1 else abs(amount)
+        informed = powers > 0
+        deviations = pushes[informed] / powers[informed] - amount
+        shares = powers[informed] / power
+        sd = np.sqrt((shares**2 * deviations**2).sum()) if informed.sum() > 1 else abs(amount)
         left = float((off**2).sum() - push * amount)
         return cls(mode=name, amount=amount, left=left, uneven=float(sd / max(abs(amount), 1e-9)))
 

@@ -91,10 +91,10 @@ def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.flo
     wider = [
         _wider(place, by_mm) for place in places for by_mm in WIDER_MM if not by_mm or kind != "spots-voids"
     ]
-    found = [grid.grown(seed) for grid in grids for seed in wider]
+    extents = [grid.grown(seed) for grid in grids for seed in wider]
     sign = SIGN_OF_KIND.get(kind, 0)
-    kept = [one for one in found if one is not None and one.amount * sign >= 0]
-    return max(kept, key=lambda one: one.likelihood, default=None)
+    candidates = [one for one in extents if one is not None and one.amount * sign >= 0]
+    return max(candidates, key=lambda one: one.likelihood, default=None)
 
 
 def extended(
@@ -133,10 +133,11 @@ class _Grid:
             if power <= 0:
                 return None
             amount = self.push[rows, columns].sum() / power
-            evidence = amount * (self.push - amount / 2 * self.power)
             before = rows, columns
-            rows = _segment(evidence[:, columns].sum(axis=1), rows)
-            columns = _segment(evidence[rows].sum(axis=0), columns)
+            push, power = (one[:, columns].sum(axis=1) for one in (self.push, self.power))
+            rows = _segment(amount * (push - amount / 2 * power), rows)
+            push, power = (one[rows].sum(axis=0) for one in (self.push, self.power))
+            columns = _segment(amount * (push - amount / 2 * power), columns)
             if (rows, columns) == before:
                 break
         push, power = self.push[rows, columns].sum(), self.power[rows, columns].sum()
@@ -184,10 +185,10 @@ def _columns(sums: Sums, mode: str) -> _Grid:
     """Return columns by segments, less the level about each: streaks are narrow."""
     push, power = sums.columns[:2, sums.line_modes.index(mode)].astype(np.float64)
     wide = round(BASELINE_MM / sums.pixel_mm) | 1
-    level, known = (ndimage.uniform_filter1d(one, wide, axis=1, mode="nearest") for one in (push, power))
+    level, around = (ndimage.uniform_filter1d(one, wide, axis=1, mode="nearest") for one in (push, power))
     return _Grid(
         mode=mode,
-        push=push - level / np.maximum(known, 1e-9) * power,
+        push=push - level / np.maximum(around, 1e-9) * power,
         power=power,
         sums=sums,
         cell_mm=(sums.pixel_mm, sums.tiles.shape[2] * sums.tile_mm / SEGMENTS),

@@ -235,7 +235,7 @@ class _Phrasing:
     def what(self, verdict: Verdict, kind: str, region: Region | None) -> str:
         if kind == "plane-register":
             return self.register(verdict.inks, region)
-        if region is None:
+        if region is None or kind == "missing-content":  # the kind says that all is missing
             return ""
         return self.amount(region) or (self.ink(region.ink) if region.ink else "")
 

@@ -7,6 +7,7 @@ an ink or a comparison with good sheets is stated only where the detector measur
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -44,6 +45,8 @@ PLACELESS: Final = ("plane-register", "swapped-planes", "density", "banding")
 """Kinds that change the print as a whole; a place of them says only where that is seen best."""
 BROAD: Final = ("ghost-smear", "local-blur", "missing-content", "scum")
 """Kinds of areas, which may be long without being a streak or a band."""
+OWN_SHARE: Final = 0.5
+"""Least share of a plane's displacement that the others do not have, for it to be stated. assumed"""
 LEAST_MISSING_PERCENT: Final = -60.0
 """Amount above which a place is too light, and no content of it is missing. assumed: what is lost is lost wholly."""
 MISSING_PERCENT: Final = -90.0
@@ -203,6 +206,13 @@ def _reason_speaks(verdict: Verdict, language: Code) -> bool:
     return language == "en" and bool(verdict.reason) and special
 
 
+def _of_all(inks: Mapping[str, Ink], worst: str) -> bool:
+    """Return whether most of an ink's displacement is that of all inks, so that it is not certain which one is off."""
+    right, down = inks[worst].register_mm
+    common = [statistics.median(one.register_mm[axis] for one in inks.values()) for axis in (0, 1)]
+    return math.hypot(right - common[0], down - common[1]) < OWN_SHARE * math.hypot(right, down)
+
+
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
@@ -261,6 +271,8 @@ class _Phrasing:
             named if named in inks else max(inks, key=lambda letter: math.hypot(*inks[letter].register_mm))
         )
         right, down = inks[worst].register_mm
+        if len(inks) > 2 and _of_all(inks, worst):
+            return ""
         ink = self.ink(worst if named or len(inks) == 1 else "")
         ways = [
             self.text("right" if right > 0 else "left", mm=self.number(abs(right), 2)),

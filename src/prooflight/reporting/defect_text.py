@@ -146,7 +146,7 @@ above what 99 of 100 good sheets show'
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
     no_place = kind in ("unknown", "blank-sheet") or (
-        kind in PLACELESS and shape_of(region, size_mm) == "area"
+        verdict.kind in PLACELESS and shape_of(region, size_mm) == "area"
     )
     where = "" if no_place else say.place(region, size_mm, kind)
     what = say.what(verdict, kind, region)

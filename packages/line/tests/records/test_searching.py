@@ -25,7 +25,9 @@ def two_presses(tmp_path: Path, shipper: Callable[..., Shipper]) -> None:
             run = journal.begin_run(facts(job=f"job_{number}.pdf", started_s=1000.0 + number))
             for sheet in range(20):
                 one = record(sheet, time_s=0.25 * (sheet // 2))  # sheets in pairs of one time
-                journal.record(run, misprint(one, "streak" if sheet == 4 else "spot") if sheet % 4 == 0 else one)
+                journal.record(
+                    run, misprint(one, "streak" if sheet == 4 else "spot") if sheet % 4 == 0 else one
+                )
         shipped(shipper(press=plant, path=path, plant=plant))
 
 
@@ -88,7 +90,9 @@ def test_a_role_sees_its_plants_and_nothing_else(records: str) -> None:
 
 
 def test_a_database_without_tables_says_what_to_do(database: str) -> None:
-    with pytest.raises(RecordsError, match="holds no records of Prooflight; run `prooflight records upgrade`"):
+    with pytest.raises(
+        RecordsError, match="holds no records of Prooflight; run `prooflight records upgrade`"
+    ):
         connect(database)
 
 

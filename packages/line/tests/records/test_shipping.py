@@ -168,13 +168,13 @@ def test_labels_follow_once(path: Path, shipper: Open, records: str) -> None:
 def test_values_that_postgresql_cannot_hold_are_shipped_as_text(
     path: Path, shipper: Open, records: str
 ) -> None:
-    odd = replace(
-        misprint(record(0)).verdict, page="p\0", reason="N\0L", score=math.inf, widened=math.inf
-    )
+    odd = replace(misprint(record(0)).verdict, page="p\0", reason="N\0L", score=math.inf, widened=math.inf)
     write(path, replace(record(0), verdict=odd, notes=("a\0b",)))
     assert shipped(shipper()) == 1
     query = "SELECT page, score, notes, details ->> 'widened' FROM sheets"
-    assert rows_of(records, query) == [("p\N{REPLACEMENT CHARACTER}", math.inf, ["a\N{REPLACEMENT CHARACTER}b"], "inf")]
+    assert rows_of(records, query) == [
+        ("p\N{REPLACEMENT CHARACTER}", math.inf, ["a\N{REPLACEMENT CHARACTER}b"], "inf")
+    ]
 
 
 def test_evidence_is_stored_by_its_digest(path: Path, records: str, tmp_path: Path) -> None:

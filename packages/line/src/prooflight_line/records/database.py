@@ -67,7 +67,9 @@ def connect(url: str, *, upgraded: bool = True) -> psycopg.Connection[Any]:
         )
     except psycopg.Error as error:
         remedy = "give a URL as postgresql://USER@HOST/DATABASE of a server that runs"
-        raise UnreachableError(shown(url), f"cannot be reached ({first_line(error)})", remedy=remedy) from error
+        raise UnreachableError(
+            shown(url), f"cannot be reached ({first_line(error)})", remedy=remedy
+        ) from error
     if upgraded:
         try:
             _check_schema(connection, url)
@@ -114,7 +116,9 @@ def upgrade(url: str) -> tuple[str | None, str]:
             after = MigrationContext.configure(connection).get_current_revision()
     except (SQLAlchemyError, CommandError) as error:
         what = f"cannot be upgraded ({first_line(error)})"
-        raise RecordsError(shown(url), what, remedy="upgrade Prooflight, or ask who administers it") from error
+        raise RecordsError(
+            shown(url), what, remedy="upgrade Prooflight, or ask who administers it"
+        ) from error
     finally:
         engine.dispose()
     return before, str(after)

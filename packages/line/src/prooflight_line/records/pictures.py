@@ -32,8 +32,9 @@ class ObjectStore:
         except ImportError as error:
             raise RecordsError("pictures", "obstore is not installed", remedy=INSTALL) from error
         try:
-            options = {"mkdir": True} if url.startswith("file:") else {}
-            return cls(url=url, store=obstore.store.from_url(url, **options))
+            if url.startswith("file:"):
+                return cls(url=url, store=obstore.store.from_url(url, mkdir=True))
+            return cls(url=url, store=obstore.store.from_url(url))
         except (BaseError, ValueError) as error:
             what = f"is no store of objects ({str(error).splitlines()[0]})"
             raise RecordsError(url, what, remedy="give file:///FOLDER or s3://BUCKET/PREFIX") from error

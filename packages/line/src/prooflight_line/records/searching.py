@@ -12,12 +12,21 @@ if TYPE_CHECKING:
     import psycopg
 
 _COLUMNS: Final = (
-    *("s.at", "p.name AS press", "p.plant", "r.key AS run", "r.job", "s.sheet", "s.page", "s.verdict", "s.kind"),
+    *(
+        "s.at",
+        "p.name AS press",
+        "p.plant",
+        "r.key AS run",
+        "r.job",
+        "s.sheet",
+        "s.page",
+        "s.verdict",
+        "s.kind",
+    ),
     *("s.disposition", "s.score", "s.threshold", "s.late", "s.run_id"),
 )
-_QUERY: Final = (
-    f"SELECT {', '.join(_COLUMNS)} FROM sheets s JOIN runs r ON r.id = s.run_id JOIN presses p ON p.id = s.press_id"
-)
+_TABLES: Final = "sheets s JOIN runs r ON r.id = s.run_id JOIN presses p ON p.id = s.press_id"
+_QUERY: Final = f"SELECT {', '.join(_COLUMNS)} FROM {_TABLES}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +143,8 @@ def presses(connection: psycopg.Connection[Any], *, since: datetime) -> list[Pre
                coalesce(c.sheets, 0), coalesce(c.misprints, 0), coalesce(c.uninspected, 0), coalesce(c.late, 0)
            FROM presses p LEFT JOIN (
                SELECT press_id, count(*) AS sheets, count(*) FILTER (WHERE verdict = 'misprint') AS misprints,
-                   count(*) FILTER (WHERE verdict = 'not-inspected') AS uninspected, count(*) FILTER (WHERE late) AS late
+                   count(*) FILTER (WHERE verdict = 'not-inspected') AS uninspected,
+                   count(*) FILTER (WHERE late) AS late
                FROM sheets WHERE at >= %s GROUP BY press_id) c ON c.press_id = p.id
            ORDER BY p.plant, p.name""",
         (since,),

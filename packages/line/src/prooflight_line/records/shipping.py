@@ -34,7 +34,18 @@ if TYPE_CHECKING:
 ROWS_A_STEP: Final = 1000
 """Assumed: some half a megabyte, which a slow link takes in a second or two."""
 _COLUMNS: Final = (
-    *("run_id", "sheet", "press_id", "at", "job_page", "page", "verdict", "disposition", "decided_by", "kind"),
+    *(
+        "run_id",
+        "sheet",
+        "press_id",
+        "at",
+        "job_page",
+        "page",
+        "verdict",
+        "disposition",
+        "decided_by",
+        "kind",
+    ),
     *("score", "threshold", "p_value", "probability", "late", "first_line", "faults", "notes", "details"),
     "evidence",
 )

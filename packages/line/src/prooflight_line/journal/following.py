@@ -217,13 +217,13 @@ class JournalFollower(JournalReader):
         query = select(stored_runs).where((run.id > after) | run.id.in_(also)).order_by(run.id)
         with self._reading("runs"), self._engine.begin() as connection:
             raw = connection.execute(query).all()
-        found = []
+        valid = []
         for row in raw:
             try:
-                found.append(RunColumns(**row._asdict()))
+                valid.append(RunColumns(**row._asdict()))
             except ValueError as error:
                 raise self._bad_row(f"run {row.id}", error) from error
-        return found
+        return valid
 
     def first_time_s(self, run_id: int) -> float | None:
         """Return the time of a run's first sheet, by the source's clock; None: it has none. [s]"""

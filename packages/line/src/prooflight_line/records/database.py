@@ -44,11 +44,11 @@ def shown(url: str) -> str:
 
 def url_or_variable(url: str | None) -> str:
     """Return the URL that was given, or that of the environment; RecordsError: neither is there."""
-    found = url or os.environ.get(VARIABLE)
-    if not found:
+    chosen = url or os.environ.get(VARIABLE)
+    if not chosen:
         remedy = f"give --to postgresql://HOST/DATABASE, or set {VARIABLE}"
         raise RecordsError("records", "no database is named", remedy=remedy)
-    return found
+    return chosen
 
 
 def connect(url: str, *, upgraded: bool = True) -> psycopg.Connection[Any]:

@@ -212,8 +212,8 @@ class Shipper:
         self._open_runs |= {run.id for run in keys.values() if run.id not in self._runs}
 
     def _changed(self, run: RunColumns) -> bool:
-        known = self._runs.get(run.id)
-        return known is None or run.ended_s is not None or known.first_time_s is None
+        shipped = self._runs.get(run.id)
+        return shipped is None or run.ended_s is not None or shipped.first_time_s is None
 
     def _write_runs(self, runs: Sequence[RunColumns]) -> None:
         for run in runs:
@@ -226,10 +226,10 @@ class Shipper:
                 "first_time_s": self.journal.first_time_s(run.id),
             }
             row = {name: plain_text(value) for name, value in row.items()}
-            found = self.connection.execute(_RUN, row).fetchone()
-            assert found is not None
+            stored = self.connection.execute(_RUN, row).fetchone()
+            assert stored is not None
             self._runs[run.id] = _Run(
-                id=found[0], key=row["key"], started_s=run.started_s, first_time_s=found[1]
+                id=stored[0], key=row["key"], started_s=run.started_s, first_time_s=stored[1]
             )
             (self._open_runs.discard if run.ended_s is not None else self._open_runs.add)(run.id)
 
@@ -276,8 +276,8 @@ class Shipper:
         return tuple(plain_text(value) for value in values)
 
     def _page_at(self, row: int) -> str | None:
-        found = self.journal.written_after(row - 1, limit=1, damaged=lambda error: None)
-        return self._page_of(found[0]) if found and found[0].row == row else None
+        pages = self.journal.written_after(row - 1, limit=1, damaged=lambda error: None)
+        return self._page_of(pages[0]) if pages and pages[0].row == row else None
 
     def _page_of(self, one: Written) -> str:
         runs = self.journal.run_rows(after=one.run_id - 1)[:1]
@@ -328,11 +328,11 @@ def _key(run: RunColumns) -> str:
 def _position(connection: psycopg.Connection[Any], press: str, plant: str) -> tuple[int, int, str, int]:
     """Return a press's number, and row, page and label up to which it was shipped; add it if it is new."""
     values = (plant, press)
-    found = "RETURNING id, shipped_row, shipped_page, shipped_label"
+    columns = "RETURNING id, shipped_row, shipped_page, shipped_label"
     # Not by ON CONFLICT, which would use up a number at each connection.
-    row = connection.execute(f"UPDATE presses SET plant = %s WHERE name = %s {found}", values).fetchone()
+    row = connection.execute(f"UPDATE presses SET plant = %s WHERE name = %s {columns}", values).fetchone()
     if row is None:
-        new = f"INSERT INTO presses (plant, name) VALUES (%s, %s) {found}"
+        new = f"INSERT INTO presses (plant, name) VALUES (%s, %s) {columns}"
         row = connection.execute(new, values).fetchone()
     assert row is not None
     number, shipped_row, page, label = row

@@ -39,9 +39,7 @@ Database = Annotated[
 ]
 Moment = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%dT%H:%M:%S"])]
 
-app = typer.Typer(
-    help="Bring journals of many presses into one PostgreSQL database, and search it.", no_args_is_help=True
-)
+app = typer.Typer(help="Bring journals of many presses into one PostgreSQL database.", no_args_is_help=True)
 
 
 def register(program: typer.Typer) -> None:

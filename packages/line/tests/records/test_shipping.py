@@ -240,6 +240,24 @@ def test_the_service_waits_for_a_server_that_is_killed_and_loses_nothing(path: P
     assert lines[1].startswith("ships again")
 
 
+def test_a_journal_that_is_being_created_is_waited_for(path: Path, records: str) -> None:
+    path.touch()  # as SQLite does before it writes the first table
+    lines: list[str] = []
+    service = ShippingService(
+        url=records, press="one", plant="north", journal=path, pictures=None, announce=lines.append
+    )
+    stop = threading.Event()
+    thread = threading.Thread(target=service.run, args=(stop,))
+    thread.start()
+    try:
+        _until(lambda: bool(lines))
+        write(path, record(0))
+        _until(lambda: rows_of(records, "SELECT count(*) FROM sheets") == [(1,)])
+    finally:
+        stop.set()
+        thread.join()
+
+
 def _until(condition: Callable[[], bool]) -> None:
     waiting = threading.Event()
     for _ in range(300):

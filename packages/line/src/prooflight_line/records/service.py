@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight import __version__
 from prooflight_line.journal.following import follow
+from prooflight_line.journal.schema import JournalError
 from prooflight_line.records.database import UnreachableError
 from prooflight_line.records.shipping import LinkDownError, Shipper
 
@@ -46,13 +47,16 @@ class ShippingService:
     _trouble: str | None = field(default=None, init=False)
 
     def run(self, stop: Event) -> None:
-        """Ship until ``stop`` is set. RecordsError, JournalError: what no waiting would mend."""
+        """Ship until ``stop`` is set. RecordsError: what no waiting would mend.
+
+        A journal that cannot be read, as one that is being created or moved, is waited for as the server is.
+        """
         wait_s = FIRST_WAIT_S
         try:
             while not stop.is_set():
                 try:
                     more = self.once()
-                except (LinkDownError, UnreachableError) as error:
+                except (LinkDownError, UnreachableError, JournalError) as error:
                     self._down(error)
                     stop.wait(wait_s)
                     wait_s = min(2 * wait_s, LONGEST_WAIT_S)
@@ -64,13 +68,13 @@ class ShippingService:
             self.close()
 
     def once(self) -> bool:
-        """Ship one step; return whether there is more. Errors as ``Shipper.step``."""
+        """Ship one step; return whether there is more. Errors as ``Shipper.step``, JournalError: it cannot be read."""
         shipper = self._opened()
         if shipper is None:
             return False
         step = shipper.step()
         if self._trouble is not None:
-            self.announce(f"ships again; {shipper.behind:,} rows wait")
+            self.announce(f"ships again; {shipper.waiting_rows:,} rows wait")
             self._trouble = None
         if step.sheets or step.labels:
             self.passed(step, shipper)

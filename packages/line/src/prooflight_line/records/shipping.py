@@ -151,7 +151,7 @@ class Shipper:
         self.connection.close()
 
     @property
-    def behind(self) -> int:
+    def waiting_rows(self) -> int:
         """Number of rows that the journal has written since the last one that was shipped, at most."""
         return max(0, self.journal.heads().row - self._row)
 

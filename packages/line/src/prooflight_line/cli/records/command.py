@@ -223,7 +223,7 @@ class _Total:
         self._labels += step.labels
         if (now := datetime.now(UTC)) - self._shown >= timedelta(seconds=SHOWN_EVERY_S):
             self._shown = now
-            show.people.print(f"{self.line()}; {count(shipper.behind, 'row')} behind")
+            show.people.print(f"{self.line()}; {count(shipper.waiting_rows, 'row')} behind")
 
     def line(self) -> str:
         """Return what was shipped so far, in words."""

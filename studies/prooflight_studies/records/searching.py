@@ -161,11 +161,10 @@ def _times(role: str, url: str, queries: list[tuple[str, SheetQuery]]) -> list[d
 
 
 def _plan(url: str, query: SheetQuery) -> list[str]:
-    where, values = query.sql(None)
-    order = "ORDER BY s.at DESC, s.run_id, s.sheet LIMIT 100"
-    text = f"EXPLAIN (ANALYZE, TIMING OFF) SELECT * FROM sheets s WHERE {where} {order}"
+    text, values = query.sql(limit=100)
     with connect(url) as connection:
-        return [line for (line,) in connection.execute(text, values).fetchall()]
+        plan = connection.execute(f"EXPLAIN (ANALYZE, TIMING OFF) {text}", values, prepare=False)
+        return [line for (line,) in plan.fetchall()]
 
 
 def _said(query: SheetQuery) -> str:

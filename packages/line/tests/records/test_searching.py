@@ -130,12 +130,10 @@ def test_no_search_reads_all_sheets(records: str, two_presses: None) -> None:
             SheetQuery(press="north"),
             SheetQuery(kind="streak"),
             SheetQuery(verdict="misprint", press="south"),
+            SheetQuery(job="job_1", verdict="misprint"),
             SheetQuery(job="job_1", since=datetime.fromtimestamp(1001, UTC)),
         )
         for query in queries:
-            where, values = query.sql(find(connection, query, limit=2)[-1].position)
-            plan = connection.execute(
-                f"EXPLAIN SELECT * FROM sheets s WHERE {where} ORDER BY s.at DESC, s.run_id, s.sheet LIMIT 100",
-                values,
-            ).fetchall()
+            text, values = query.sql(before=find(connection, query, limit=2)[-1].position, limit=100)
+            plan = connection.execute(f"EXPLAIN {text}", values, prepare=False).fetchall()
             assert not any("Seq Scan on sheets" in line for (line,) in plan), (query, plan)

@@ -12,21 +12,9 @@ if TYPE_CHECKING:
     import psycopg
 
 _COLUMNS: Final = (
-    *(
-        "s.at",
-        "p.name AS press",
-        "p.plant",
-        "r.key AS run",
-        "r.job",
-        "s.sheet",
-        "s.page",
-        "s.verdict",
-        "s.kind",
-    ),
-    *("s.disposition", "s.score", "s.threshold", "s.late", "s.run_id"),
+    "s.at, p.name AS press, p.plant, r.key AS run, r.job, s.sheet, s.page, s.verdict, s.kind, s.disposition, s.score, "
+    "s.threshold, s.late, s.run_id"
 )
-_TABLES: Final = "sheets s JOIN runs r ON r.id = s.run_id JOIN presses p ON p.id = s.press_id"
-_QUERY: Final = f"SELECT {', '.join(_COLUMNS)} FROM {_TABLES}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,12 +31,23 @@ class SheetQuery:
     until: datetime | None = None
     """Time before which the sheet was seen."""
 
-    def sql(self, before: tuple[datetime, int, int] | None) -> tuple[str, list[Any]]:
-        """Return the conditions and their values; before: time, run and sheet of the last hit of the page before."""
-        conditions, values = [], []
+    def sql(self, *, before: tuple[datetime, int, int] | None = None, limit: int) -> tuple[str, list[Any]]:
+        """Return the query and its values; before: time, run and sheet of the last hit of the page before.
+
+        The latest of each press, or of each run of a job, are read by an index, and merged: how long that takes does
+        not depend on how far back they lie. Over all sheets at once the planner would read from the latest on, and
+        pass millions where what is sought is rare or old.
+        """
+        of_press = {"name": self.press, "plant": self.plant}
+        parts = [f"{name} = %s" for name, value in of_press.items() if value is not None]
+        values: list[Any] = [value for value in of_press.values() if value is not None]
+        groups = f"(SELECT id FROM presses WHERE {' AND '.join(parts) or 'true'}) AS one"
+        conditions = ["s.press_id = one.id"]
+        if self.job is not None:
+            groups = f"(SELECT runs.id FROM runs JOIN {groups} ON one.id = press_id WHERE job LIKE %s) AS one"
+            values.append(_begins(self.job))
+            conditions = ["s.run_id = one.id"]
         texts = {
-            "press": "s.press_id = (SELECT id FROM presses WHERE name = %s)",
-            "plant": "s.press_id IN (SELECT id FROM presses WHERE plant = %s)",
             "verdict": "s.verdict = %s",
             "kind": "s.kind = %s",
             "since": "s.at >= %s",
@@ -58,16 +57,20 @@ class SheetQuery:
             if (value := getattr(self, name)) is not None:
                 conditions.append(text)
                 values.append(value)
-        if self.job is not None:
-            # A list, not a join, so that the sheets of few runs are read by their own index.
-            conditions.append("s.run_id = ANY(ARRAY(SELECT id FROM runs WHERE job LIKE %s))")
-            values.append(_begins(self.job))
-        if self.kind is not None and self.verdict is None:
-            conditions.append("s.verdict <> 'good'")  # a good sheet has no kind: the index of kinds has none
+        if self.verdict not in (None, "good") or (self.kind is not None and self.verdict is None):
+            conditions.append("s.verdict <> 'good'")  # by an index of few rows; a good sheet has no kind
         if before is not None:
             conditions.append("s.at <= %s AND (s.at < %s OR (s.run_id, s.sheet) > (%s, %s))")
             values += [before[0], *before]
-        return " AND ".join(conditions) or "true", values
+        latest = f"SELECT * FROM sheets s WHERE {' AND '.join(conditions)} {_order('s')}"
+        merged = f"SELECT latest.* FROM {groups} CROSS JOIN LATERAL ({latest}) AS latest {_order('latest')}"
+        joined = "JOIN runs r ON r.id = s.run_id JOIN presses p ON p.id = s.press_id"
+        return f"SELECT {_COLUMNS} FROM ({merged}) AS s {joined} {_order('s')}", [
+            *values,
+            limit,
+            limit,
+            limit,
+        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,10 +122,10 @@ def find(
     limit: int = 100,
 ) -> list[Hit]:
     """Return the sheets that meet the conditions, the latest first; before: ``position`` of the last hit so far."""
-    where, values = query.sql(before)
-    order = "ORDER BY s.at DESC, s.run_id, s.sheet LIMIT %s"
+    text, values = query.sql(before=before, limit=limit)
     names = [field.name for field in fields(Hit)]
-    rows = connection.execute(f"{_QUERY} WHERE {where} {order}", [*values, limit])
+    # Never prepared: a plan for any values would not use the indexes of few rows.
+    rows = connection.execute(text, values, prepare=False)
     return [Hit(**dict(zip(names, row, strict=True))) for row in rows]
 
 
@@ -140,17 +143,21 @@ def presses(connection: psycopg.Connection[Any], *, since: datetime) -> list[Pre
         """SELECT p.name, p.plant, p.shipped_at,
                (SELECT CASE WHEN r.ended IS NULL THEN r.job END FROM runs r WHERE r.press_id = p.id
                 ORDER BY r.started DESC LIMIT 1),
-               coalesce(c.sheets, 0), coalesce(c.misprints, 0), coalesce(c.uninspected, 0), coalesce(c.late, 0)
-           FROM presses p LEFT JOIN (
-               SELECT press_id, count(*) AS sheets, count(*) FILTER (WHERE verdict = 'misprint') AS misprints,
+               c.sheets, c.misprints, c.uninspected, c.late
+           FROM presses p CROSS JOIN LATERAL (
+               SELECT count(*) AS sheets, count(*) FILTER (WHERE verdict = 'misprint') AS misprints,
                    count(*) FILTER (WHERE verdict = 'not-inspected') AS uninspected,
                    count(*) FILTER (WHERE late) AS late
-               FROM sheets WHERE at >= %s GROUP BY press_id) c ON c.press_id = p.id
+               FROM sheets s WHERE s.press_id = p.id AND s.at >= %s) AS c
            ORDER BY p.plant, p.name""",
         (since,),
     )
     names = [field.name for field in fields(PressState)]
     return [PressState(**dict(zip(names, row, strict=True))) for row in rows]
+
+
+def _order(table: str) -> str:
+    return f"ORDER BY {table}.at DESC, {table}.run_id, {table}.sheet LIMIT %s"
 
 
 def _begins(text: str) -> str:

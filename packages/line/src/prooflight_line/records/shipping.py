@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight_line.journal.labels import LabelStore
-from prooflight_line.records.database import RecordsError, connect, first_line, shown
+from prooflight_line.records.database import RecordsError, UnreachableError, connect, first_line, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -121,7 +121,7 @@ class Shipper:
         pictures: ObjectStore | None = None,
         announce: Callable[[str], None],
     ) -> Self:
-        """Connect, and find the position. RecordsError: not to be used; LinkDownError: not now.
+        """Connect, and find the position. RecordsError: not to be used; UnreachableError, LinkDownError: not now.
 
         press: the press's name, unique among all; announce: called with a line about rows that cannot be shipped.
         """
@@ -340,12 +340,12 @@ def _position(connection: psycopg.Connection[Any], press: str, plant: str) -> tu
 
 
 def _take_press(connection: psycopg.Connection[Any], url: str, press: str) -> None:
-    """Let no other process ship the same press while this connection lives; RecordsError: one does."""
+    """Let no other process ship the same press while this connection lives; UnreachableError: one still does."""
     query = "SELECT pg_try_advisory_lock(hashtext('prooflight press'), hashtext(%s))"
     taken = connection.execute(query, (press,)).fetchone()
     if taken is None or not taken[0]:
         remedy = "end that one, or give this press its own name with --press"
-        raise RecordsError(shown(url), f"another process ships press {press!r}", remedy=remedy)
+        raise UnreachableError(shown(url), f"another process ships press {press!r}", remedy=remedy)
 
 
 @contextmanager

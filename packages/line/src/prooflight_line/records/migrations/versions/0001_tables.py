@@ -75,13 +75,13 @@ _STATEMENTS = (
         PRIMARY KEY (press_id, run_key, id)
     )""",
     "CREATE TABLE members (role name NOT NULL, plant text NOT NULL, PRIMARY KEY (role, plant))",
-    # Each search begins with the latest; sheets that are not good are few, and most searches are for them.
-    "CREATE INDEX sheets_by_time ON sheets (at DESC, run_id, sheet)",
+    # A search takes the latest of each press, or of each run of a job; most are for the few sheets that are not good.
     "CREATE INDEX sheets_by_press ON sheets (press_id, at DESC)",
-    "CREATE INDEX sheets_by_kind ON sheets (kind, at DESC) WHERE verdict <> 'good'",
-    "CREATE INDEX sheets_by_verdict ON sheets (verdict, at DESC) WHERE verdict <> 'good'",
+    "CREATE INDEX sheets_by_kind ON sheets (press_id, kind, at DESC) WHERE verdict <> 'good'",
+    "CREATE INDEX sheets_by_verdict ON sheets (press_id, verdict, at DESC) WHERE verdict <> 'good'",
     "CREATE INDEX sheets_by_run ON sheets (run_id, at DESC)",
-    "CREATE INDEX runs_by_start ON runs (started DESC)",
+    "CREATE INDEX sheets_to_review_by_run ON sheets (run_id, at DESC) WHERE verdict <> 'good'",
+    "CREATE INDEX runs_by_press ON runs (press_id, started DESC)",
     "CREATE INDEX runs_by_job ON runs (job text_pattern_ops)",
     *(f"ALTER TABLE {name} ENABLE ROW LEVEL SECURITY" for name in ("presses", "runs", "sheets", "labels")),
     """CREATE POLICY of_plants ON presses FOR SELECT

@@ -75,7 +75,7 @@ def measure_searches(
             overview_ms = 1000 * (time.perf_counter() - begun)
             ((size,),) = connection.execute("SELECT pg_database_size(current_database())").fetchall()
     for row in rows:
-        row["slowest"] = _said(row["slowest"])
+        row["slowest"] = _conditions(row["slowest"])
     return {
         "sheets": sheets,
         "searches": searches,
@@ -167,6 +167,6 @@ def _plan(url: str, query: SheetQuery) -> list[str]:
         return [line for (line,) in plan.fetchall()]
 
 
-def _said(query: SheetQuery) -> str:
+def _conditions(query: SheetQuery) -> str:
     names = ("press", "plant", "job", "verdict", "kind")
     return ", ".join(f"{name} {value}" for name in names if (value := getattr(query, name)) is not None)

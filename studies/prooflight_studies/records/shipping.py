@@ -121,12 +121,12 @@ def _measured(rig: Rig, progress: Callable[[str], None]) -> dict[str, Any]:
     happened: list[tuple[float, float, str]] = []
     lags: list[tuple[float, float]] = []
     rows: dict[str, int] = {}
-    said_s = 0.0
+    shown_s = 0.0
     connection = None
     while time.time() < begun_s + seconds or any(writer.is_alive() for writer in writers):
         now_s = time.time()
-        if now_s >= said_s:
-            said_s = now_s + 20.0
+        if now_s >= shown_s:
+            shown_s = now_s + 20.0
             progress(f"{presses} presses, {max(now_s - begun_s, 0.0):.0f} of {seconds:.0f} s")
         if times_s and now_s >= times_s[0]:
             times_s.pop(0)

@@ -92,7 +92,7 @@ changelog: $(VENV)/.installed-dev
 PROJECTS := pyproject.toml packages/line/pyproject.toml packages/console/pyproject.toml studies/pyproject.toml
 OURS := $(foreach name,prooflight prooflight-line prooflight-console,--no-emit-package $(name))
 lock:
-	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra plant --extra hot-folder --extra records --group build \
+	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra plant --extra hot-folder --group build \
 		--universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -o requirements/run.txt
 	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra viva --extra basler \

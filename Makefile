@@ -96,7 +96,7 @@ lock:
 		--universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -o requirements/run.txt
 	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra viva --extra basler \
-		--extra plant --extra hot-folder --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
+		--extra plant --extra hot-folder --extra records --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -c requirements/run.txt \
 		-o requirements/dev.txt
 	uv pip compile --group docs --universal --python-version 3.11 \

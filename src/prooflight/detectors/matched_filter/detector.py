@@ -60,7 +60,7 @@ from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -287,8 +287,10 @@ class MatchedFilterPage:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
         if wrong and prepared.glyphs is not None:
-            others = explanation.get("regions", ())
-            if not explanation or glyphs_name(prepared.glyphs, wrong, others, kind=explanation["kind"]):
+            others, kind = explanation.get("regions", ()), explanation.get("kind", "")
+            # The evidence itself decides, not the extent of the defect that it is taken for.
+            evidence = self._places(*_ordered(strongest, kind), analysis) if by_ranking else others
+            if not explanation or glyphs_name(prepared.glyphs, wrong, evidence, kind=kind):
                 explanation = glyph_explanation(prepared.glyphs, wrong, others)
         verdict = Verdict.from_decision(
             page.name,
@@ -450,20 +452,13 @@ class MatchedFilterPage:
 
         careful: the values are deviations of a careful area, of which the model does not know what good pages show.
         """
-        page = self.prepared_page.page
-        size_mm = page.width_mm, page.height_mm
-        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
-        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
-            return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
-        distinct = distinct_inks(self.detector.press_context.sensors)
-        kinds = [
-            kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest
-        ]
-        order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
-        places, kinds = [strongest[i] for i in order], [kinds[i] for i in order]
+        if kind == WRONG_PAGE_KIND:
+            return self._places(strongest, [kind], analysis)[:1]
+        places, kinds = _ordered(strongest, kind)
         sums, fit = analysis.sums, analysis.fit
         if kind in MODES_OF_KIND and not careful:
             places, kinds = extended(kind, places, sums, fit.gain), [kind] * len(places)
+        distinct = distinct_inks(self.detector.press_context.sensors)
 
         def measured(statistic: Observed) -> dict[str, Any]:
             placed = analysis.placed()
@@ -475,6 +470,21 @@ class MatchedFilterPage:
             above_good_sd = None if careful else self.model.above_good(statistic, features)
             return asdict(amount) | {"above_good_sd": above_good_sd}
 
+        return self._places(places, kinds, analysis, measured)
+
+    def _places(
+        self,
+        places: list[tuple[str, Observed]],
+        kinds: list[str],
+        analysis: ScanAnalysis,
+        measured: Callable[[Observed], dict[str, Any]] = lambda _: {},
+    ) -> tuple[Region, ...]:
+        """Return the places of statistics on the page; a wrong page is wrong as a whole."""
+        page = self.prepared_page.page
+        size_mm = page.width_mm, page.height_mm
+        if kinds[:1] == [WRONG_PAGE_KIND]:  # no place is more specific than another
+            return (whole_page(size_mm, places[0][1], WRONG_PAGE_KIND),) if places else ()
+        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
         return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
@@ -488,6 +498,15 @@ class MatchedFilterPage:
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
+
+
+def _ordered(
+    strongest: list[tuple[str, Observed]], kind: str
+) -> tuple[list[tuple[str, Observed]], list[str]]:
+    """Return statistics with the kinds that they indicate, those of a kind first; unspecific ones are of it."""
+    kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
+    order = sorted(range(len(kinds)), key=lambda at: kinds[at] != kind)
+    return [strongest[at] for at in order], [kinds[at] for at in order]
 
 
 def summary_of(

@@ -289,7 +289,7 @@ class MatchedFilterPage:
         if wrong and prepared.glyphs is not None:
             others, kind = explanation.get("regions", ()), explanation.get("kind", "")
             # The evidence itself decides, not the extent of the defect that it is taken for.
-            evidence = self._places(*_ordered(strongest, kind), analysis) if by_ranking else others
+            evidence = self._places(kind, *_ordered(strongest, kind), analysis) if by_ranking else others
             if not explanation or glyphs_name(prepared.glyphs, wrong, evidence, kind=kind):
                 explanation = glyph_explanation(prepared.glyphs, wrong, others)
         verdict = Verdict.from_decision(
@@ -453,7 +453,7 @@ class MatchedFilterPage:
         careful: the values are deviations of a careful area, of which the model does not know what good pages show.
         """
         if kind == WRONG_PAGE_KIND:
-            return self._places(strongest, [kind], analysis)[:1]
+            return self._places(kind, strongest, [], analysis)
         places, kinds = _ordered(strongest, kind)
         sums, fit = analysis.sums, analysis.fit
         if kind in MODES_OF_KIND and not careful:
@@ -470,10 +470,11 @@ class MatchedFilterPage:
             above_good_sd = None if careful else self.model.above_good(statistic, features)
             return asdict(amount) | {"above_good_sd": above_good_sd}
 
-        return self._places(places, kinds, analysis, measured)
+        return self._places(kind, places, kinds, analysis, measured)
 
     def _places(
         self,
+        kind: str,
         places: list[tuple[str, Observed]],
         kinds: list[str],
         analysis: ScanAnalysis,
@@ -482,8 +483,8 @@ class MatchedFilterPage:
         """Return the places of statistics on the page; a wrong page is wrong as a whole."""
         page = self.prepared_page.page
         size_mm = page.width_mm, page.height_mm
-        if kinds[:1] == [WRONG_PAGE_KIND]:  # no place is more specific than another
-            return (whole_page(size_mm, places[0][1], WRONG_PAGE_KIND),) if places else ()
+        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
+            return (whole_page(size_mm, places[0][1], kind),) if places else ()
         shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
         return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
 

@@ -378,7 +378,7 @@ class MatchedFilterPage:
             )
             statistics, score = scored(seen)
             if score <= calibrated.threshold:
-                return analysis.settled(), statistics, score
+                return analysis, statistics, score
         analysis = analysis.of_every_mode()
         if not seen:
             return analysis, *scored(

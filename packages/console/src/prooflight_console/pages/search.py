@@ -75,14 +75,14 @@ def _search(
     return Search(form=form | {"verdict": verdict, "since": since, "until": until}, query=query)
 
 
-Asked = Annotated[Search, Depends(_search)]
+SearchForm = Annotated[Search, Depends(_search)]
 
 
 @router.get("/search")
 def search_page(
     request: Request,
     who: ViewerPage,
-    search: Asked,
+    search: SearchForm,
     before: Annotated[int | None, Query(ge=1, lt=2**63)] = None,
 ) -> Response:
     """Return matching sheets, the latest first; for the next page htmx requests and gets rows alone."""
@@ -100,7 +100,7 @@ def search_page(
 
 
 @router.get("/search.csv")
-def search_csv(request: Request, _who: ViewerPage, search: Asked) -> Response:
+def search_csv(request: Request, _who: ViewerPage, search: SearchForm) -> Response:
     """Return all matching sheets as CSV, the latest first: run, job and press before ``CSV_COLUMNS``."""
     file = io.StringIO()
     runs: dict[int, RunRow] = {}
@@ -119,7 +119,7 @@ def search_csv(request: Request, _who: ViewerPage, search: Asked) -> Response:
 
 
 @router.get("/search.json")
-def search_json(request: Request, _who: ViewerPage, search: Asked) -> Response:
+def search_json(request: Request, _who: ViewerPage, search: SearchForm) -> Response:
     """Return all matching sheets as one JSON array, the latest first."""
     runs: dict[int, RunRow] = {}
 

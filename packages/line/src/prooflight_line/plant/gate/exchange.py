@@ -213,7 +213,7 @@ class Exchange(Waiting):
             self.wake.set()
 
     def _log_trays(self, shown: Shown) -> None:
-        """Log the trays of the sheets since the last exchange, also of one before the link was lost."""
+        """Log the trays of the sheets since the last exchange of this session."""
         count = shown.values["sheets_at_gate"]
         new = 0 if self._at_gate is None else count_distance(count, self._at_gate)
         self._at_gate = count

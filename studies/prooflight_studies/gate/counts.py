@@ -37,7 +37,7 @@ from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunEnd, RunFacts
 from prooflight_line.plant.gate.gate import Gate
 from prooflight_line.plant.gate.handshake import State
-from prooflight_line.plant.gate.registers import unpacked_of_plc
+from prooflight_line.plant.gate.registers import Shown
 from prooflight_line.plant.simulator.belt import Belt, BeltSheet
 from prooflight_line.plant.simulator.plc import SimulatedPlc
 from prooflight_line.run.monitor.run import PageEvidence
@@ -276,12 +276,12 @@ class _Walk:
         plc, protocol, now_s = self._press.plc, self._exchange_of_gate, self._press.now_s
         session = int(self._press.rng.integers(1, 65_535))
         if protocol.state is State.AWAY:
-            protocol.connected(unpacked_of_plc(plc.shown()), session=session)
+            protocol.connected(Shown.of(plc.shown()), session=session)
             return
         protocol.dropped(session=session)
         plc.write(0, protocol.words())
         protocol.wrote()
-        if not protocol.answered(unpacked_of_plc(plc.shown()), request_s=now_s, answered_s=now_s + 0.001):
+        if not protocol.answered(Shown.of(plc.shown()), request_s=now_s, answered_s=now_s + 0.001):
             protocol.lost("the controller's heartbeat stands still")
 
     def _sorted(self) -> None:

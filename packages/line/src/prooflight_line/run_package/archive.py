@@ -19,7 +19,7 @@ from prooflight_line.journal.schema import json_text
 from prooflight_line.run_package.signing import Signature
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from prooflight_line.run_package.signing import SigningKey
@@ -56,20 +56,20 @@ class Listed:
 
 
 def write_archive(
-    out: Path, members: Iterable[Member], key: SigningKey, *, facts: Mapping[str, Any]
+    out: Path, members: Iterable[Member], key: SigningKey, *, facts: Callable[[], Mapping[str, Any]]
 ) -> list[Listed]:
     """Write and sign an archive; return its members. OSError, or an error of a member: no file is left.
 
     Parameters
     ----------
-    facts : values of JSON that the manifest states beside its members; read after the last member was written
+    facts : gives values of JSON that the manifest states beside its members, when the last of them is written
     """
     listed: list[Listed] = []
     with whole_file(out) as unfinished:
         with zipfile.ZipFile(unfinished, "w") as archive:
             for member in members:
                 listed.append(_add(archive, member))
-            manifest = {"format": FORMAT, **facts, "members": listed}
+            manifest = {"format": FORMAT, **facts(), "members": listed}
             text = json_text(manifest) + "\n"
             _add(archive, Member(path=MANIFEST, content=[text.encode()]))
             archive.comment = key.sign(b"", comment=SIGNED_COMMENT).text  # of the length that it will have

@@ -32,8 +32,17 @@ SERIES: Final = (("verdict.misprint", STOP), ("verdict.not-inspected", HexColor(
 SMALL_PT: Final = 7.5
 
 Name = Literal[
-    *("title", "lead", "heading", "subject", "label", "value", "number", "small", "figure"),
-    *("column", "column.right"),
+    "title",
+    "lead",
+    "heading",
+    "subject",
+    "label",
+    "value",
+    "number",
+    "small",
+    "figure",
+    "column",
+    "column.right",
 ]
 
 

@@ -17,6 +17,7 @@ from reportlab.platypus import (
     CondPageBreak,
     Frame,
     KeepTogether,
+    PageBreak,
     PageTemplate,
     Spacer,
     Table,
@@ -27,7 +28,7 @@ from prooflight.reporting.defect_phrases import KINDS
 from prooflight.reporting.defect_text import SheetSpan, describe
 from prooflight_line.run_package import report_style as style
 from prooflight_line.run_package.report_drawings import Bars, Locator, Picture, Timeline
-from prooflight_line.run_package.report_facts import report_facts
+from prooflight_line.run_package.report_facts import kind_of, report_facts
 from prooflight_line.run_package.report_texts import ReportTexts
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ GAP: Final = 6 * mm
 PICTURE: Final = 40 * mm
 LOCATOR: Final = 15 * mm
 MOST_WARNINGS: Final = 12
+MOST_LABELS: Final = 3
+"""Greatest number of labels of single sheets that are shown with an incident."""
 MOST_PAGES: Final = 6
 """Greatest number of names of pages that are listed for an incident."""
 
@@ -70,7 +73,7 @@ def write_report(file: IO[bytes], journal: JournalReader, run: RunRow, *, langua
     )
     document.addPageTemplates([PageTemplate(frames=[frame])])
     parts = [*_summary(facts, say), *_incidents(facts, say), *_others(facts, say), *_sheets(facts, say)]
-    document.build([*parts, *_signature(say)], canvasmaker=partial(_NumberedCanvas, run=run, say=say))
+    document.build(parts, canvasmaker=partial(_NumberedCanvas, run=run, say=say))
 
 
 class _NumberedCanvas(Canvas):  # type: ignore[misc]
@@ -114,6 +117,10 @@ def _moment(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
+def _kind(kind: str, say: ReportTexts) -> str:
+    return KINDS[say.language].get(kind, kind)
+
+
 def _summary(facts: ReportFacts, say: ReportTexts) -> list[Any]:
     run = facts.run
     end = "" if run.end is None else f" – {_moment(run.end.ended_s)[11:]}"
@@ -129,6 +136,7 @@ def _summary(facts: ReportFacts, say: ReportTexts) -> list[Any]:
         _charts(facts, say),
         Spacer(0, GAP),
         *_gate(facts, say),
+        *_signature(say),
     ]
     if facts.warnings:
         lines = [style.text(line, "small") for line in facts.warnings[:MOST_WARNINGS]]
@@ -185,18 +193,18 @@ def _pairs(facts: ReportFacts, say: ReportTexts) -> Table:
         ("ended", "" if run.end is None else _moment(run.end.ended_s)),
         ("rate", rate),
         ("unrecorded", lost if run.dropped_pages or run.dropped_evidence else ""),
+        ("remark", "" if run.end is None else run.end.detail),
         ("version", f"Prooflight {facts.version}"),
     ]
     cells = [[style.text(say(name), "label"), style.text(value, "value")] for name, value in rows if value]
-    table = Table(cells, colWidths=[46 * mm, WIDTH - 46 * mm])
+    table = Table(cells, colWidths=[52 * mm, WIDTH - 52 * mm])
     table.setStyle(style.PAIRS)
     return table
 
 
 def _charts(facts: ReportFacts, say: ReportTexts) -> Table:
     half = (WIDTH - GAP) / 2
-    names = KINDS[say.language]
-    kinds = [(names.get(kind, kind), count) for kind, count in facts.kinds.items()]
+    kinds = [(_kind(kind, say), count) for kind, count in facts.kinds.items()]
     most = max(map(sum, facts.timeline), default=0)
     timeline: list[Any] = [style.text(say("timeline"), "heading")]
     if most:
@@ -244,7 +252,7 @@ def _incidents(facts: ReportFacts, say: ReportTexts) -> list[Any]:
         Spacer(0, 2 * mm),
     ]
     cards = [_incident(one, say) for one in facts.incidents]
-    parts: list[Any] = [Spacer(0, GAP), KeepTogether([*head, cards[0]]), *cards[1:]]
+    parts: list[Any] = [PageBreak(), KeepTogether([*head, cards[0]]), *cards[1:]]
     if facts.incidents_left:
         parts.append(style.text(say("incidents.more", n=say.number(facts.incidents_left)), "small"))
     return parts
@@ -266,34 +274,47 @@ def _incident(one: ReportedIncident, say: ReportTexts) -> Table:
             last=incident.last_sheet,
         )
     )
-    names = ", ".join(incident.pages[:MOST_PAGES]) + (", …" if len(incident.pages) > MOST_PAGES else "")
+    of_job = [name for name in incident.pages if name != f"sheet {incident.first_sheet}"]
+    names = ", ".join(of_job[:MOST_PAGES]) + (", …" if len(of_job) > MOST_PAGES else "")
     verdict = one.verdict
     score = (
         ""
         if verdict.score is None or verdict.threshold is None
         else f"{say('score')} {say.number(verdict.score, 1)} / {say('threshold')} {say.number(verdict.threshold, 1)}"
     )
+    pages = say("pages", names=names) if names else ""
     body = [
-        style.text(f"{say('incident', n=incident.number)} · {sheets} · {say('pages', names=names)}", "label"),
-        style.text(text.title or KINDS[say.language].get(incident.kind, incident.kind), "subject"),
+        style.text(" · ".join(filter(None, (say("incident", n=incident.number), sheets, pages))), "label"),
+        style.text(text.title or _kind(incident.kind, say), "subject"),
         style.text(text.detail, "value"),
         style.text(" · ".join(filter(None, (f"{say('sheet')} {one.sheet}", score))), "small"),
-        style.text(f"{say('label')}: {_label(one.label, say)}", "value"),
+        *(style.text(line, "value") for line in _labels(one, say)),
     ]
     picture = (
         style.text(say("no-picture"), "small")
         if one.picture is None
-        else Picture(one.picture, width=PICTURE, height=PICTURE * 0.8)
+        else Picture(one.picture, width=PICTURE, say=say)
     )
     page = Locator(one.verdict.regions, one.picture, width=LOCATOR)
-    table = Table([[picture, page, body]], colWidths=[PICTURE + 4 * mm, LOCATOR + 5 * mm, None])
+    table = Table(
+        [[picture, page, body]],
+        colWidths=[PICTURE + 4 * mm, LOCATOR + 5 * mm, WIDTH - PICTURE - LOCATOR - 9 * mm],
+    )
     table.setStyle(style.CARD)
     return table
 
 
-def _label(label: Label | None, say: ReportTexts) -> str:
-    if label is None:
-        return say("label.none")
+def _labels(one: ReportedIncident, say: ReportTexts) -> list[str]:
+    """Return the incident's label, and those of single sheets."""
+    if one.label is None and not one.of_sheets:
+        return [f"{say('label')}: {say('label.none')}"]
+    lines = [] if one.label is None else [f"{say('label')}: {_label(one.label, say)}"]
+    lines += [f"{say('sheet')} {label.sheet}: {_label(label, say)}" for label in one.of_sheets[:MOST_LABELS]]
+    more = len(one.of_sheets) - MOST_LABELS
+    return [*lines, f"+ {say.number(more)}"] if more > 0 else lines
+
+
+def _label(label: Label, say: ReportTexts) -> str:
     text = say("label.by", word=say(f"word.{label.word}"), by=label.by, at=_moment(label.at_s))
     return f"{text}: {label.note}" if label.note else text
 
@@ -302,7 +323,10 @@ def _others(facts: ReportFacts, say: ReportTexts) -> list[Any]:
     parts: list[Any] = [Spacer(0, GAP), CondPageBreak(30 * mm), style.text(say("others"), "heading")]
     if not facts.others:
         return [*parts, style.text(say("others.none"), "value")]
-    rows = [[style.text(say(name), "column") for name in ("others.kind", "number", "first", "last")]]
+    right = ("number", "first", "last")
+    rows = [
+        [style.text(say("others.kind"), "column"), *(style.text(say(one), "column.right") for one in right)]
+    ]
     for one in facts.others[:40]:
         reason = f": {one.reason}" if one.reason else ""
         figures = (one.count, one.first_sheet, one.last_sheet)
@@ -324,7 +348,7 @@ def _sheets(facts: ReportFacts, say: ReportTexts) -> list[Any]:
     right = ("sheet", "score", "threshold")
     rows = [[style.text(say(name), "column.right" if name in right else "column") for name in columns]]
     rows += [_sheet(one, say) for one in facts.sheets]
-    widths = [12, 17, 22, 43, 15, 16, 24, 25]
+    widths = [13, 18, 24, 41, 14, 18, 28, 18]
     table = Table(rows, colWidths=[width * mm for width in widths], repeatRows=1)
     table.setStyle(style.TABLE)
     parts: list[Any] = [Spacer(0, GAP), CondPageBreak(40 * mm), style.text(say("list"), "heading"), table]
@@ -335,7 +359,7 @@ def _sheets(facts: ReportFacts, say: ReportTexts) -> list[Any]:
 
 def _sheet(one: ReportedSheet, say: ReportTexts) -> list[Any]:
     record, verdict = one.record, one.record.verdict
-    kind = "" if verdict.kind is None else KINDS[say.language].get(verdict.kind, verdict.kind)
+    kind = verdict.reason if verdict.verdict != "misprint" else _kind(kind_of(verdict), say)
     colour = style.STOP if verdict.verdict == "misprint" else style.LOOK
     numbers = ("" if value is None else say.number(value, 1) for value in (verdict.score, verdict.threshold))
     return [
@@ -352,6 +376,6 @@ def _sheet(one: ReportedSheet, say: ReportTexts) -> list[Any]:
 def _signature(say: ReportTexts) -> list[Any]:
     third = WIDTH / 3
     names = [style.text(say(f"sign.{name}"), "label") for name in ("name", "date", "signature")]
-    table = Table([["", "", ""], names], colWidths=[third] * 3, rowHeights=[14 * mm, None])
+    table = Table([["", "", ""], names], colWidths=[third] * 3, rowHeights=[11 * mm, None])
     table.setStyle(style.SIGNATURE)
-    return [Spacer(0, 2 * GAP), KeepTogether([style.text(say("sign"), "heading"), table])]
+    return [Spacer(0, GAP), KeepTogether([style.text(say("sign"), "heading"), table])]

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from prooflight_line.run_package.report_texts import ReportTexts
 
 MOST_BARS: Final = 9
+CAPTION: Final = 4 * mm
+LEAST_PIXELS: Final = 360
+"""Least number of pixels along a picture: fewer are interpolated, as viewers show them as blocks or not."""
 LEAST_MARK: Final = 1.2
 """Least side of a mark on the small page, so that it is seen. [pt]"""
 
@@ -95,36 +98,35 @@ class Bars(Flowable):  # type: ignore[misc]
 
 
 class Picture(Flowable):  # type: ignore[misc]
-    """What the camera saw of a place, as large as fits, with the place framed."""
+    """What the camera saw of a place, as large as fits into a frame of 5 to 4, with the place and the scale."""
 
-    def __init__(self, picture: SeenPicture, *, width: float, height: float) -> None:
+    def __init__(self, picture: SeenPicture, *, width: float, say: ReportTexts) -> None:
         super().__init__()
-        self._picture = picture
-        _, _, across, down = picture.box_mm
-        scale = min(width / across, height / down)
-        self.width, self.height, self._scale = across * scale, down * scale, scale
+        self._picture, self._say = picture, say
+        self.width, self._room = width, width * 0.8
+        self.height = self._room + CAPTION
 
     def draw(self) -> None:
         """Draw it."""
         canvas, picture = self.canv, self._picture
-        canvas.drawImage(_image(picture), 0, 0, self.width, self.height)
+        left, top, across, down = picture.box_mm
+        scale = min(self.width / across, self._room / down)
+        width, height = across * scale, down * scale
+        corner = (self.width - width) / 2, CAPTION + (self._room - height) / 2
+        canvas.setFillColor(style.SOFT)
+        canvas.rect(0, CAPTION, self.width, self._room, stroke=0, fill=1)
+        canvas.drawImage(_image(picture), *corner, width, height)
         canvas.setStrokeColor(style.LINE)
         canvas.setLineWidth(0.5)
-        canvas.rect(0, 0, self.width, self.height)
-        if picture.region is None:
-            return
-        left, top, _, down = picture.box_mm
-        box = _clipped(picture.region, picture.box_mm)
+        canvas.rect(0, CAPTION, self.width, self._room)
+        box = None if picture.region is None else _clipped(picture.region, picture.box_mm)
         if box is not None:
-            x, y, width, height = box
             canvas.setStrokeColor(style.STOP)
             canvas.setLineWidth(0.8)
-            canvas.rect(
-                (x - left) * self._scale,
-                (down - (y - top) - height) * self._scale,
-                width * self._scale,
-                height * self._scale,
-            )
+            low = corner[1] + (down - (box[1] - top) - box[3]) * scale
+            canvas.rect(corner[0] + (box[0] - left) * scale, low, box[2] * scale, box[3] * scale)
+        size = f"{self._say.number(across, 1)} × {self._say.number(down, 1)} mm"
+        style.draw(canvas, 0, 0.4 * mm, size)
 
 
 class Locator(Flowable):  # type: ignore[misc]
@@ -162,8 +164,11 @@ class Locator(Flowable):  # type: ignore[misc]
 
 
 def _image(picture: SeenPicture) -> ImageReader:
+    image = Image.fromarray(picture.grey)
+    if (times := math.ceil(LEAST_PIXELS / max(image.size))) > 1:
+        image = image.resize((image.width * times, image.height * times), Image.Resampling.BICUBIC)
     file = io.BytesIO()
-    Image.fromarray(picture.grey).save(file, "PNG")
+    image.save(file, "PNG")
     file.seek(0)
     return ImageReader(file)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.errors import ProoflightError
+from prooflight.reporting.defect_text import shown_kind
 from prooflight_line.journal.exporting import job_warnings
 from prooflight_line.journal.labels import OF_GOOD, SEEN, Labels, LabelStore, run_key, standing
 from prooflight_line.run.incidents import NO_MISPRINT
@@ -27,6 +28,8 @@ MOST_INCIDENTS: Final = 100
 """Greatest number of incidents that a report shows: twenty pages. assumed: nobody reads more on paper."""
 MOST_SHEETS: Final = 400
 """Greatest number of sheets that a report lists: ten pages."""
+MOST_TRIED: Final = 4
+"""Number of an incident's sheets of which one may have a picture. assumed: evidence is kept of all or of none."""
 BINS: Final = 60
 """Number of intervals of the timeline."""
 SERIES: Final = ("misprint", "not-inspected", "late")
@@ -44,6 +47,8 @@ class ReportedIncident:
     picture: SeenPicture | None
     label: Label | None
     """The last label in force; None: nobody gave one."""
+    of_sheets: tuple[Label, ...]
+    """Labels in force of its single sheets."""
 
     @property
     def region(self) -> Region | None:
@@ -111,12 +116,17 @@ class _Sheets:
             return
         part[SERIES.index(verdict)] += 1
         if verdict == "misprint":
-            self.kinds[page.verdict.kind or "unknown"] += 1
+            self.kinds[kind_of(page.verdict)] += 1
             self.false_alarms += label is not None and label.word in OF_GOOD
         if len(self.listed) < MOST_SHEETS:
             self.listed.append(ReportedSheet(record=page, label=label))
         else:
             self.left += 1
+
+
+def kind_of(verdict: Verdict) -> str:
+    """Return the kind by which a misprint is shown, as ``describe`` names it."""
+    return shown_kind(verdict.kind, verdict.regions[0] if verdict.regions else None)
 
 
 def report_facts(journal: JournalReader, run: RunRow) -> ReportFacts:
@@ -126,6 +136,10 @@ def report_facts(journal: JournalReader, run: RunRow) -> ReportFacts:
     in_force = Labels(labels)
     last, sheets = max(of_sheet, default=0), _Sheets()
     last = max(last, run.pages - 1)
+    of_sheets: dict[int, list[Label]] = {}
+    for sheet in in_force.sheets:
+        if (label := in_force.of(sheet)) is not None and sheet in of_sheet:
+            of_sheets.setdefault(of_sheet[sheet], []).append(label)
     for page in journal.pages(run.id, passed=False):
         label = in_force.of(page.sheet, of_sheet.get(page.sheet))
         sheets.add(page, label, share=page.sheet / (last + 1))
@@ -141,7 +155,13 @@ def report_facts(journal: JournalReader, run: RunRow) -> ReportFacts:
         run=run,
         warnings=job_warnings(run),
         incidents=tuple(
-            _shown(journal, run, one, last_label.get(one.number)) for one in misprints[:MOST_INCIDENTS]
+            ReportedIncident(
+                incident=one,
+                **_example(journal, run, one),
+                label=last_label.get(one.number),
+                of_sheets=tuple(of_sheets.get(one.number, ())),
+            )
+            for one in misprints[:MOST_INCIDENTS]
         ),
         incidents_left=max(len(misprints) - MOST_INCIDENTS, 0),
         others=tuple(one for one in incidents.values() if one.kind in NO_MISPRINT),
@@ -167,16 +187,14 @@ def _last_labels(labels: list[Label]) -> dict[int, Label]:
     }
 
 
-def _shown(journal: JournalReader, run: RunRow, incident: Incident, label: Label | None) -> ReportedIncident:
-    """Return an incident with the picture of its first sheet of which one is stored."""
+def _example(journal: JournalReader, run: RunRow, incident: Incident) -> dict[str, Any]:
+    """Return verdict, sheet and picture of an incident's first sheet of which a picture is stored."""
     first = None
-    for sheet in incident.sheets[:4]:
+    for sheet in incident.sheets[:MOST_TRIED]:
         page = journal.page(run.id, sheet)
         first = first or page
         if pictures := seen_pictures(page):
-            return ReportedIncident(
-                incident=incident, verdict=page.verdict, sheet=sheet, picture=pictures[0], label=label
-            )
-    verdict = incident.last_verdict if first is None else first.verdict
-    sheet = incident.last_sheet if first is None else first.sheet
-    return ReportedIncident(incident=incident, verdict=verdict, sheet=sheet, picture=None, label=label)
+            return {"verdict": page.verdict, "sheet": sheet, "picture": pictures[0]}
+    if first is None:
+        return {"verdict": incident.last_verdict, "sheet": incident.last_sheet, "picture": None}
+    return {"verdict": first.verdict, "sheet": first.sheet, "picture": None}

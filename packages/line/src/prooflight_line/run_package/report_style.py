@@ -28,7 +28,11 @@ STOP, LOOK, QUIET, ACCENT = (
     *(HexColor("#c2261d"), HexColor("#9a5b00")),
     *(HexColor("#8a9aa6"), HexColor("#14557f")),
 )
-SERIES: Final = (("verdict.misprint", STOP), ("verdict.not-inspected", HexColor("#f0a818")), ("late", QUIET))
+SERIES: Final = (
+    ("verdict.misprint", STOP),
+    ("verdict.not-inspected", HexColor("#f0a818")),
+    ("verdict.late", QUIET),
+)
 SMALL_PT: Final = 7.5
 
 Name = Literal[
@@ -63,9 +67,9 @@ def _style(
 
 STYLES: Final[dict[str, ParagraphStyle]] = {
     "title": _style("title", 20, bold=True, leading=24),
-    "lead": _style("lead", 9.5, colour=DIM),
+    "lead": _style("lead", 9.5, colour=DIM, spaceBefore=1 * mm),
     "heading": _style("heading", 11, bold=True, spaceAfter=2 * mm),
-    "subject": _style("subject", 10, bold=True),
+    "subject": _style("subject", 10, bold=True, spaceBefore=0.6 * mm, spaceAfter=0.6 * mm),
     "label": _style("label", SMALL_PT, colour=DIM),
     "value": _style("value", 8.5),
     "number": _style("number", 8.5, right=True),
@@ -87,6 +91,8 @@ FIGURES: Final = TableStyle(
         *_PLAIN,
         ("LEFTPADDING", (0, 0), (-1, -1), 3 * mm),
         ("TOPPADDING", (0, 0), (-1, 0), 3 * mm),
+        ("TOPPADDING", (0, 1), (-1, 1), 0.8 * mm),
+        ("TOPPADDING", (0, 2), (-1, 2), 1.2 * mm),
         ("BOTTOMPADDING", (0, -1), (-1, -1), 3 * mm),
         ("BACKGROUND", (0, 0), (-1, -1), SOFT),
         ("LINEAFTER", (0, 0), (-2, -1), 0.5, LINE),

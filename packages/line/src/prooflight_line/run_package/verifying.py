@@ -17,15 +17,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from prooflight.detectors.verdict import NUMBERS, Verdict
 from prooflight.errors import ProoflightError, RequestError
 from prooflight.inspection.redeciding import replayed
-from prooflight.press.artefact import Press
 from prooflight_line.journal.arrays import read_arrays
 from prooflight_line.journal.columns import MOST_PACK_BYTES
 from prooflight_line.run_package.archive import FORMAT, MANIFEST, PIECE, REMEDY, SIGNED_COMMENT, signature_of
 from prooflight_line.run_package.contents import PAGES, PRESSES, versions
+from prooflight_line.run_package.run_press import press_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from prooflight.press.artefact import Press
     from prooflight_line.run_package.signing import PublicKey
 
 MOST_MANIFEST_BYTES: Final = 256_000_000
@@ -133,7 +134,9 @@ def verify(
     Raises
     ------
     RequestError
-        The file is no package, so that nothing in it can be verified; or ``press`` is not that of its run.
+        The file is no package, so that nothing in it can be verified.
+    PressError
+        ``press`` is not that of its run.
     """
     result = Verified()
     _check_signature(path, keys, result)
@@ -273,11 +276,7 @@ def _press(
 ) -> Press | None:
     """Return the press of the run; None: it is not at hand, or not usable, as ``result`` states then."""
     if given is not None:
-        press = Press.load(given)
-        if manifest.press_digest not in press.digests:
-            what = f"has digest {press.digest[:16]}, the run was judged by {manifest.press_digest[:16]}"
-            raise RequestError(given, what, remedy=f"give the artefact of press {manifest.press} of that day")
-        return press
+        return press_of_run(given, name=manifest.press, digest=manifest.press_digest)
     name = next((one.path for one in manifest.members if one.path.startswith(f"{PRESSES}/")), None)
     if name is None:
         result.replay = f"the package has no press artefact; give that of press {manifest.press} by --press"
@@ -287,16 +286,11 @@ def _press(
         with archive.open(name) as read, file.open("wb") as written:
             while piece := read.read(PIECE):
                 written.write(piece)
-        press = Press.load(file)
+        return press_of_run(file, name=manifest.press, digest=manifest.press_digest)
     except (KeyError, ProoflightError, *_DAMAGED) as error:
         result.replay = f"{name} cannot be used"
         result.fault(f"{name}: cannot be used ({getattr(error, 'what', error)})")
         return None
-    if manifest.press_digest not in press.digests:
-        result.replay = f"{name} is not the press of the run"
-        result.fault(f"{name}: not the press of the run")
-        return None
-    return press
 
 
 def _rows(archive: zipfile.ZipFile) -> Iterator[dict[str, Any]]:

@@ -16,7 +16,7 @@ from rich.text import Text
 from prooflight.cli import faults, imposition, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
-from prooflight.errors import PressError, RequestError, visible
+from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
 from prooflight_line.cli.runs import feedback, package
 from prooflight_line.cli.runs import gate as run_gate
@@ -52,7 +52,8 @@ COUNTS = {
 """Counts in a list of runs, shown if any of the runs has some."""
 
 app = typer.Typer(
-    help="Show, label, export, replay or reconcile one run of the journal; tidy up.", no_args_is_help=True
+    help="Show, label, export, package, replay or reconcile one run of the journal; tidy up.",
+    no_args_is_help=True,
 )
 
 feedback.register_of_runs(app)
@@ -240,17 +241,13 @@ def replay(
 ) -> None:
     """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
-    from prooflight.press.artefact import Press
+    from prooflight_line.run_package.run_press import press_of_run
 
-    loaded = Press.load(press)
     with reading(journal) as opened:
         run_row = run_of(opened, run)
+        loaded = press_of_run(press, name=run_row.facts.press, digest=run_row.facts.press_digest)
         page = opened.page(run_row.id, sheet)
         where = opened.path
-    wanted, given = run_row.facts.press_digest, loaded.digest
-    if wanted not in loaded.digests:
-        what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
-        raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:
         what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
         raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")

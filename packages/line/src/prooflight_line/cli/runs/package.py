@@ -10,7 +10,6 @@ import typer
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
-from prooflight.errors import PressError
 from prooflight.reporting.wording import count
 from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 
@@ -61,20 +60,17 @@ def package(
 
     Exits 1 if evidence that the journal names is missing; what is there was packaged.
     """
-    from prooflight.press.artefact import Press
     from prooflight_line.run_package.archive import write_archive
     from prooflight_line.run_package.contents import PackageContents, refuse_running
+    from prooflight_line.run_package.run_press import press_of_run
     from prooflight_line.run_package.signing import SigningKey, default_key
 
     signing = SigningKey.load(key or default_key())
     with reading(journal) as opened:
         run_row = run_of(opened, run)
         refuse_running(run_row)
-        if press is not None and run_row.facts.press_digest not in (digests := Press.load(press).digests):
-            what = f"has digest {digests[0][:16]}, run {run_row.id} was judged by {run_row.facts.press_digest[:16]}"
-            raise PressError(
-                press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day"
-            )
+        if press is not None:
+            press_of_run(press, name=run_row.facts.press, digest=run_row.facts.press_digest)
         contents = PackageContents(
             journal=opened,
             run=run_row,

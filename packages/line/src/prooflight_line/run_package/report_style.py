@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
 
 REGULAR, BOLD, FALLBACK = "Inter-Regular", "Inter-SemiBold", "DejaVuSans"
-"""Faces; the last one, which comes with matplotlib, has the letters that Inter's Latin subset lacks."""
+"""Faces; the last one, which comes with matplotlib, has letters that Inter's Latin subset lacks."""
 INK, DIM, LINE, SOFT = HexColor("#14202b"), HexColor("#4d5b68"), HexColor("#d5dbe1"), HexColor("#f5f7f9")
 STOP, LOOK, QUIET, ACCENT = (
     *(HexColor("#c2261d"), HexColor("#9a5b00")),
@@ -194,17 +194,19 @@ def fitted(content: str, width: float, size: float = SMALL_PT) -> str:
 
 
 @cache
-def _letters() -> frozenset[int]:
-    return frozenset(pdfmetrics.getFont(REGULAR).face.charToGlyph)
+def _letters(face: str) -> frozenset[int]:
+    return frozenset(pdfmetrics.getFont(face).face.charToGlyph)
 
 
 def _runs(content: str) -> list[tuple[str, bool]]:
-    """Return the text in parts, each with whether Inter has its letters."""
+    """Return the text in parts, each with whether Inter has its letters; what no face has is shown as an escape."""
     runs: list[tuple[str, bool]] = []
-    for one in content:
-        inter = ord(one) in _letters()
+    for letter in content:
+        inter, fallback = (ord(letter) in _letters(face) for face in (REGULAR, FALLBACK))
+        shown = letter if inter or fallback else letter.encode("unicode_escape").decode("ascii")
+        inter = inter or not fallback
         if runs and runs[-1][1] == inter:
-            runs[-1] = runs[-1][0] + one, inter
+            runs[-1] = runs[-1][0] + shown, inter
         else:
-            runs.append((one, inter))
+            runs.append((shown, inter))
     return runs

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from prooflight.detectors.verdict import NUMBERS, Verdict
 from prooflight.errors import ProoflightError, RequestError
 from prooflight.inspection.redeciding import replayed
-from prooflight_line.journal.arrays import read_arrays
+from prooflight_line.journal.arrays import DAMAGED, read_arrays
 from prooflight_line.journal.columns import MOST_PACK_BYTES
 from prooflight_line.run_package.archive import FORMAT, MANIFEST, PIECE, REMEDY, SIGNED_COMMENT, signature_of
 from prooflight_line.run_package.contents import PAGES, PRESSES, versions
@@ -35,14 +35,6 @@ MOST_ROW_BYTES: Final = 16_000_000
 """Greatest size of a line of the rows, as a journal has it."""
 MOST_FAULTS: Final = 200
 """Greatest number of faults that are named; the rest are counted."""
-_DAMAGED: Final = (
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    EOFError,
-    OSError,
-    NotImplementedError,
-    RuntimeError,
-)
 
 
 class _Listed(BaseModel):
@@ -153,7 +145,9 @@ def verify(
                     if name in here and here[name] != there
                 }
                 _replay(archive, manifest, press, result, shown)
-    except _DAMAGED as error:
+    except ProoflightError:
+        raise
+    except DAMAGED as error:
         result.fault(f"the archive cannot be read ({error})")
     return result
 
@@ -214,7 +208,7 @@ def _check_members(
             continue
         try:
             size, digest = _digest(archive, one.path, most=one.bytes)
-        except _DAMAGED as error:
+        except DAMAGED as error:
             result.fault(f"{one.path}: damaged ({error})")
             continue
         if size != one.bytes or digest != one.sha256:
@@ -255,7 +249,7 @@ def _replay(
                 result.with_evidence += 1
                 if press is not None:
                     _replay_sheet(evidence, row, press, result)
-            except (KeyError, TypeError, ValueError, *_DAMAGED) as error:
+            except (KeyError, TypeError, ValueError, *DAMAGED) as error:
                 what = error.what if isinstance(error, RequestError) else str(error)
                 result.fault(f"{PAGES}, line {number}: cannot be computed again ({what})")
 
@@ -287,7 +281,7 @@ def _press(
             while piece := read.read(PIECE):
                 written.write(piece)
         return press_of_run(file, name=manifest.press, digest=manifest.press_digest)
-    except (KeyError, ProoflightError, *_DAMAGED) as error:
+    except (KeyError, ProoflightError, *DAMAGED) as error:
         result.replay = f"{name} cannot be used"
         result.fault(f"{name}: cannot be used ({getattr(error, 'what', error)})")
         return None

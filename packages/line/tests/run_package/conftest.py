@@ -42,7 +42,7 @@ class Packed(NamedTuple):
 
 @pytest.fixture(scope="session")
 def journal_of_run(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run 1: sheet 0 good, 1 a streak, both with evidence; 2 not inspected. Its job's name has letters of three alphabets."""
+    """Run 1: sheet 0 good, 1 a streak, both with evidence; 2 not inspected. Its name is of three alphabets."""
     path = tmp_path_factory.mktemp("journal") / "j.sqlite"
     inspector = Inspector.of(press, "chi-square")
     prepared = inspector.prepare(page)

@@ -17,6 +17,7 @@ from PIL import Image
 from prooflight import __version__
 from prooflight.errors import RequestError
 from prooflight.files.program import CALCULATING, program_digest
+from prooflight_line.journal.backup import CONSOLE
 from prooflight_line.journal.exporting import page_facts, run_facts
 from prooflight_line.journal.labels import LabelStore, run_key
 from prooflight_line.journal.opening import UNREADABLE, why
@@ -46,8 +47,6 @@ LIBRARIES: Final = (
     "sqlalchemy",
 )
 ROWS_A_PIECE: Final = 200
-CONSOLE: Final = ".console.sqlite"
-"""What the console adds to the journal's name for its own file."""
 _AUDIT: Final = (
     "SELECT id, at_s, who, what, target, before, after, previous, digest FROM audit"
     " WHERE target = ? OR substr(target, 1, ?) = ? ORDER BY id"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -98,6 +99,13 @@ def write_package(of: Packed, out: Path) -> None:
     with Journal.open(str(of.journal), read_only=True) as journal:
         contents = PackageContents(journal=journal, run=journal.run(1), press=of.press)
         write_archive(out, contents.members(), of.key, facts=contents.facts)
+
+
+def copied(journal: Path, folder: Path) -> Path:
+    """A journal with all that lies beside it, which a test may change."""
+    for file in journal.parent.iterdir():
+        (shutil.copytree if file.is_dir() else shutil.copyfile)(file, folder / file.name)
+    return folder / journal.name
 
 
 def _record(sheet: int, verdict: Verdict, **more: object) -> PageRecord:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from packages.line.tests.run_package.conftest import Packed, write_package
+from packages.line.tests.run_package.conftest import Packed, copied, write_package
 
 from prooflight.errors import PressError, RequestError
 from prooflight_line.journal.journal import Journal
@@ -200,12 +199,10 @@ def test_another_press_is_refused(packed: Packed, press: Press, tmp_path: Path) 
 
 
 def test_evidence_that_is_gone_is_stated(packed: Packed, tmp_path: Path) -> None:
-    for file in packed.journal.parent.iterdir():
-        copy = shutil.copytree if file.is_dir() else shutil.copyfile
-        copy(file, tmp_path / file.name)
+    journal = copied(packed.journal, tmp_path)
     gone = next((tmp_path / "j.sqlite.evidence").rglob("*.npz"))
     gone.unlink()
-    write_package(packed._replace(journal=tmp_path / "j.sqlite"), tmp_path / "r.zip")
+    write_package(packed._replace(journal=journal), tmp_path / "r.zip")
     assert (
         f"evidence/{gone.name}: was missing when the package was made"
         in verified(packed, tmp_path / "r.zip").faults

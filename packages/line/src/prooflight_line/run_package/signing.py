@@ -137,8 +137,8 @@ class SigningKey:
 
         The public half is written next to it, as ``.pub``.
         """
-        made = cls(Ed25519PrivateKey.generate())
-        content = made._key.private_bytes(
+        signing = cls(Ed25519PrivateKey.generate())
+        content = signing._key.private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         )
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -150,8 +150,8 @@ class SigningKey:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             os.fsync(handle)
-        public_path(path).write_text(made.public.text)
-        return made
+        public_path(path).write_text(signing.public.text)
+        return signing
 
     @classmethod
     def load(cls, path: Path) -> Self:

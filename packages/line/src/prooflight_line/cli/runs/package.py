@@ -122,20 +122,22 @@ def key(
     from prooflight_line.run_package.signing import SigningKey, default_key, public_path
 
     path = file or default_key()
-    made = not path.exists()
-    signing = SigningKey.make(path) if made else SigningKey.load(path)
+    new = not path.exists()
+    signing = SigningKey.make(path) if new else SigningKey.load(path)
     public = public_path(path)
     if not public.exists():
         public.write_text(signing.public.text)
     if json:
-        facts = {"key": signing.public.name, "public": str(public), "secret": str(path), "made": made}
+        facts = {"key": signing.public.name, "public": str(public), "secret": str(path), "new": new}
         show.print_json(facts)
         return
     show.people.print(signing.public.text.rstrip())
-    if made:
+    if new:
         show.people.print("Give the public key to those who verify packages; keep a copy of the secret one.")
         show.written(path)
-    show.written(public) if made else show.people.print(f"Public key: {public}")
+        show.written(public)
+    else:
+        show.people.print(f"Public key: {public}")
 
 
 def verify(

@@ -277,11 +277,16 @@ def _incident(one: ReportedIncident, say: ReportTexts) -> Table:
     of_job = [name for name in incident.pages if name != f"sheet {incident.first_sheet}"]
     names = ", ".join(of_job[:MOST_PAGES]) + (", …" if len(of_job) > MOST_PAGES else "")
     verdict = one.verdict
-    score = (
-        ""
-        if verdict.score is None or verdict.threshold is None
-        else f"{say('score')} {say.number(verdict.score, 1)} / {say('threshold')} {say.number(verdict.threshold, 1)}"
-    )
+    score = ""
+    if (
+        one.region is not None
+        and one.region.above_good_sd is not None
+        and verdict.score
+        and verdict.threshold
+    ):
+        # Otherwise ``describe`` states it.
+        numbers = say.number(verdict.score, 1), say.number(verdict.threshold, 1)
+        score = f"{say('score')} {numbers[0]} / {say('threshold')} {numbers[1]}"
     pages = say("pages", names=names) if names else ""
     body = [
         style.text(" · ".join(filter(None, (say("incident", n=incident.number), sheets, pages))), "label"),

@@ -153,7 +153,7 @@ def text(content: str, name: Name, *, colour: Any = None) -> Paragraph:
     style = STYLES[name]
     marked = "".join(
         escape(part) if inter else f'<font name="{FALLBACK}">{escape(part)}</font>'
-        for part, inter in _runs(visible(" ".join(content.split(" "))))
+        for part, inter in _runs(visible(content))
     )
     if colour is not None:
         marked = f'<font color="{colour.hexval().replace("0x", "#")}">{marked}</font>'

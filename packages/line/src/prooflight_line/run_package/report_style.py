@@ -30,8 +30,8 @@ STOP, LOOK, QUIET, ACCENT = (
 )
 SERIES: Final = (
     ("verdict.misprint", STOP),
-    ("verdict.not-inspected", HexColor("#f0a818")),
-    ("verdict.late", QUIET),
+    ("verdict.not-inspected", HexColor("#53636f")),
+    ("verdict.late", HexColor("#f0a818")),
 )
 SMALL_PT: Final = 7.5
 

@@ -66,6 +66,7 @@ LISTED: Final = {
     "verify": Listed(
         package=LINE, what="Verify the signed package of a run, and compute its verdicts again."
     ),
+    "records": Listed(package=LINE, what="Bring journals of many presses into one PostgreSQL database."),
     "doctor": Listed(package=LINE, what="Say what this machine lacks, and how fast an inspection is."),
     "backup": Listed(package=LINE, what="Back up a journal and all that belongs to it, while runs go on."),
     "restore": Listed(package=LINE, what="Verify a backup, and restore it; nothing is overwritten."),

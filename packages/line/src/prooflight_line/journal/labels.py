@@ -174,7 +174,7 @@ class LabelStore:
 
     def on_hold(self) -> dict[str, Label]:
         """Return the legal holds in force, by the key of their run."""
-        holds = self._read("word IN (?, ?)", (HOLD, LIFTED))
+        holds = self._read("word IN (?, ?) ORDER BY id", (HOLD, LIFTED))
         return {run: one for run, one in {one.run: one for one in holds}.items() if one.word == HOLD}
 
     def undo(self, number: int, *, run: str, by: str, at_s: float) -> Label:
@@ -216,22 +216,26 @@ class LabelStore:
 
     def of_run(self, run: str) -> list[Label]:
         """Return all labels of a run, in order."""
-        return self._read("run = ?", (run,))
+        return self._read("run = ? ORDER BY id", (run,))
 
-    def _read(self, condition: str, values: tuple[str, ...]) -> list[Label]:
-        """Return the rows that meet a condition of SQL, in order."""
+    def _read(self, condition: str, values: tuple[Any, ...]) -> list[Label]:
+        """Return the rows that meet a condition of SQL."""
         if not self.path.exists():
             return []
         with closing(self._opened(create=False)) as connection:
             try:
                 columns = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
                 more = [name for name in _SINCE_2 if name in columns]
-                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE {condition} ORDER BY id"
+                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE {condition}"
                 rows = connection.execute(query, values).fetchall()
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
         names = [name.strip('"') for name in (*_COLUMNS, *more)]
         return [Label(**dict(zip(names, row, strict=True))) for row in rows]
+
+    def written_after(self, number: int, *, limit: int = 500) -> list[Label]:
+        """Return the labels of all runs above a number, in order."""
+        return self._read("id > ? ORDER BY id LIMIT ?", (number, limit))
 
     def last(self) -> int:
         """Return the number of the latest label of any run; 0: there is none."""

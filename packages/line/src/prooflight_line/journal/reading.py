@@ -129,7 +129,7 @@ class JournalReader:
         except ValueError as error:
             raise self._bad_row(f"run {run_id}, sheet {sheet}", error) from error
 
-    def evidence_files(self, run_id: int) -> dict[int, Path]:
+    def evidence_of_run(self, run_id: int) -> dict[int, Path]:
         """Return the file of evidence of each sheet of a run that has one, by sheet; a file may be missing."""
         page, pack = stored_pages.c, stored_packs.c
         query = (

@@ -119,7 +119,7 @@ class PackageContents:
 
     def _files(self) -> dict[int, Path]:
         """Return the files of evidence by sheet; those that do not exist are noted."""
-        files = self.journal.evidence_files(self.run.id)
+        files = self.journal.evidence_of_run(self.run.id)
         there = {file for file in set(files.values()) if file.is_file()}
         self.missing += sorted(_evidence_path(file) for file in set(files.values()) - there)
         return {sheet: file for sheet, file in files.items() if file in there}

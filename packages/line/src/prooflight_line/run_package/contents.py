@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from prooflight.reporting.defect_phrases import Code
     from prooflight_line.journal.reading import JournalReader
-    from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.journal.records import RunRow
 
 RUN, PAGES, REPORT = "run.json", "pages.jsonl", "report.pdf"
 EVIDENCE, PICTURES, PRESSES = "evidence", "pictures", "press"
@@ -78,8 +78,8 @@ class PackageContents:
     press: Path | None = None
     """Press artefact of the run, to be included; None: it is not at hand."""
     language: Code = "en"
-    shown: Callable[[Iterable[PageRecord]], Iterable[PageRecord]] = iter
-    """Shows the progress of reading the run's sheets."""
+    shown: Callable[[Iterable[Any], int, str], Iterable[Any]] = lambda items, _total, _what: items
+    """Shows progress over items, given their number and what is done."""
     missing: list[str] = field(default_factory=list)
     """Files of evidence that the journal names and that do not exist."""
 
@@ -125,19 +125,22 @@ class PackageContents:
         return {sheet: file for sheet, file in files.items() if file in there}
 
     def _rows(self, files: dict[int, Path]) -> Iterator[dict[str, Any]]:
-        for page in self.shown(self.journal.pages(self.run.id)):
+        for page in self.shown(self.journal.pages(self.run.id), self.run.pages, "rows"):
             file = files.get(page.sheet)
             yield page_facts(page) | {"evidence": None if file is None else _evidence_path(file)}
 
     def _pictures(self, files: dict[int, Path]) -> Iterator[Member]:
-        for page in self.journal.pages(self.run.id, passed=False):
-            if page.sheet not in files or page.verdict.verdict == "good":
-                continue
-            whole = self.journal.page(self.run.id, page.sheet)
-            for index, picture in enumerate(seen_pictures(whole)):
+        misprints = (
+            page.sheet
+            for page in self.journal.pages(self.run.id, passed=False)
+            if page.verdict.verdict == "misprint" and page.sheet in files
+        )
+        for sheet in self.shown(misprints, self.run.misprints, "pictures"):
+            page = self.journal.page(self.run.id, sheet)
+            for index, picture in enumerate(seen_pictures(page)):
                 file = io.BytesIO()
                 Image.fromarray(picture.grey).save(file, "PNG")
-                name = f"{PICTURES}/sheet{page.sheet:07}-{index + 1}.png"
+                name = f"{PICTURES}/sheet{sheet:07}-{index + 1}.png"
                 yield Member(path=name, content=[file.getvalue()], packed=False)
 
     def _report(self) -> Iterator[bytes]:

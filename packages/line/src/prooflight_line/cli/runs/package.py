@@ -14,7 +14,7 @@ from prooflight.reporting.wording import count
 from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from prooflight_line.run_package.verifying import Verified
 
@@ -76,7 +76,7 @@ def package(
             run=run_row,
             press=press,
             language=language,
-            shown=lambda pages: pages if json else show.progress(pages, total=run_row.pages, what="sheets"),
+            shown=_shown(quiet=json),
         )
         path = out or Path(f"run-{run_row.id}.zip")
         members = write_archive(path, contents.members(), signing, facts=contents.facts)
@@ -164,10 +164,9 @@ def verify(
     own = public_path(default_key())
     files = key or ([own] if own.exists() else [])
 
-    def shown(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-        return items if json else show.progress(items, total=total, what=what)
-
-    result = verify_package(archive, [PublicKey.read(file) for file in files], press=press, shown=shown)
+    result = verify_package(
+        archive, [PublicKey.read(file) for file in files], press=press, shown=_shown(quiet=json)
+    )
     if json:
         _print_facts(result)
     else:
@@ -178,6 +177,10 @@ def verify(
         faults.report(f"{count(result.more_faults, 'more fault')}")
     if result.faults:
         raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _shown(*, quiet: bool) -> Callable[[Iterable[Any], int, str], Iterable[Any]]:
+    return lambda items, total, what: items if quiet else show.progress(items, total=total, what=what)
 
 
 def _print_facts(result: Verified) -> None:

@@ -353,7 +353,7 @@ def _sheets(facts: ReportFacts, say: ReportTexts) -> list[Any]:
     right = ("sheet", "score", "threshold")
     rows = [[style.text(say(name), "column.right" if name in right else "column") for name in columns]]
     rows += [_sheet(one, say) for one in facts.sheets]
-    widths = [13, 18, 24, 41, 14, 18, 28, 18]
+    widths = [13, 18, 24, 39, 16, 18, 28, 18]
     table = Table(rows, colWidths=[width * mm for width in widths], repeatRows=1)
     table.setStyle(style.TABLE)
     parts: list[Any] = [Spacer(0, GAP), CondPageBreak(40 * mm), style.text(say("list"), "heading"), table]

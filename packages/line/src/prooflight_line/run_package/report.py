@@ -356,7 +356,7 @@ def _sheets(facts: ReportFacts, say: ReportTexts) -> list[Any]:
     widths = [13, 18, 24, 39, 16, 18, 28, 18]
     table = Table(rows, colWidths=[width * mm for width in widths], repeatRows=1)
     table.setStyle(style.TABLE)
-    parts: list[Any] = [Spacer(0, GAP), CondPageBreak(40 * mm), style.text(say("list"), "heading"), table]
+    parts: list[Any] = [Spacer(0, GAP), CondPageBreak(30 * mm), style.text(say("list"), "heading"), table]
     if facts.sheets_left:
         parts.append(style.text(say("list.more", n=say.number(facts.sheets_left)), "small"))
     return parts

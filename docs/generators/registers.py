@@ -112,9 +112,9 @@ halves where the controller takes requests between two scans.
 ## The trays of the last {RING} sheets
 
 Registers {RING_FROM} to {RING_FROM + RING - 1} are a ring `trays`, one register a sheet, so that none is missed between
-two exchanges: sheet number n at the gate, from 1, is in `trays[(n - 1) MOD {RING}]`. Bits 0 and 1 are its tray as in `last_tray`; bits 2 to 15 its tag as `(tag - 1) MOD 16383 + 1`, or 0 if no result was found for
-it. A controller without the ring shows `map_version` 1: of two sheets between two exchanges it then reports the second
-alone.
+two exchanges: sheet number n at the gate, from 1, is in `trays[(n - 1) MOD {RING}]`. Bits 0 and 1 are its tray as in
+`last_tray`; bits 2 to 15 its tag as `(tag - 1) MOD 16383 + 1`, or 0 if no result was found for it. A controller without
+the ring shows `map_version` 1: of two sheets between two exchanges it then reports the second alone.
 
 ## Results and codes
 

@@ -30,7 +30,7 @@ from prooflight_line.plant.gate.registers import (
     count_distance,
     packed,
     packed_of_plc,
-    ring_word,
+    ring_register,
     unpacked,
     unpacked_of_plc,
 )
@@ -241,7 +241,7 @@ def trays_logged(wired: Wired) -> list[tuple[int, str]]:
 def reach(wired: Wired, tag: int, tray: int) -> None:
     """A sheet reaches the gate: the controller notes it in its ring, if it has one, and as the last."""
     if wired.trays:
-        wired.trays[wired.shown["sheets_at_gate"] % RING] = ring_word(tag, tray)
+        wired.trays[wired.shown["sheets_at_gate"] % RING] = ring_register(tag, tray)
     wired.shown["sheets_at_gate"] += 1
     wired.shown |= {"last_tag": tag, "last_tray": tray}
 
@@ -288,7 +288,7 @@ def test_a_controller_that_counts_from_0_again_names_no_sheet(wired: Wired) -> N
 def test_a_tag_is_known_by_its_short_form(tag: int, later: int, tray: int) -> None:
     values = {register.name: 0 for register in READ} | {"sheets_at_gate": 9}
     trays = [0] * RING
-    trays[8] = ring_word(tag, tray)
+    trays[8] = ring_register(tag, tray)
     assert 0 <= trays[8] < 2**16
     shown = Shown(values=values, trays=tuple(trays))
     assert shown.passed(1, last_tag=tag + later) == [(tag, tray)]

@@ -196,7 +196,7 @@ class Shown:
         return [(tag, tray) for tag, tray in sheets if tag > 0]
 
 
-def ring_word(tag: int, tray: int) -> int:
+def ring_register(tag: int, tray: int) -> int:
     """Return a sheet's register in the ring: its tag as 1 to 16383, which repeats, in bits 2 to 15; its tray below.
 
     tag: 0 if no result was found for the sheet; tray: 1 good, 2 reject.

@@ -22,7 +22,7 @@ from prooflight_line.plant.gate.registers import (
     Result,
     count_distance,
     packed_of_plc,
-    ring_word,
+    ring_register,
     unpacked,
 )
 
@@ -211,7 +211,7 @@ class SimulatedPlc:
             if self.log is not None:
                 self.log.write(json.dumps(asdict(row)) + "\n")
         self.last = row
-        self._ring[self._at_gate % RING] = ring_word(tag, 1 if accepted else 2)
+        self._ring[self._at_gate % RING] = ring_register(tag, 1 if accepted else 2)
         self._at_gate += 1
 
     def _match(self, count: int) -> tuple[int, int, bool, str]:

@@ -45,6 +45,8 @@ PARTS: Final = 4
 """Parts of a place, each way, of which amounts are compared."""
 MOST_UNEVEN: Final = 0.25
 """Greatest standard deviation of an amount, as a share of it. assumed: 20 % is then between 10 and 30 %."""
+MOST_PERCENT: Final = 105.0
+"""Greatest amount that is taken for all of an ink or of the light: more, and something else is off there."""
 CLEARER: Final = 2.0
 """Factor by which the next ink leaves more unexplained than the one that is named. assumed"""
 
@@ -100,8 +102,8 @@ def amount_in(
     if 1 - best.left / total < LEAST_EXPLAINED or best.uneven > MOST_UNEVEN:
         return Amount(ink=named)
     percent = 100 * best.amount * (-1 if best.mode in ("light", "void") else 1)
-    possible = abs(percent) <= 100 and bool(named) == bool(letter)
-    return Amount(ink=named, darker_percent=percent if possible else None)
+    possible = abs(percent) <= MOST_PERCENT and bool(named) == bool(letter)
+    return Amount(ink=named, darker_percent=min(max(percent, -100.0), 100.0) if possible else None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -245,7 +245,11 @@ class Pictures:
             if seen is None and not coming:
                 cuts = whole_cut(page.evidence, self._stations.press(run), **placed)
         if expected is not None:
-            cuts = tuple(aligned(cut, expected) for cut in cuts)
+            regions = dict(enumerate(page.verdict.regions))
+            cuts = tuple(
+                aligned(cut, expected, None if cut.region is None else regions.get(cut.region))
+                for cut in cuts
+            )
             width, height, levels = expected.width, expected.height, expected.levels
             width_mm, height_mm = expected.width_mm, expected.height_mm
         else:

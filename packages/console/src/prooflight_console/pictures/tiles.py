@@ -12,7 +12,7 @@ from PIL import Image, WebPImagePlugin  # noqa: F401 (else Pillow loads all its 
 
 from prooflight.reporting.pictures import SATURATION, error_colours
 from prooflight_console.pictures.expected import FULL, TILE, Pyramid, size_at
-from prooflight_line.journal.cuts import shown, stretched
+from prooflight_line.journal.cuts import inside, shown, stretched
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,6 +34,10 @@ REACH: Final = 10
 """Search range in pixels: a millimetre at the prototype's pitch, by which paper distorts."""
 FLAT: Final = 0.02
 """Least standard deviation of the page, as a share of paper's light, for a match to be defined."""
+AROUND_DEFECT_MM: Final = 0.5
+"""Margin of a defect that is left out of a match: its edges are soft."""
+LEAST_SOUND: Final = 0.1
+"""Least share of a cut, without its defect, that is matched: of less, the place of the verdict is kept."""
 QUALITY: Final = 82
 
 
@@ -127,10 +131,11 @@ def drawn(layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32]
     return np.where(there[..., None], np.rint(colours), UNSEEN_GREY).astype(np.uint8)
 
 
-def aligned(cut: Cut, expected: Pyramid) -> Cut:
+def aligned(cut: Cut, expected: Pyramid, region: Region | None = None) -> Cut:
     """Return the cut where it matches the page best, within ``REACH`` pixels.
 
-    The verdict gives the position of the page as a whole; paper stretches and turns besides.
+    The verdict gives the position of the page as a whole; paper stretches and turns besides. What is around the defect
+    decides: a spot would be matched with a letter. region: the defect; None: the cut has none.
     """
     scale = expected.width / expected.width_mm, expected.height / expected.height_mm
     left, top = (cut.box_mm[axis] * scale[axis] for axis in (0, 1))
@@ -141,7 +146,13 @@ def aligned(cut: Cut, expected: Pyramid) -> Cut:
     around = expected.part(expected.levels - 1, *begin, side)[: lines + 2 * REACH, : pixels + 2 * REACH]
     if around.shape[0] < lines or around.shape[1] < pixels or float(around.std()) < FLAT:
         return cut
-    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF)
+    sound = np.ones((lines, pixels), np.float32)
+    if region is not None:
+        sound[inside(cut, region, margin_mm=AROUND_DEFECT_MM)] = 0
+    there = sound > 0
+    if there.mean() < LEAST_SOUND or float(cut.signal[there].std()) < FLAT:
+        return cut
+    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF, mask=sound)
     row, column = np.unravel_index(int(off.argmin()), off.shape)
     x = begin[0] + column + valley(off[row], int(column))
     y = begin[1] + row + valley(off[:, column], int(row))

@@ -137,26 +137,29 @@ def stretched(cut: Cut, region: Region | None) -> NDArray[np.float32]:
     light = shown(cut.signal)
     if region is None:
         return light
-    inside = _inside(cut, region)
-    if inside.all() or not inside.any():
+    within = inside(cut, region)
+    if within.all() or not within.any():
         low, high = (float(one) for one in np.quantile(cv2.GaussianBlur(light, (0, 0), 1.0), (0.02, 0.98)))
         spread = high - low
     else:
-        low, high = sorted((float(np.median(light[inside])), float(np.median(light[~inside]))))
+        low, high = sorted((float(np.median(light[within])), float(np.median(light[~within]))))
         spread = AROUND * (high - low)
     spread = min(max(spread, LEAST_RANGE), 1.0)
     begin = min(max((low + high - spread) / 2, 0.0), 1.0 - spread)
     return np.asarray((light - begin) / spread, np.float32)
 
 
-def _inside(cut: Cut, region: Region) -> NDArray[np.bool_]:
-    """Return which pixels of a cut are in a region."""
+def inside(cut: Cut, region: Region, *, margin_mm: float = 0.0) -> NDArray[np.bool_]:
+    """Return which pixels of a cut are in a region, or within a margin of it."""
     lines, pixels = cut.signal.shape
     x, y, width, height = cut.box_mm
     across = x + (np.arange(pixels) + 0.5) * width / pixels - region.x_mm
     down = y + (np.arange(lines) + 0.5) * height / lines - region.y_mm
-    within = (across >= 0) & (across <= region.width_mm)
-    return np.asarray(((down >= 0) & (down <= region.height_mm))[:, None] & within)
+    within, between = (
+        (at >= -margin_mm) & (at <= extent + margin_mm)
+        for at, extent in ((across, region.width_mm), (down, region.height_mm))
+    )
+    return np.asarray(between[:, None] & within)
 
 
 def shown(signal: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,0 +1,98 @@
+"""Drifts and steps of what is measured on every sheet: ink densities, and the register of planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from scipy import special
+
+from prooflight_line.run.monitor.channels import drift_channels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight_line.journal.records import PageRecord
+    from prooflight_line.run.monitor.channels import Channel
+
+FALSE_ALARM_RATE: Final = 0.01
+"""Chance that a run without a change has a trend, all channels together. assumed: as that of repeats."""
+LEAST_SHEETS: Final = 8
+LEAST_SHARE: Final = 0.25
+"""Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
+misprint."""
+INK_CHANNELS: Final = tuple(
+    channel for channel in drift_channels(()) if channel.name.startswith(("gain-", "register-"))
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trend:
+    """A change of one channel over a run."""
+
+    channel: Channel
+    shape: Literal["drift", "step"]
+    sheet: int
+    """First sheet after a step; first sheet of the run for a drift."""
+    change: float
+    """Height of a step, or change over the run, in the channel's own unit."""
+    sd: float
+    """Standard deviation of the change."""
+    z: float
+    """Change over its standard deviation."""
+
+
+def trends_of(
+    records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_ALARM_RATE
+) -> list[Trend]:
+    """Return the channels that drifted or stepped, the largest change in tolerances first.
+
+    A line and every step are fitted by least squares; the one with the greater z counts, if z is above the
+    quantile of a normal distribution at the false-alarm rate over the number of fits (Bonferroni). The noise is
+    that of the differences of neighbouring sheets, to which a drift and a step hardly contribute (von Neumann
+    1941).
+    """
+    trends = []
+    for channel in INK_CHANNELS:
+        rows = [(one.sheet, one.nuisance[channel.name]) for one in records if channel.name in one.nuisance]
+        if len(rows) < LEAST_SHEETS:
+            continue
+        sheets, values = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+        fits = len(INK_CHANNELS) * len(rows)
+        limit = -float(special.ndtri(false_alarm_rate / (2 * fits)))
+        trend = _trend(channel, sheets, values)
+        if abs(trend.z) > limit and abs(trend.change) > LEAST_SHARE * channel.tolerance:
+            trends.append(trend)
+    return sorted(trends, key=lambda trend: -abs(trend.change) / trend.channel.tolerance)
+
+
+def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float64]) -> Trend:
+    noise = noise_sd(values)
+    count = values.size
+    centred = sheets - sheets.mean()
+    slope = float((centred * values).sum() / (centred**2).sum())
+    slope_sd = noise / float(np.sqrt((centred**2).sum()))
+    before = np.arange(1, count)
+    sums = np.cumsum(values)
+    steps = (sums[-1] - sums[:-1]) / (count - before) - sums[:-1] / before
+    step_sd = noise * np.sqrt(1 / before + 1 / (count - before))
+    z = steps / step_sd
+    at = int(np.argmax(np.abs(z)))
+    if abs(z[at]) > abs(slope / slope_sd):
+        shape: Literal["drift", "step"] = "step"
+        first, change, sd = int(sheets[at + 1]), float(steps[at]), float(step_sd[at])
+    else:
+        span = int(sheets[-1] - sheets[0])
+        shape, first, change, sd = "drift", int(sheets[0]), slope * span, slope_sd * span
+    return Trend(channel=channel, shape=shape, sheet=first, change=change, sd=sd, z=change / sd)
+
+
+def noise_sd(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation from one sheet to the next, of at least two; robust against single steps.
+
+    The median of the absolute differences of normal values is 0.6745 times the root of 2 of their deviation.
+    """
+    return max(float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2)), 1e-9)

@@ -64,25 +64,19 @@ def known_prints(
     prints: list[KnownPrint] = []
     for design in range(designs):
         rng = stream(seed, "plant-prints", design)
-        bench = Bench(
-            inspector=inspector, day=SimulatedDay.begin("press", inspector.press, rng)
-        )
+        bench = Bench(inspector=inspector, day=SimulatedDay.begin("press", inspector.press, rng))
         page = inspector.press.geometry.lay(corpus.page(design))
         prepared = bench.prepare(page)
         for what, (x, y), printed in _printed(page, rng):
             own = _cloudy(bench) if what == "paper" else bench
             verdict = own.inspect(prepared, printed, rng).verdict
             size = page.width_mm, page.height_mm
-            prints.append(
-                KnownPrint(what=what, design=design, x_mm=x, y_mm=y, size_mm=size, verdict=verdict)
-            )
+            prints.append(KnownPrint(what=what, design=design, x_mm=x, y_mm=y, size_mm=size, verdict=verdict))
         progress(f"prints with known defects: design {design + 1} of {designs}")
     return prints
 
 
-def _printed(
-    page: Page, rng: np.random.Generator
-) -> Iterator[tuple[str, tuple[float, float], Page]]:
+def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, tuple[float, float], Page]]:
     inked = np.flatnonzero((page.cmyk.max(axis=2) >= INKED).mean(axis=0) > INKED_SHARE)
     for what, copies in COPIES.items():
         if what in ("nozzle", "scratch") and not inked.size:

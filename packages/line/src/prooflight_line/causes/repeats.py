@@ -126,7 +126,8 @@ def _along(marks: Sequence[Mark]) -> NDArray[np.float64]:
 
 def _pairs(along: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return first and second mark of each pair: one of the first third and one of the last, so that combs
-    reach over all marks."""
+    reach over all marks.
+    """
     third = -(-along.size // 3)
     first, second = np.meshgrid(np.arange(third), np.arange(along.size - third, along.size), indexing="ij")
     return first.ravel(), second.ravel()

@@ -37,6 +37,7 @@ class Trend:
     shape: Literal["drift", "step"]
     sheet: int
     """First sheet after a step; first sheet of the run for a drift."""
+    last_sheet: int
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float
@@ -45,9 +46,7 @@ class Trend:
     """Change over its standard deviation."""
 
 
-def trends_of(
-    records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_ALARM_RATE
-) -> list[Trend]:
+def trends_of(records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_ALARM_RATE) -> list[Trend]:
     """Return the channels that drifted or stepped, the largest change in tolerances first.
 
     A line and every step are fitted by least squares; the one with the greater z counts, if z is above the
@@ -87,7 +86,10 @@ def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float
     else:
         span = int(sheets[-1] - sheets[0])
         shape, first, change, sd = "drift", int(sheets[0]), slope * span, slope_sd * span
-    return Trend(channel=channel, shape=shape, sheet=first, change=change, sd=sd, z=change / sd)
+    last = int(sheets[-1])
+    return Trend(
+        channel=channel, shape=shape, sheet=first, last_sheet=last, change=change, sd=sd, z=change / sd
+    )
 
 
 def noise_sd(values: NDArray[np.float64]) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -32,10 +33,14 @@ SPOTS_MM: Final = (0.8, 3.0)
 """Diameters of marks of rollers and of spots. assumed: clearly visible, and not yet a patch."""
 CLOUDS: Final = 12.0
 """Factor on the clouds of good paper (``worlds.toml``) for paper of bad formation. assumed."""
-INKED_SHARE: Final = 0.5
-"""Share of a column that must be inked for a missing line to be drawn there."""
-COPIES: Final = {"spot": 3, "nozzle": 3, "scratch": 2, "paper": 1, "good": 2}
+INKED_SHARE: Final = 0.3
+"""Share of a column that must have a quarter of full ink for its nozzle to fail there."""
+COPIES: Final = {"spot": 3, "nozzle": 5, "scratch": 1, "density": 1, "register": 1, "paper": 1, "good": 2}
 """Prints of each design."""
+WEAKER: Final = 0.85
+"""Ink that is left of the ink that prints most, where density is changed."""
+REGISTER_MM: Final = 0.3
+"""Shift of its plane to the right, where register is changed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +55,8 @@ class KnownPrint:
     size_mm: tuple[float, float]
     """Width and height of the page."""
     verdict: Verdict
+    ink: str = ""
+    """Letter of the ink that is off; empty: all are, or none."""
 
 
 def known_prints(
@@ -67,35 +74,58 @@ def known_prints(
         bench = Bench(inspector=inspector, day=SimulatedDay.begin("press", inspector.press, rng))
         page = inspector.press.geometry.lay(corpus.page(design))
         prepared = bench.prepare(page)
-        for what, (x, y), printed in _printed(page, rng):
+        for what, ink, (x, y), printed in _printed(page, rng):
             own = _cloudy(bench) if what == "paper" else bench
             verdict = own.inspect(prepared, printed, rng).verdict
             size = page.width_mm, page.height_mm
-            prints.append(KnownPrint(what=what, design=design, x_mm=x, y_mm=y, size_mm=size, verdict=verdict))
+            prints.append(
+                KnownPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, size_mm=size, verdict=verdict)
+            )
         progress(f"prints with known defects: design {design + 1} of {designs}")
     return prints
 
 
-def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, tuple[float, float], Page]]:
-    inked = np.flatnonzero((page.cmyk.max(axis=2) >= INKED).mean(axis=0) > INKED_SHARE)
+def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, str, tuple[float, float], Page]]:
+    """Yield what is wrong, the letter of the ink that is, its place, and the page as it is printed."""
+    inked = (page.cmyk >= INKED).mean(axis=0)
+    places = np.argwhere(inked > INKED_SHARE)
+    column, ink = places[int(rng.integers(len(places)))] if len(places) else (0, 0)
+    x, most = (float(column) + rng.random()) * page.pixel_mm, int(inked.mean(axis=0).argmax())
     for what, copies in COPIES.items():
-        if what in ("nozzle", "scratch") and not inked.size:
+        if what in ("nozzle", "scratch") and not len(places):
             continue
-        x = (float(rng.choice(inked)) + rng.random()) * page.pixel_mm if inked.size else 0.0
         for _ in range(copies):
+            at, letter, printed = (0.0, 0.0), "", page
             if what == "spot":
                 diameter = float(rng.uniform(*SPOTS_MM))
                 at = float(rng.uniform(5, page.width_mm - 5)), float(rng.uniform(5, page.height_mm - 5))
-                yield what, at, spot(page, at, diameter_mm=diameter, rng=rng)
-            elif what in ("nozzle", "scratch"):
-                width = NOZZLE_MM if what == "nozzle" else SCRATCH_MM
-                yield what, (x, 0.0), without_line(page, x, width_mm=width, rng=rng)
-            else:
-                yield what, (0.0, 0.0), page
+                printed = spot(page, at, diameter_mm=diameter, rng=rng)
+            elif what == "nozzle":
+                at, letter, inks = (x, 0.0), INK_LETTERS[ink], slice(ink, ink + 1)
+                printed = without_line(page, x, width_mm=NOZZLE_MM, inks=inks, rng=rng)
+            elif what == "scratch":
+                at, printed = (x, 0.0), without_line(page, x, width_mm=SCRATCH_MM, inks=ALL_INKS, rng=rng)
+            elif what == "density":
+                letter, printed = INK_LETTERS[most], _weaker(page, most)
+            elif what == "register":
+                letter, printed = INK_LETTERS[most], _displaced(page, most)
+            yield what, letter, at, printed
 
 
-def without_line(page: Page, x_mm: float, *, width_mm: float, rng: np.random.Generator) -> Page:
-    """Take all ink from a line along the travel; a raster pixel loses the share of it that the line covers."""
+def _weaker(page: Page, ink: int) -> Page:
+    cmyk = page.cmyk.copy()
+    cmyk[..., ink] = np.rint(cmyk[..., ink] * WEAKER).astype(np.uint8)
+    return replace(page, cmyk=cmyk)
+
+
+def _displaced(page: Page, ink: int) -> Page:
+    cmyk = page.cmyk.copy()
+    cmyk[..., ink] = np.roll(cmyk[..., ink], round(REGISTER_MM / page.pixel_mm), axis=1)
+    return replace(page, cmyk=cmyk)
+
+
+def without_line(page: Page, x_mm: float, *, width_mm: float, inks: slice, rng: np.random.Generator) -> Page:
+    """Take inks from a line along the travel; a raster pixel loses the share of it that the line covers."""
     columns = np.arange(page.cmyk.shape[1])
     left, right = ((x_mm + side * width_mm / 2) / page.pixel_mm for side in (-1, 1))
     cover = (np.minimum(columns + 1, right) - np.maximum(columns, left)).clip(0, 1)
@@ -103,7 +133,7 @@ def without_line(page: Page, x_mm: float, *, width_mm: float, rng: np.random.Gen
     cmyk = page.cmyk.copy()
     box = Box(top=0, left=int(at[0]), bottom=cmyk.shape[0], right=int(at[-1]) + 1)
     weight = np.broadcast_to(cover[at], box.shape).astype(np.float32)
-    lay(cmyk, box, ALL_INKS, weight, NO_INK, rng)
+    lay(cmyk, box, inks, weight, NO_INK, rng)
     return replace(page, cmyk=cmyk)
 
 

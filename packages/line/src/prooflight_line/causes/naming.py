@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -35,11 +34,12 @@ FITS_SDS: Final = 3.0
 MOST_TURNS: Final = 10
 """Greatest number of turns a sheet by which a roller accounts for marks at one place of all sheets."""
 NO_ROLLER: Final = "no roller of the press file"
-PAPER_PLACES: Final = 3
-"""Marks without another cause on one sheet from which on it is the sheet that is bad. assumed."""
-PAPER_SHEETS: Final = 3
-PAPER_WIDTH: Final = 0.25
-"""Least standard deviation of such marks' places across, as a share of their range evenly filled. assumed."""
+PAPER_SHEETS: Final = 5
+PAPER_SHARE: Final = 0.2
+"""Least number of sheets, and their share from the first to the last of them, whose marks without another cause are
+put down to the paper. assumed: ten times the false alarms of good sheets and more."""
+PAPER_WIDTH: Final = 10.0
+"""Least standard deviation of such marks' places across: they are in no one column. assumed. [mm]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,8 +88,8 @@ def causes_of(
     causes += [_of_repeat(repeat, parts) for repeat in repeats]
     explained = {id(mark) for repeat in repeats for mark in repeat.marks}
     causes += _of_rest([mark for mark in others if id(mark) not in explained])
-    causes = sorted(causes, key=lambda cause: -cause.sheets)
-    return [*map(_of_trend, trends_of(records)), *causes]
+    causes += map(_of_trend, trends_of(records))
+    return sorted(causes, key=lambda cause: -cause.sheets)
 
 
 def _fitting(repeat: Repeat, rollers: Sequence[RollerBlock]) -> list[RollerBlock]:
@@ -155,21 +155,16 @@ def _of_streak(streak: Streak, parts: PartsBlock) -> Cause:
 
 
 def _of_rest(marks: Sequence[Mark]) -> list[Cause]:
-    """Return the causes of marks that nothing else explains: paper, if sheets have several, or single marks."""
-    on_sheet = Counter(mark.sheet for mark in marks)
-    bad = {sheet for sheet, number in on_sheet.items() if number >= PAPER_PLACES}
-    of_paper = [mark for mark in marks if mark.sheet in bad]
-    across = np.array([mark.x_mm for mark in of_paper])
-    spread = across.size and np.std(across) > PAPER_WIDTH * np.ptp(across)
-    causes = []
-    if len(bad) >= PAPER_SHEETS and spread:
-        text = f"{count(len(of_paper), 'mark')} all over the sheets, at no constant distance: the paper"
-        causes.append(Cause(kind="paper", names=(), text=text, **_extent(of_paper)))
-        marks = [mark for mark in marks if mark.sheet not in bad]
-    if marks:
-        text = f"{count(len(marks), 'mark')} without a common cause"
-        causes.append(Cause(kind="single", names=(), text=text, **_extent(marks)))
-    return causes
+    """Return the cause of marks that nothing else explains: the paper, if many sheets have them, or none in common."""
+    if not marks:
+        return []
+    sheets = {mark.sheet for mark in marks}
+    often = len(sheets) >= max(PAPER_SHEETS, PAPER_SHARE * (max(sheets) - min(sheets) + 1))
+    if often and float(np.std([mark.x_mm for mark in marks])) > PAPER_WIDTH:
+        text = f"{count(len(marks), 'mark')} anywhere on the sheets, at no constant distance: paper, or dirt on it"
+        return [Cause(kind="paper", names=(), text=text, **_extent(marks))]
+    text = f"{count(len(marks), 'mark')} without a common cause"
+    return [Cause(kind="single", names=(), text=text, **_extent(marks))]
 
 
 def _of_trend(trend: Trend) -> Cause:

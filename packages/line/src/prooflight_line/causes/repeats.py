@@ -12,7 +12,7 @@ that of the distance itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -97,11 +97,22 @@ def repeats_of(
         if chance > false_alarm_rate:
             break
         repeat = _repeat(best, column, left, chance=chance, sd_mm=sd_mm)
-        repeats.append(repeat)
+        same = next((at for at, one in enumerate(repeats) if _alike(one, repeat)), None)
+        if same is None:
+            repeats.append(repeat)
+        else:  # marks of the same part that are further from its teeth
+            repeats[same] = replace(repeats[same], marks=(*repeats[same].marks, *repeat.marks))
         taken = set(map(id, repeat.marks))
         left = [mark for mark in left if id(mark) not in taken]
         columns = _columns(left)
     return repeats
+
+
+def _alike(one: Repeat, other: Repeat) -> bool:
+    """Return whether two repeats are of one column and distance."""
+    if one.distance_mm is None or other.distance_mm is None or abs(one.x_mm - other.x_mm) > COLUMN_MM:
+        return False
+    return abs(one.distance_mm - other.distance_mm) <= REACH_SDS * np.hypot(one.sd_mm, other.sd_mm)
 
 
 def _columns(marks: Sequence[Mark]) -> list[list[Mark]]:

@@ -67,6 +67,8 @@ SLIP: Final = 0.001
 """Standard deviation of a roller's circumference from the stated one. assumed: a third of the tolerance."""
 DRIFT: Final = (0.10, 0.25)
 """Drift of a density over the run, as a share of the ink; its tolerance is 0.07."""
+NEAR_MM: Final = 5.0
+"""Distance within which a mark is that of the defect."""
 STEP_MM: Final = (0.25, 0.6)
 """Step of a register; its tolerance is 0.2 mm."""
 
@@ -93,9 +95,7 @@ class Runs:
         self._prints = {
             what: [one for one in library if one.what == what] for what in ("spot", "nozzle", "paper", "good")
         }
-        self.nozzle_designs = sorted(
-            {one.design for one in self._prints["nozzle"] if one.verdict.kind == "streak"}
-        )
+        self.nozzle_designs = sorted({one.design for one in self._prints["nozzle"] if _seen(one)})
         """Designs on which the failing nozzle was seen as a streak: its cause is asked for on no other."""
         missing = [what for what, prints in self._prints.items() if not prints]
         if missing or not self.nozzle_designs:
@@ -122,7 +122,14 @@ class Runs:
                 _mark(rows, sheet, self._draw("spot", rng), at)
         elif cause == "paper":
             for sheet in range(begins, SHEETS):
-                _mark(rows, sheet, self._draw("paper", rng), (0.0, 0.0))
+                # Clouds are anywhere: the few prints of the library must not seem to have them in few places.
+                _mark(
+                    rows,
+                    sheet,
+                    self._draw("paper", rng),
+                    (0.0, 0.0),
+                    turned_mm=float(rng.uniform(0, PAGE_MM[1])),
+                )
         else:
             ink = str(rng.choice(list(NAME_OF_INK.values())))
             self._trend(rows, cause, ink, begins, rng)
@@ -235,13 +242,29 @@ def amounts_of(verdict: Verdict) -> dict[str, float]:
     return amounts
 
 
-def _mark(rows: list[PageRecord], sheet: int, known: KnownPrint, at_mm: tuple[float, float]) -> None:
-    """Add what was said of a print to a row, moved from the print's place of the defect to another one."""
+def _seen(known: KnownPrint) -> bool:
+    """Return whether a failing nozzle was seen as a streak, where it is."""
+    regions = known.verdict.regions if known.verdict.kind == "streak" else ()
+    return any(abs(one.x_mm + one.width_mm / 2 - known.x_mm) < NEAR_MM for one in regions)
+
+
+def _mark(
+    rows: list[PageRecord],
+    sheet: int,
+    known: KnownPrint,
+    at_mm: tuple[float, float],
+    *,
+    turned_mm: float = 0.0,
+) -> None:
+    """Add what was said of a print to a row, moved from the print's place of the defect to another one.
+
+    turned_mm: distance by which regions go down the page, and over its end to its beginning.
+    """
     if known.verdict.verdict != "misprint":
         return
     row = rows[sheet]
     off = at_mm[0] - known.x_mm, at_mm[1] - known.y_mm
-    moved = [_moved(region, off) for region in known.verdict.regions]
+    moved = [_moved(_turned(region, turned_mm), off) for region in known.verdict.regions]
     regions = tuple(region for region in moved if region is not None)
     if regions:
         kind = row.verdict.kind or known.verdict.kind
@@ -249,6 +272,12 @@ def _mark(rows: list[PageRecord], sheet: int, known: KnownPrint, at_mm: tuple[fl
             row.verdict, verdict="misprint", kind=kind, regions=(*row.verdict.regions, *regions)
         )
         rows[sheet] = replace(row, verdict=verdict)
+
+
+def _turned(region: Region, down_mm: float) -> Region:
+    if not down_mm or region.height_mm > PAGE_MM[1] / 2:
+        return region
+    return replace(region, y_mm=round((region.y_mm + down_mm) % (PAGE_MM[1] - region.height_mm), 2))
 
 
 def _moved(region: Region, off_mm: tuple[float, float]) -> Region | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from prooflight.cmyk import NAME_OF_INK
 from prooflight_line.causes.marks import marks_of
 from prooflight_line.causes.nozzles import streaks_of
 from prooflight_line.journal.records import PageRecord
-from prooflight_studies.plant.defects import amounts_of
+from prooflight_studies.plant.defects import NEAR_MM, amounts_of
 from prooflight_studies.plant.prints import REGISTER_MM, WEAKER
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from prooflight.scans.geometry import ScanGeometry
     from prooflight_line.causes.marks import Mark
     from prooflight_studies.plant.prints import KnownPrint
-
-NEAR_MM: Final = 5.0
-"""Distance within which a mark is that of the defect."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

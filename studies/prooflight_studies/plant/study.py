@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -14,7 +14,16 @@ from prooflight_line.causes.marks import marks_of
 from prooflight_line.causes.naming import causes_of
 from prooflight_line.causes.nozzles import nozzles_at, streaks_of
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.plant.defects import BEYOND, CAUSES, HEADS, PARTS, ROLLERS_MM, SHEETS, Runs
+from prooflight_studies.plant.defects import (
+    BEYOND,
+    CAUSES,
+    HEADS,
+    NEAR_MM,
+    PARTS,
+    ROLLERS_MM,
+    SHEETS,
+    Runs,
+)
 from prooflight_studies.plant.loop import SHEETS as LOOP_SHEETS
 from prooflight_studies.plant.loop import Loop, loops
 from prooflight_studies.plant.picture import draw_causes
@@ -188,17 +197,18 @@ def answer(named: Sequence[Cause], defect: Defect) -> str:
 def first_sheets_off(defect: Defect, geometry: ScanGeometry) -> float | None:
     """Return the error of the nozzle's number by the first sheets that show the streak; None: so few do not.
 
-    The number is rounded to a whole one, as the command says it.
+    The number is rounded to a whole one, as the command says it, and counted on the head that fails: which head it is
+    counts in ``answer``.
     """
     marks = marks_of(defect.records, geometry)
     head = next(head for head in HEADS if head.name == defect.name)
     true_mm = head.first_nozzle_mm + (defect.nozzle - 1) * head.nozzle_pitch_um / 1000
-    sheets = sorted({mark.sheet for mark in marks if mark.kind == "streak" and abs(mark.x_mm - true_mm) < 5})
+    sheets = sorted(
+        {mark.sheet for mark in marks if mark.kind == "streak" and abs(mark.x_mm - true_mm) < NEAR_MM}
+    )
     if len(sheets) < FIRST_SHEETS:
         return None
     own = [mark for mark in marks if mark.sheet <= sheets[FIRST_SHEETS - 1]]
-    streaks: list[Any] = streaks_of(own)
-    if not streaks:
-        return None
-    nozzles = nozzles_at(streaks[0], [head])
+    streaks = [one for one in streaks_of(own) if abs(one.x_mm - true_mm) < NEAR_MM]
+    nozzles = [one for streak in streaks[:1] for one in nozzles_at(replace(streak, ink=""), [head])]
     return float(nozzles[0].number - defect.nozzle) if nozzles else None

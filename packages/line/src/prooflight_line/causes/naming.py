@@ -27,13 +27,15 @@ if TYPE_CHECKING:
     from prooflight_line.journal.records import PageRecord
 
 Kind = Literal["roller", "page", "streak", "density", "register", "paper", "single"]
-MARK_SD_MM: Final = 0.4
+MARK_SD_MM: Final = 0.45
 """Standard deviation of the place of a mark along the paper path. measured: docs/results/running/plant.md."""
 FITS_SDS: Final = 3.0
 """Greatest difference of a distance from a circumference, in standard deviations of both."""
 MOST_TURNS: Final = 10
 """Greatest number of turns a sheet by which a roller accounts for marks at one place of all sheets."""
 NO_ROLLER: Final = "no roller of the press file"
+AREA_MM: Final = 20.0
+"""Greatest width and height of a mark that has a place along the paper path; larger ones are areas."""
 PAPER_SHEETS: Final = 5
 PAPER_SHARE: Final = 0.2
 """Least number of sheets, and their share from the first to the last of them, whose marks without another cause are
@@ -54,6 +56,7 @@ class Cause:
     marks: int
     """Number of marks that it explains; 0 for a trend."""
     sheets: int
+    """Number of sheets that it explains; those beyond the tolerance for a trend."""
     first_sheet: int
     last_sheet: int
     distance_mm: float | None = None
@@ -82,9 +85,10 @@ def causes_of(
     streaks = streaks_of(marks)
     causes = [_of_streak(streak, parts) for streak in streaks]
     others = [mark for mark in marks if mark.kind not in COLUMN_KINDS]
+    placed = [mark for mark in others if max(mark.width_mm, mark.height_mm) <= AREA_MM]
     distance = sheet_distance_mm(records, geometry)
     sheet_mm = distance or max((mark.y_mm for mark in marks), default=1.0)
-    repeats = repeats_of(others, sheet_mm=sheet_mm, sd_mm=MARK_SD_MM)
+    repeats = repeats_of(placed, sheet_mm=sheet_mm, sd_mm=MARK_SD_MM)
     causes += [_of_repeat(repeat, parts) for repeat in repeats]
     explained = {id(mark) for repeat in repeats for mark in repeat.marks}
     causes += _of_rest([mark for mark in others if id(mark) not in explained])
@@ -160,8 +164,11 @@ def _of_rest(marks: Sequence[Mark]) -> list[Cause]:
         return []
     sheets = {mark.sheet for mark in marks}
     often = len(sheets) >= max(PAPER_SHEETS, PAPER_SHARE * (max(sheets) - min(sheets) + 1))
-    if often and float(np.std([mark.x_mm for mark in marks])) > PAPER_WIDTH:
-        text = f"{count(len(marks), 'mark')} anywhere on the sheets, at no constant distance: paper, or dirt on it"
+    areas = sum(max(mark.width_mm, mark.height_mm) > AREA_MM for mark in marks)
+    if often and (2 * areas > len(marks) or np.std([mark.x_mm for mark in marks]) > PAPER_WIDTH):
+        text = (
+            f"{count(len(marks), 'mark')} anywhere on the sheets, at no constant distance: paper, or toning"
+        )
         return [Cause(kind="paper", names=(), text=text, **_extent(marks))]
     text = f"{count(len(marks), 'mark')} without a common cause"
     return [Cause(kind="single", names=(), text=text, **_extent(marks))]
@@ -181,7 +188,7 @@ def _of_trend(trend: Trend) -> Cause:
         names=(ink,),
         text=text,
         marks=0,
-        sheets=trend.last_sheet - trend.sheet + 1,
+        sheets=trend.beyond,
         first_sheet=trend.sheet,
         last_sheet=trend.last_sheet,
         ink=ink,

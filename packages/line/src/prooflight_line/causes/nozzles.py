@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 PLACE_SD_MM: Final = 0.06
 """Standard deviation of a streak's place on one sheet beside the width of its window: warp of the print, and
 registration. measured: docs/results/running/plant.md."""
+NARROW: Final = 1.5
+"""Windows up to so many times as wide as the narrowest count for the place."""
 LEAST_SHEETS: Final = 2
 """Sheets from which on a streak has a cause of its own."""
 
@@ -31,7 +34,7 @@ class Streak:
     """Place from the left edge of the printed page."""
     sd_mm: float
     ink: str
-    """Letter of its ink; empty: not known."""
+    """Letter of the ink that most of its marks name; empty: none does."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,8 +51,9 @@ class Nozzle:
 def streaks_of(marks: Sequence[Mark], *, least_sheets: int = LEAST_SHEETS) -> list[Streak]:
     """Return the streaks of a run, those on most sheets first.
 
-    A streak's place is the weighted mean over its sheets: a window of width w that covers a narrow streak is
-    anywhere within w of it, which has a variance of w^2 / 12.
+    A streak's place is the weighted mean of its narrowest windows: a window of width w that covers a narrow
+    streak is anywhere within w of it, which has a variance of w^2 / 12 if it is anywhere alike; wider ones than needed
+    were measured to be more often on one side.
     """
     own = sorted((mark for mark in marks if mark.kind in COLUMN_KINDS), key=lambda mark: mark.width_mm)
     groups: list[list[Mark]] = []
@@ -61,14 +65,16 @@ def streaks_of(marks: Sequence[Mark], *, least_sheets: int = LEAST_SHEETS) -> li
 
 
 def _streak(marks: Sequence[Mark]) -> Streak:
-    variance = np.array([mark.width_mm**2 / 12 + PLACE_SD_MM**2 for mark in marks])
+    width = np.array([mark.width_mm for mark in marks])
     place = np.array([mark.x_mm for mark in marks])
-    inks = {mark.ink for mark in marks if mark.ink}
+    narrow = width <= NARROW * width.min()
+    variance = width[narrow] ** 2 / 12 + PLACE_SD_MM**2
+    inks = Counter(mark.ink for mark in marks if mark.ink)
     return Streak(
         marks=tuple(marks),
-        x_mm=float(np.average(place, weights=1 / variance)),
+        x_mm=float(np.average(place[narrow], weights=1 / variance)),
         sd_mm=float(1 / np.sqrt((1 / variance).sum())),
-        ink=inks.pop() if len(inks) == 1 else "",
+        ink=inks.most_common(1)[0][0] if inks else "",
     )
 
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 FALSE_ALARM_RATE: Final = 0.01
 """Chance that a run without a change has a trend, all channels together. assumed: as that of repeats."""
 LEAST_SHEETS: Final = 8
+LEAST_SIDE: Final = 4
+"""Least number of sheets on each side of a step. assumed: fewer are outliers as well as a step."""
 LEAST_SHARE: Final = 0.25
 """Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
 misprint."""
@@ -38,6 +40,8 @@ class Trend:
     sheet: int
     """First sheet after a step; first sheet of the run for a drift."""
     last_sheet: int
+    beyond: int
+    """Number of sheets from then on that are beyond the channel's tolerance."""
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float
@@ -51,8 +55,7 @@ def trends_of(records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_
 
     A line and every step are fitted by least squares; the one with the greater z counts, if z is above the
     quantile of a normal distribution at the false-alarm rate over the number of fits (Bonferroni). The noise is
-    that of the differences of neighbouring sheets, to which a drift and a step hardly contribute (von Neumann
-    1941).
+    that of the differences of neighbouring sheets, to which a drift and a step hardly contribute.
     """
     trends = []
     for channel in INK_CHANNELS:
@@ -74,27 +77,33 @@ def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float
     centred = sheets - sheets.mean()
     slope = float((centred * values).sum() / (centred**2).sum())
     slope_sd = noise / float(np.sqrt((centred**2).sum()))
-    before = np.arange(1, count)
-    sums = np.cumsum(values)
-    steps = (sums[-1] - sums[:-1]) / (count - before) - sums[:-1] / before
+    before = np.arange(LEAST_SIDE, count - LEAST_SIDE + 1)
+    sums = np.cumsum(values)[before - 1]
+    steps = (values.sum() - sums) / (count - before) - sums / before
     step_sd = noise * np.sqrt(1 / before + 1 / (count - before))
     z = steps / step_sd
     at = int(np.argmax(np.abs(z)))
     if abs(z[at]) > abs(slope / slope_sd):
         shape: Literal["drift", "step"] = "step"
-        first, change, sd = int(sheets[at + 1]), float(steps[at]), float(step_sd[at])
+        first, change, sd = int(sheets[before[at]]), float(steps[at]), float(step_sd[at])
     else:
         span = int(sheets[-1] - sheets[0])
         shape, first, change, sd = "drift", int(sheets[0]), slope * span, slope_sd * span
-    last = int(sheets[-1])
     return Trend(
-        channel=channel, shape=shape, sheet=first, last_sheet=last, change=change, sd=sd, z=change / sd
+        channel=channel,
+        shape=shape,
+        sheet=first,
+        last_sheet=int(sheets[-1]),
+        beyond=int((np.abs(values[sheets >= first]) > channel.tolerance).sum()),
+        change=change,
+        sd=sd,
+        z=change / sd,
     )
 
 
 def noise_sd(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation from one sheet to the next, of at least two; robust against single steps.
+    """Return the standard deviation of values, of at least two, from their differences from one to the next.
 
-    The median of the absolute differences of normal values is 0.6745 times the root of 2 of their deviation.
+    The mean square of the differences of independent values is twice their variance (von Neumann 1941).
     """
-    return max(float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2)), 1e-9)
+    return max(float(np.sqrt(np.mean(np.diff(values) ** 2) / 2)), 1e-9)

@@ -11,7 +11,7 @@ import numpy as np
 
 from prooflight.press.artefact import Press
 from prooflight_line.causes.marks import marks_of
-from prooflight_line.causes.naming import causes_of
+from prooflight_line.causes.naming import named_causes
 from prooflight_line.causes.nozzles import nozzles_at, streaks_of
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.plant.defects import (
@@ -120,7 +120,7 @@ def run_plant_study(
     off_mm, nozzle_off = list[float](), list[float]()
     for number, cause in enumerate(causes):
         defect = runs.run(cause, number)
-        named = causes_of(defect.records, geometry=geometry, parts=PARTS)
+        named = named_causes(defect.records, geometry=geometry, parts=PARTS)
         confusion[cause][answer(named, defect)] += 1
         if cause in BEYOND and named and named[0].distance_mm:
             off_mm.append(abs(named[0].distance_mm - defect.distance_mm))
@@ -130,7 +130,7 @@ def run_plant_study(
             progress(f"runs with one cause: {number} of {len(causes)}")
     repeats = 0
     for number in range(plan.null):
-        named = causes_of(runs.null(number, NULL_MARKS), geometry=geometry, parts=PARTS)
+        named = named_causes(runs.null(number, NULL_MARKS), geometry=geometry, parts=PARTS)
         repeats += any(one.kind in ("roller", "page") for one in named)
         if number % 100 == 0:
             progress(f"runs without a cause: {number} of {plan.null}")

@@ -73,7 +73,7 @@ class Cause:
     false_alarm_rate: float | None = None
 
 
-def causes_of(
+def named_causes(
     records: Sequence[PageRecord], *, geometry: ScanGeometry, parts: PartsBlock | None = None
 ) -> list[Cause]:
     """Return the causes of a run's defects, that of most sheets first.

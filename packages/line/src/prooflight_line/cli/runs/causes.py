@@ -40,10 +40,10 @@ def register_of_runs(app: typer.Typer) -> None:
 
 def causes(plant: PlantFile, run: RunNumber = "last", journal: JournalUrl = None, json: Json = False) -> None:
     """Name the causes of a run's defects: rollers by their repeat distance, nozzles by their streaks, drifts."""
-    from prooflight_line.causes.naming import causes_of
+    from prooflight_line.causes.naming import named_causes
 
     row, records, file = _read(run, journal, plant)
-    named = causes_of(records, geometry=file.geometry(file.camera()), parts=file.parts)
+    named = named_causes(records, geometry=file.geometry(file.camera()), parts=file.parts)
     if json:
         show.print_json({"run": row.id, "causes": [asdict(one) for one in named]})
         return

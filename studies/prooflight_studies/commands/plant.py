@@ -10,7 +10,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import Json, Quick, Results, report_results
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 def plant(
@@ -18,7 +18,9 @@ def plant(
         Path, typer.Option("--press", metavar="X.press", help="A press with a trained matched filter.")
     ],
     out: Results = Path("docs/results/running"),
+    cache: Cache = CACHE,
     part: Annotated[list[str] | None, typer.Option(metavar="PART", help="causes; all if not given.")] = None,
+    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of designs, prints, defects and drifts.", min=0)] = 499,
     quick: Quick = False,
     json: Json = False,
@@ -35,6 +37,8 @@ def plant(
         out,
         press=press,
         plan=CausesPlan.quick(seed) if quick else CausesPlan(seed=seed),
+        cache=cache / "plant",
+        processes=processes,
         quick=quick,
         progress=show.steps(quiet=json),
     )

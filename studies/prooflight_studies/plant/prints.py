@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from prooflight.cmyk import INK_LETTERS
+from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.rng import stream
@@ -15,15 +19,16 @@ from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.misprints.drawing import ALL_INKS, INKED, Box
 from prooflight.simulation.misprints.marks import lay
+from prooflight_studies.harness.result_cache import digest_of, run_pieces
+from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.visible.marks import NO_INK, spot
 from prooflight_studies.visible.rig import Bench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
-    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.raster import Page
+    from prooflight_studies.harness.result_cache import Rows
 
 NOZZLE_MM: Final = 25.4 / 600
 """Width of the line that a nozzle of 600 to the inch leaves out."""
@@ -52,37 +57,71 @@ class KnownPrint:
     x_mm: float
     """Place of the defect; 0: it has none."""
     y_mm: float
-    size_mm: tuple[float, float]
-    """Width and height of the page."""
     verdict: Verdict
     ink: str = ""
     """Letter of the ink that is off; empty: all are, or none."""
 
 
-def known_prints(
-    path: Path, *, seed: int, designs: int, progress: Callable[[str], None] = lambda _step: None
-) -> list[KnownPrint]:
-    """Print designs with defects at known places, on a press day each, and inspect them.
+_JSON: Final = TypeAdapter(KnownPrint)
 
-    path: of the press artefact. Designs without an inked column have no missing lines.
-    """
-    inspector = Inspector(Press.load(path)).with_threads(1)
-    corpus = Corpus(seed=seed, dpi=inspector.press.dpi)
-    prints: list[KnownPrint] = []
-    for design in range(designs):
-        rng = stream(seed, "plant-prints", design)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintsWork:
+    """A design -> its prints with known defects; column ``print``, each as JSON."""
+
+    press: Path
+    seed: int
+
+    def __call__(self, design: int, /) -> Rows:
+        """``Work``."""
+        inspector = _inspector(self.press)
+        rng = stream(self.seed, "plant-prints", design)
         bench = Bench(inspector=inspector, day=SimulatedDay.begin("press", inspector.press, rng))
-        page = inspector.press.geometry.lay(corpus.page(design))
+        page = inspector.press.geometry.lay(Corpus(seed=self.seed, dpi=inspector.press.dpi).page(design))
         prepared = bench.prepare(page)
+        prints = []
         for what, ink, (x, y), printed in _printed(page, rng):
             own = _cloudy(bench) if what == "paper" else bench
             verdict = own.inspect(prepared, printed, rng).verdict
-            size = page.width_mm, page.height_mm
-            prints.append(
-                KnownPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, size_mm=size, verdict=verdict)
-            )
-        progress(f"prints with known defects: design {design + 1} of {designs}")
-    return prints
+            known = KnownPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, verdict=verdict)
+            prints.append(_JSON.dump_json(known).decode())
+        return {"print": np.array(prints)}
+
+
+@lru_cache(maxsize=1)
+def _inspector(path: Path) -> Inspector:
+    return Inspector(Press.load(path)).with_threads(1)
+
+
+def known_prints(
+    press: Path,
+    *,
+    seed: int,
+    designs: int,
+    cache: Path,
+    processes: int | None = None,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[KnownPrint]:
+    """Print designs with defects at known places, on a press day each, and inspect them.
+
+    press: of the press artefact. cache: where the prints of each design are stored. Designs without a column of much
+    ink have no missing lines.
+    """
+    facts = {
+        "press": Press.load(press).digest,
+        "seed": seed,
+        "prints": dict(COPIES),
+        "algorithms": dict(ALGORITHMS),
+    }
+    rows = run_pieces(
+        PrintsWork(press=press, seed=seed),
+        range(designs),
+        cache,
+        digest=digest_of(facts),
+        processes=processes,
+        progress=lambda done, of: progress(f"designs printed with known defects: {done} of {of}"),
+    )
+    return [_JSON.validate_json(text) for text in rows["print"].tolist()]
 
 
 def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, str, tuple[float, float], Page]]:

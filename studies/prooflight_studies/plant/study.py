@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
@@ -50,7 +49,7 @@ class CausesPlan:
     """Numbers of prints, runs and repetitions."""
 
     seed: int
-    designs: int = 20
+    designs: int = 16
     defects: int = 200
     unlisted: int = 50
     null: int = 500
@@ -93,7 +92,6 @@ class PlantResults:
     null_marks: int
     loop_sheets: int
     loops: list[Loop]
-    cpu_s: float
     picture: str
     rollers_mm: dict[str, float]
 
@@ -103,17 +101,21 @@ def run_plant_study(
     *,
     press: Path,
     plan: CausesPlan,
+    cache: Path,
+    processes: int | None = None,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PlantResults:
     """Print with known defects, make runs of what was said of them, name their causes, and correct a press.
 
-    press: the artefact that prints and inspects. Writes plant.md, its JSON and its picture into ``out``.
+    press: the artefact that prints and inspects. cache: where its prints are stored. Writes plant.md, its JSON and its
+    picture into ``out``.
     """
-    begun_s = time.process_time()
     loaded = Press.load(press)
     geometry = loaded.geometry
-    prints = known_prints(press, seed=plan.seed, designs=plan.designs, progress=progress)
+    prints = known_prints(
+        press, seed=plan.seed, designs=plan.designs, cache=cache, processes=processes, progress=progress
+    )
     runs = Runs(prints, geometry, plan.seed)
     causes = [CAUSES[at % len(CAUSES)] for at in range(plan.defects)] + list(BEYOND) * plan.unlisted
     confusion: dict[str, Counter[str]] = {cause: Counter() for cause in (*CAUSES, *BEYOND)}
@@ -163,7 +165,6 @@ def run_plant_study(
         null_marks=NULL_MARKS,
         loop_sheets=LOOP_SHEETS,
         loops=found,
-        cpu_s=round(time.process_time() - begun_s),
         picture=PICTURE,
         rollers_mm=dict(ROLLERS_MM),
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.verdict import Region
     from prooflight.scans.geometry import ScanGeometry
-    from prooflight_studies.plant.prints import KnownPrint
+    from prooflight_studies.plant.prints import DefectPrint
 
 CAUSES: Final = ("fuser", "drum", "belt", "nozzle", "spot", "density", "register", "paper")
 """The eight causes of the blind test."""
@@ -89,7 +89,7 @@ class Defect:
 class Runs:
     """Maker of runs from a library of prints; geometry: of the camera that saw them."""
 
-    def __init__(self, library: Sequence[KnownPrint], geometry: ScanGeometry, seed: int) -> None:
+    def __init__(self, library: Sequence[DefectPrint], geometry: ScanGeometry, seed: int) -> None:
         """Sort the library; ValueError: it lacks a kind of print."""
         self._geometry, self._seed = geometry, seed
         self._prints = {
@@ -147,7 +147,7 @@ class Runs:
             _mark(rows, int(rng.integers(SHEETS)), self._draw("spot", rng), (x, y))
         return tuple(rows)
 
-    def _draw(self, what: str, rng: np.random.Generator) -> KnownPrint:
+    def _draw(self, what: str, rng: np.random.Generator) -> DefectPrint:
         prints = self._prints[what]
         return prints[int(rng.integers(len(prints)))]
 
@@ -242,16 +242,16 @@ def amounts_of(verdict: Verdict) -> dict[str, float]:
     return amounts
 
 
-def _seen(known: KnownPrint) -> bool:
+def _seen(shown: DefectPrint) -> bool:
     """Return whether a failing nozzle was seen as a streak, where it is."""
-    regions = known.verdict.regions if known.verdict.kind == "streak" else ()
-    return any(abs(one.x_mm + one.width_mm / 2 - known.x_mm) < NEAR_MM for one in regions)
+    regions = shown.verdict.regions if shown.verdict.kind == "streak" else ()
+    return any(abs(one.x_mm + one.width_mm / 2 - shown.x_mm) < NEAR_MM for one in regions)
 
 
 def _mark(
     rows: list[PageRecord],
     sheet: int,
-    known: KnownPrint,
+    shown: DefectPrint,
     at_mm: tuple[float, float],
     *,
     turned_mm: float = 0.0,
@@ -260,14 +260,14 @@ def _mark(
 
     turned_mm: distance by which regions go down the page, and over its end to its beginning.
     """
-    if known.verdict.verdict != "misprint":
+    if shown.verdict.verdict != "misprint":
         return
     row = rows[sheet]
-    off = at_mm[0] - known.x_mm, at_mm[1] - known.y_mm
-    moved = [_moved(_turned(region, turned_mm), off) for region in known.verdict.regions]
+    off = at_mm[0] - shown.x_mm, at_mm[1] - shown.y_mm
+    moved = [_moved(_turned(region, turned_mm), off) for region in shown.verdict.regions]
     regions = tuple(region for region in moved if region is not None)
     if regions:
-        kind = row.verdict.kind or known.verdict.kind
+        kind = row.verdict.kind or shown.verdict.kind
         verdict = replace(
             row.verdict, verdict="misprint", kind=kind, regions=(*row.verdict.regions, *regions)
         )

@@ -49,7 +49,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course:
+class LoopRun:
     """One run: deviations of each channel in tolerances, (channels, sheets), and all offsets applied."""
 
     deviation: NDArray[np.float64]
@@ -70,15 +70,15 @@ def disturbances(seed: int, run: int) -> tuple[NDArray[np.float64], np.random.Ge
     """Return what the press would do by itself, (channels, sheets) in tolerances, and the generator of its prints."""
     rng = stream(seed, "plant-loop", run)
     shape = len(CHANNELS), SHEETS
-    course = np.cumsum(WALK * rng.standard_normal(shape), axis=1)
-    course += rng.uniform(-SLOPE, SLOPE, (len(CHANNELS), 1)) * np.linspace(0, 1, SHEETS)
-    for own in course:
+    drifts = np.cumsum(WALK * rng.standard_normal(shape), axis=1)
+    drifts += rng.uniform(-SLOPE, SLOPE, (len(CHANNELS), 1)) * np.linspace(0, 1, SHEETS)
+    for own in drifts:
         for at in rng.integers(0, SHEETS, STEPS):
             own[at:] += rng.uniform(-STEP, STEP)
-    return course, rng
+    return drifts, rng
 
 
-def course(seed: int, run: int, *, damping: float | None, every: int | None = None) -> Course:
+def loop_run(seed: int, run: int, *, damping: float | None, every: int | None = None) -> LoopRun:
     """Run a press; damping: of the corrections; None: there are none.
 
     every: sheets after which corrections are applied by the latest sheets, whatever was applied before: the rule that
@@ -109,7 +109,7 @@ def course(seed: int, run: int, *, damping: float | None, every: int | None = No
         if applied:
             since = sheet + DELAY
         due = (sheet if every or not applied else since) + wait
-    return Course(deviation=deviation, offsets=offsets)
+    return LoopRun(deviation=deviation, offsets=offsets)
 
 
 def loops(seed: int, runs: int, *, progress: Callable[[str], None] = lambda _step: None) -> list[Loop]:
@@ -123,8 +123,8 @@ def loops(seed: int, runs: int, *, progress: Callable[[str], None] = lambda _ste
     figures, open_waste = [], list[float]()
     for rule, damping, every, count in rules:
         progress(f"closed loop: {rule}, {count} runs")
-        courses = [course(seed, run, damping=damping, every=every) for run in range(count)]
-        waste = [one.waste for one in courses]
+        loop_runs = [loop_run(seed, run, damping=damping, every=every) for run in range(count)]
+        waste = [one.waste for one in loop_runs]
         open_waste = open_waste or waste
         figures.append(
             Loop(
@@ -132,8 +132,8 @@ def loops(seed: int, runs: int, *, progress: Callable[[str], None] = lambda _ste
                 damping=damping or 0.0,
                 runs=count,
                 waste=float(np.mean(waste)),
-                corrections=float(np.mean([sum(map(len, one.offsets.values())) for one in courses])),
-                oscillating=sum(one.oscillates for one in courses),
+                corrections=float(np.mean([sum(map(len, one.offsets.values())) for one in loop_runs])),
+                oscillating=sum(one.oscillates for one in loop_runs),
                 worse=sum(own > other for own, other in zip(waste, open_waste, strict=False)),
             )
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight_studies.harness.picture import new_figure, plain_axes, write_figure
-from prooflight_studies.plant.loop import course
+from prooflight_studies.plant.loop import loop_run
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -33,7 +33,7 @@ def draw_causes(path: Path, confusion: Mapping[str, Counter[str]], causes: Seque
         ("as it drifts", None, "#999999"),
         ("corrected as offered", 0.5, "#1f77b4"),
     ):
-        deviation = course(seed, 0, damping=damping).deviation[0]
+        deviation = loop_run(seed, 0, damping=damping).deviation[0]
         right.plot(deviation, color=colour, label=label, linewidth=1)
     right.axhspan(-1, 1, color="#5cb85c", alpha=0.15, linewidth=0)
     right.set(xlabel="sheet", ylabel="density of black, in tolerances")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from prooflight.scans.geometry import ScanGeometry
     from prooflight_line.causes.marks import Mark
-    from prooflight_studies.plant.prints import KnownPrint
+    from prooflight_studies.plant.prints import DefectPrint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class Errors:
     """Absolute error that 95 of 100 stay below."""
 
 
-def errors_of(prints: Sequence[KnownPrint], geometry: ScanGeometry) -> list[Errors]:
+def errors_of(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> list[Errors]:
     """Return the errors of places of spots and streaks, and of amounts of inks."""
     spots = [one for one in prints if one.what == "spot"]
     found = [(one, mark) for one in spots if (mark := _mark(one, geometry)) is not None]
@@ -66,20 +66,20 @@ def errors_of(prints: Sequence[KnownPrint], geometry: ScanGeometry) -> list[Erro
 
 def _errors(what: str, unit: str, prints: int, off: Sequence[float]) -> Errors:
     errors: NDArray[np.float64] = np.array(off)
-    known = errors.size > 1
+    several = errors.size > 1
     measured = prints if "good prints" in what else errors.size
     return Errors(
         what=what,
         unit=unit,
         prints=prints,
         measured=measured,
-        bias=float(errors.mean()) if known else None,
-        sd=float(errors.std(ddof=1)) if known else None,
-        most=float(np.quantile(np.abs(errors), 0.95)) if known else None,
+        bias=float(errors.mean()) if several else None,
+        sd=float(errors.std(ddof=1)) if several else None,
+        most=float(np.quantile(np.abs(errors), 0.95)) if several else None,
     )
 
 
-def _mark(one: KnownPrint, geometry: ScanGeometry) -> Mark | None:
+def _mark(one: DefectPrint, geometry: ScanGeometry) -> Mark | None:
     """Return the mark that is nearest to the defect; None: none is near."""
     marks = marks_of([as_record(one, 0)], geometry)
     off = [max(abs(mark.x_mm - one.x_mm), abs(mark.y_mm - one.y_mm)) for mark in marks]
@@ -87,18 +87,18 @@ def _mark(one: KnownPrint, geometry: ScanGeometry) -> Mark | None:
     return marks[at] if off and off[at] < NEAR_MM else None
 
 
-def _streak_mm(prints: Sequence[KnownPrint], geometry: ScanGeometry) -> float | None:
+def _streak_mm(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> float | None:
     records = [as_record(one, sheet) for sheet, one in enumerate(prints)]
     streaks = streaks_of(marks_of(records, geometry), least_sheets=1)
     near = [one for one in streaks if abs(one.x_mm - prints[0].x_mm) < NEAR_MM]
     return near[0].x_mm if near else None
 
 
-def _amount(one: KnownPrint, name: str) -> float:
+def _amount(one: DefectPrint, name: str) -> float:
     return amounts_of(one.verdict)[name.format(NAME_OF_INK[one.ink])]
 
 
-def as_record(one: KnownPrint, sheet: int) -> PageRecord:
+def as_record(one: DefectPrint, sheet: int) -> PageRecord:
     """Return the journal's row of a print; its page lies in its place."""
     verdict = replace(one.verdict, shift_mm=(0.0, 0.0))
     return PageRecord(sheet=sheet, job_page=sheet, verdict=verdict, late=False, first_line=0, time_s=0.0)

@@ -49,7 +49,7 @@ REGISTER_MM: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KnownPrint:
+class DefectPrint:
     """A print, what was wrong with it, and the verdict on it."""
 
     what: str
@@ -62,7 +62,7 @@ class KnownPrint:
     """Letter of the ink that is off; empty: all are, or none."""
 
 
-_JSON: Final = TypeAdapter(KnownPrint)
+_JSON: Final = TypeAdapter(DefectPrint)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,8 +83,8 @@ class PrintsWork:
         for what, ink, (x, y), printed in _printed(page, rng):
             own = _cloudy(bench) if what == "paper" else bench
             verdict = own.inspect(prepared, printed, rng).verdict
-            known = KnownPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, verdict=verdict)
-            prints.append(_JSON.dump_json(known).decode())
+            one = DefectPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, verdict=verdict)
+            prints.append(_JSON.dump_json(one).decode())
         return {"print": np.array(prints)}
 
 
@@ -93,7 +93,7 @@ def _inspector(path: Path) -> Inspector:
     return Inspector(Press.load(path)).with_threads(1)
 
 
-def known_prints(
+def defect_prints(
     press: Path,
     *,
     seed: int,
@@ -101,7 +101,7 @@ def known_prints(
     cache: Path,
     processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
-) -> list[KnownPrint]:
+) -> list[DefectPrint]:
     """Print designs with defects at known places, on a press day each, and inspect them.
 
     press: of the press artefact. cache: where the prints of each design are stored. Designs without a column of much

@@ -27,7 +27,7 @@ from prooflight_studies.plant.loop import SHEETS as LOOP_SHEETS
 from prooflight_studies.plant.loop import Loop, loops
 from prooflight_studies.plant.picture import draw_causes
 from prooflight_studies.plant.places import Errors, errors_of
-from prooflight_studies.plant.prints import known_prints
+from prooflight_studies.plant.prints import defect_prints
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -113,7 +113,7 @@ def run_plant_study(
     """
     loaded = Press.load(press)
     geometry = loaded.geometry
-    prints = known_prints(
+    prints = defect_prints(
         press, seed=plan.seed, designs=plan.designs, cache=cache, processes=processes, progress=progress
     )
     runs = Runs(prints, geometry, plan.seed)

@@ -103,7 +103,7 @@ def sheet_distance_mm(records: Sequence[PageRecord], geometry: ScanGeometry) -> 
     came = [record for record in records if record.first_line > 0 or record.sheet == 0]
     sheets = np.array([record.sheet for record in came])
     lines = np.array([record.first_line for record in came])
-    apart = np.diff(sheets)
-    steps = np.diff(lines)[apart > 0] / apart[apart > 0]
+    span = np.diff(sheets)
+    steps = np.diff(lines)[span > 0] / span[span > 0]
     steps = steps[steps > 0]
     return float(np.median(steps)) * geometry.line_pitch_mm if steps.size else None

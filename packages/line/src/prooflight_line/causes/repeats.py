@@ -147,9 +147,9 @@ def _pairs(along: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.int
 def _turns(along: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return pairs and numbers of turns between them, one entry for each comb."""
     first, second = _pairs(along)
-    apart = along[second] - along[first]
-    most = (apart / DISTANCES_MM[0]).astype(np.intp)
-    least = np.maximum(np.ceil(apart / DISTANCES_MM[1]).astype(np.intp), 1)
+    span = along[second] - along[first]
+    most = (span / DISTANCES_MM[0]).astype(np.intp)
+    least = np.maximum(np.ceil(span / DISTANCES_MM[1]).astype(np.intp), 1)
     counts = np.maximum(most - least + 1, 0)
     pair = np.repeat(np.arange(first.size), counts)
     begun = np.repeat(np.cumsum(counts) - counts, counts)

@@ -12,7 +12,6 @@ from prooflight.cli import show
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
-from prooflight_line.causes.corrections import DAMPING
 from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 
 if TYPE_CHECKING:
@@ -101,8 +100,9 @@ def corrections(
         int, typer.Option(metavar="SHEET", help="First sheet printed after the last correction.", min=0)
     ] = 0,
     damping: Annotated[
-        float, typer.Option(help="Share of a deviation that is offered.", min=0.01, max=1.0)
-    ] = DAMPING,
+        float | None,
+        typer.Option(help="Share of a deviation that is offered; default half.", min=0.01, max=1.0),
+    ] = None,
     xjmf: Annotated[
         Path | None,
         typer.Option("--xjmf", metavar="FILE", help="Write the offers as an XJMF notification as well."),
@@ -110,8 +110,9 @@ def corrections(
     json: Json = False,
 ) -> None:
     """Offer offsets of density and register to the press, damped, with their uncertainty; none is applied."""
-    from prooflight_line.causes.corrections import corrections_of
+    from prooflight_line.causes.corrections import DAMPING, corrections_of
 
+    damping = damping or DAMPING
     with reading(journal) as opened:
         row = run_of(opened, run)
         offers = corrections_of(list(opened.pages(row.id)), since_sheet=since, damping=damping)

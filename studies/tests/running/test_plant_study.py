@@ -1,0 +1,98 @@
+"""The study of causes: rows as a journal has them, answers that need the right part, a loop that is seen to swing."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from prooflight.detectors.verdict import Ink, Region, Verdict
+from prooflight.scans.geometry import ScanGeometry
+from prooflight_line.causes.naming import named_causes
+from prooflight_studies.plant.defects import CAUSES, PARTS, ROLLERS_MM, SHEETS, Runs
+from prooflight_studies.plant.loop import loop_run, loops
+from prooflight_studies.plant.places import errors_of
+from prooflight_studies.plant.prints import DefectPrint
+from prooflight_studies.plant.study import answer, first_sheets_off
+
+GEOMETRY = ScanGeometry(pixels=2048, pixel_pitch_mm=0.1, line_pitch_mm=0.1, lead_in_mm=2.0, lead_out_mm=2.0)
+INKS = {letter: Ink(gain_percent=0.5, dot_gain_percent=0.0, register_mm=(0.01, -0.02)) for letter in "CMYK"}
+
+
+def printed(what: str, *boxes: tuple[str, float, float, float, float], ink: str = "") -> DefectPrint:
+    """A print of which regions of these kinds lie about the defect, which is at (100, 100)."""
+    regions = tuple(
+        Region(x_mm=100 + x, y_mm=y, width_mm=w, height_mm=h, score=9.0, kind=kind, ink=ink)
+        for kind, x, y, w, h in boxes
+    )
+    verdict = Verdict(
+        page="p",
+        verdict="misprint" if boxes else "good",
+        kind=boxes[0][0] if boxes else None,
+        regions=regions,
+        inks=INKS,
+    )
+    return DefectPrint(what=what, design=0, ink=ink, x_mm=100.0, y_mm=100.0, verdict=verdict)
+
+
+LIBRARY = (
+    printed("spot", ("spots-voids", -0.4, 99.7, 1.0, 1.0)),
+    printed("spot", ("spots-voids", -0.6, 99.4, 1.0, 1.0)),
+    printed("nozzle", ("streak", -0.12, 0.0, 0.25, 297.0), ink="M"),
+    printed("nozzle", ("streak", -0.14, 0.0, 0.25, 297.0), ink="M"),
+    printed("paper", ("scum", -60.0, 30.0, 6.0, 6.0)),
+    printed("paper", ("scum", 40.0, 70.0, 6.0, 6.0)),
+    printed("good"),
+)
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_each_cause_is_named_from_its_rows(cause: str) -> None:
+    defect = Runs(LIBRARY, GEOMETRY, 3).run(cause, 5)
+    assert [row.sheet for row in defect.records] == list(range(SHEETS))
+    named = named_causes(defect.records, geometry=GEOMETRY, parts=PARTS)
+    assert answer(named, defect) == cause
+    if cause == "nozzle":
+        off = first_sheets_off(defect, GEOMETRY)
+        assert off is not None
+        assert abs(off) <= 1
+
+
+def test_a_wrong_part_is_no_right_answer() -> None:
+    defect = Runs(LIBRARY, GEOMETRY, 3).run("density", 5)
+    named = named_causes(defect.records, geometry=GEOMETRY, parts=PARTS)
+    other = next(name for name in ("cyan", "magenta") if name != defect.name)
+    assert answer([type(named[0])(**asdict(named[0]) | {"names": (other,)})], defect) == "another part"
+    assert answer([], defect) == "nothing"
+
+
+def test_an_unlisted_roller_is_no_part() -> None:
+    defect = Runs(LIBRARY, GEOMETRY, 3).run("unlisted roller", 6)
+    assert all(abs(defect.distance_mm / one - 1) > 0.01 for one in ROLLERS_MM.values())
+    named = named_causes(defect.records, geometry=GEOMETRY, parts=PARTS)
+    assert answer(named, defect) == "no roller of the press file"
+
+
+def test_a_library_that_lacks_something_is_refused() -> None:
+    with pytest.raises(ValueError, match="paper"):
+        Runs([one for one in LIBRARY if one.what != "paper"], GEOMETRY, 3)
+
+
+def test_errors_of_places() -> None:
+    by_name = {one.what: one for one in errors_of(LIBRARY, GEOMETRY)}
+    across = by_name["place of a spot, across"]
+    assert (across.measured, across.prints) == (2, 2)
+    assert across.bias == pytest.approx(0.0)
+    assert by_name["place of a failing nozzle, one sheet"].bias == pytest.approx(-0.005)
+    assert by_name["density of an ink that is 15 % weaker"].measured == 0
+
+
+def test_the_loop_is_quiet_as_offered_and_swings_without_waiting() -> None:
+    none, offered, undamped, hasty = loops(3, 10)
+    assert offered.waste < none.waste / 2
+    assert (offered.oscillating, undamped.oscillating) == (0, 0)
+    assert hasty.oscillating == hasty.runs
+    free = loop_run(3, 0, damping=None)
+    assert not free.offsets["gain-black"]
+    assert np.abs(free.deviation).max() > 0

@@ -85,6 +85,8 @@ class PlantResults:
     nozzle_designs: int
     nozzle_within_one: int
     nozzle_exact: int
+    nozzle_alone: int
+    """Runs in which the failing head alone was named, and not another that has a nozzle there too."""
     nozzle_off: list[float]
     """Error of the number, in nozzles, on the first sheets of each run."""
     null: int
@@ -119,13 +121,14 @@ def run_plant_study(
     runs = Runs(prints, geometry, plan.seed)
     causes = [CAUSES[at % len(CAUSES)] for at in range(plan.defects)] + list(BEYOND) * plan.unlisted
     confusion: dict[str, Counter[str]] = {cause: Counter() for cause in (*CAUSES, *BEYOND)}
-    off_mm, nozzle_off = list[float](), list[float]()
+    off_mm, nozzle_off, alone = list[float](), list[float](), 0
     for number, cause in enumerate(causes):
         defect = runs.run(cause, number)
         named = named_causes(defect.records, geometry=geometry, parts=PARTS)
         confusion[cause][answer(named, defect)] += 1
         if cause in BEYOND and named and named[0].distance_mm:
             off_mm.append(abs(named[0].distance_mm - defect.distance_mm))
+        alone += cause == "nozzle" and bool(named) and named[0].names == (defect.name,)
         if cause == "nozzle" and (off := first_sheets_off(defect, geometry)) is not None:
             nozzle_off.append(off)
         if number % 25 == 0:
@@ -159,6 +162,7 @@ def run_plant_study(
         nozzle_designs=len(runs.nozzle_designs),
         nozzle_within_one=int((within <= 1).sum()),
         nozzle_exact=int((within == 0).sum()),
+        nozzle_alone=alone,
         nozzle_off=[round(off, 2) for off in nozzle_off],
         null=plan.null,
         null_repeats=repeats,
@@ -176,7 +180,7 @@ def answer(named: Sequence[Cause], defect: Defect) -> str:
     """Return which cause is said, of ``CAUSES`` or in other words: that of most sheets, which the command lists first.
 
     A part of the press must be the right one as well: the roller by its name, density and register by their ink, a
-    streak by its head.
+    streak by its head, or several heads where its ink is not known, of which one is right.
     """
     if not named:
         return "nothing"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import pytest
 from prooflight.detectors.verdict import Ink, Region, Verdict
 from prooflight.scans.geometry import ScanGeometry
 from prooflight_line.causes.naming import named_causes
+from prooflight_studies.harness.page import page_again
+from prooflight_studies.plant import study
 from prooflight_studies.plant.defects import CAUSES, PARTS, ROLLERS_MM, SHEETS, Runs
 from prooflight_studies.plant.loop import loop_run, loops
 from prooflight_studies.plant.places import errors_of
@@ -33,7 +37,8 @@ def printed(what: str, *boxes: tuple[str, float, float, float, float], ink: str 
         regions=regions,
         inks=INKS,
     )
-    return DefectPrint(what=what, design=0, ink=ink, x_mm=100.0, y_mm=100.0, verdict=verdict)
+    at_mm = 0.0 if what == "paper" else 100.0
+    return DefectPrint(what=what, design=0, ink=ink, x_mm=at_mm, y_mm=at_mm, verdict=verdict)
 
 
 LIBRARY = (
@@ -72,6 +77,22 @@ def test_an_unlisted_roller_is_no_part() -> None:
     assert all(abs(defect.distance_mm / one - 1) > 0.01 for one in ROLLERS_MM.values())
     named = named_causes(defect.records, geometry=GEOMETRY, parts=PARTS)
     assert answer(named, defect) == "no roller of the press file"
+
+
+def test_the_page_says_what_was_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    press = SimpleNamespace(geometry=GEOMETRY, name="rig", digest="0" * 64)
+    monkeypatch.setattr(study, "Press", SimpleNamespace(load=lambda _path: press))
+    monkeypatch.setattr(study, "defect_prints", lambda *_, **_more: list(LIBRARY))
+    plan = study.CausesPlan(seed=3, designs=1, defects=16, unlisted=2, null=2, loops=5)
+    results = study.run_plant_study(tmp_path, press=Path("x.press"), plan=plan, cache=tmp_path)
+    assert results.right == 16
+    assert results.unlisted_right == 2
+    page = (tmp_path / "plant.md").read_text()
+    assert "**16 of 16 causes were named right" in page
+    table = [line for line in page.splitlines() if line.startswith("| fuser |")]
+    assert len(table) == 1
+    assert (tmp_path / "plant-causes.png").stat().st_size > 10_000
+    assert page_again(tmp_path / "plant.json", tmp_path / "again.md").read_text() == page
 
 
 def test_a_library_that_lacks_something_is_refused() -> None:

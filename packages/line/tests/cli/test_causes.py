@@ -111,7 +111,7 @@ def test_corrections_are_offered_alone(tmp_path: Path, capsys: pytest.CaptureFix
     assert code == 0
     (offer,) = json.loads(out)["corrections"]
     assert offer["offset"] == pytest.approx(-0.03)
-    assert b"offered, not applied: density of black: offset -3.000 %" in xjmf.read_bytes()
+    assert b"offered for j.pdf, not applied: density of black: offset -3.000 %" in xjmf.read_bytes()
     assert call(capsys, "run", "corrections", "--journal", path, "--damping", "2")[0] == 2
     assert "Too few" in call(capsys, "run", "corrections", "--journal", path, "--since", 9)[1]
 

@@ -21,6 +21,9 @@ PLACE_SD_MM: Final = 0.06
 registration. measured: docs/results/running/plant.md."""
 NARROW: Final = 1.5
 """Windows up to so many times as wide as the narrowest count for the place."""
+SURE_SHARE: Final = 0.5
+"""Share of a streak's marks that must name its ink. assumed: on a line thinner than a pixel, single marks were measured
+to name another one."""
 LEAST_SHEETS: Final = 2
 """Sheets from which on a streak has a cause of its own."""
 
@@ -34,7 +37,7 @@ class Streak:
     """Place from the left edge of the printed page."""
     sd_mm: float
     ink: str
-    """Letter of the ink that most of its marks name; empty: none does."""
+    """Letter of the ink that most of its marks name; empty: there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,12 +72,12 @@ def _streak(marks: Sequence[Mark]) -> Streak:
     place = np.array([mark.x_mm for mark in marks])
     narrow = width <= NARROW * width.min()
     variance = width[narrow] ** 2 / 12 + PLACE_SD_MM**2
-    inks = Counter(mark.ink for mark in marks if mark.ink)
+    ink, times = Counter(mark.ink for mark in marks).most_common(1)[0]
     return Streak(
         marks=tuple(marks),
         x_mm=float(np.average(place[narrow], weights=1 / variance)),
         sd_mm=float(1 / np.sqrt((1 / variance).sum())),
-        ink=inks.most_common(1)[0][0] if inks else "",
+        ink=ink if times > SURE_SHARE * len(marks) else "",
     )
 
 

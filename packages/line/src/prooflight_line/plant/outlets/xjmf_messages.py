@@ -134,10 +134,10 @@ def offered(lines: Iterable[str], *, device_id: str, job: str, time_s: float) ->
     """
     root = _root(device_id, time_s)
     signal = _element(root, "SignalNotification", ChannelMode="Reliable")
-    _header(signal, device_id, time_s)
-    note = _element(signal, "Notification", Class="Information", JobID=name(job))
+    _header(signal, device_id, time_s, identifier="S-corrections")
+    note = _element(signal, "Notification", Class="Information")
     for line in lines:
-        _element(note, "Comment").text = clean(f"offered, not applied: {line}")
+        _element(note, "Comment").text = clean(f"offered for {job}, not applied: {line}")
     return written(root)
 
 

@@ -17,6 +17,7 @@ from prooflight_studies.commands import (
     plant,
     press,
     real,
+    records,
     rip,
     running,
     soak,
@@ -46,7 +47,7 @@ def register(app: typer.Typer) -> None:
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
         *(content.content, rip.rip, zones.zones, visible.visible),
-        *(real.real, plant.plant),
+        *(real.real, plant.plant, records.records),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

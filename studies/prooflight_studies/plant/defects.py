@@ -12,6 +12,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.press.parts import HeadBlock, PartsBlock, RollerBlock
 from prooflight.rng import stream
 from prooflight_line.journal.records import PageRecord
+from prooflight_studies.plant.prints import REGISTER_MM, WEAKER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,7 +94,8 @@ class Runs:
         """Sort the library; ValueError: it lacks a kind of print."""
         self._geometry, self._seed = geometry, seed
         self._prints = {
-            what: [one for one in library if one.what == what] for what in ("spot", "nozzle", "paper", "good")
+            what: [one for one in library if one.what == what]
+            for what in ("spot", "nozzle", "density", "register", "paper", "good")
         }
         self.nozzle_designs = sorted({one.design for one in self._prints["nozzle"] if _seen(one)})
         """Designs on which the failing nozzle was seen as a streak: its cause is asked for on no other."""
@@ -101,6 +103,12 @@ class Runs:
         if missing or not self.nozzle_designs:
             message = f"the library has no prints of {', '.join(missing) or 'a nozzle that is seen'}"
             raise ValueError(message)
+
+        self.response = {
+            "density": [_stated(one, "gain-{}") / (WEAKER - 1) for one in self._prints["density"]],
+            "register": [_stated(one, "register-{}-x") / REGISTER_MM for one in self._prints["register"]],
+        }
+        """Share of a change that the journal states, of each print with one."""
 
     def run(self, cause: str, number: int) -> Defect:
         """Return run ``number``, which has this cause."""
@@ -215,10 +223,11 @@ class Runs:
         if cause == "register":
             name, kind = f"register-{ink}-{rng.choice(['x', 'y'])}", "plane-register"
             amount, tolerance = sign * float(rng.uniform(*STEP_MM)), 0.2
+        response = float(rng.choice(self.response[cause]))
         for sheet in range(begins, SHEETS):
             row, share = rows[sheet], (sheet - begins) / (SHEETS - 1 - begins)
             change = amount if cause == "register" else amount * share
-            value = row.nuisance.get(name, 0.0) + change
+            value = row.nuisance.get(name, 0.0) + response * change
             verdict = row.verdict
             if abs(change) > tolerance and verdict.verdict == "good":
                 verdict = replace(verdict, verdict="misprint", kind=kind)
@@ -240,6 +249,11 @@ def amounts_of(verdict: Verdict) -> dict[str, float]:
         amounts[f"gain-{name}"] = ink.gain_percent / 100
         amounts[f"register-{name}-x"], amounts[f"register-{name}-y"] = ink.register_mm
     return amounts
+
+
+def _stated(shown: DefectPrint, name: str) -> float:
+    """Return the amount that a print's verdict states of the ink that is off; 0: none."""
+    return amounts_of(shown.verdict).get(name.format(NAME_OF_INK[shown.ink]), 0.0)
 
 
 def _seen(shown: DefectPrint) -> bool:

@@ -78,11 +78,19 @@ def disturbances(seed: int, run: int) -> tuple[NDArray[np.float64], np.random.Ge
     return drifts, rng
 
 
-def loop_run(seed: int, run: int, *, damping: float | None, every: int | None = None) -> LoopRun:
+def loop_run(
+    seed: int,
+    run: int,
+    *,
+    damping: float | None,
+    every: int | None = None,
+    response: tuple[float, float] = (1.0, 1.0),
+) -> LoopRun:
     """Run a press; damping: of the corrections; None: there are none.
 
     every: sheets after which corrections are applied by the latest sheets, whatever was applied before: the rule that
     forgets the delay. None: the product's rule, by sheets that were printed after the last correction.
+    response: share of the deviation of density and of register that the journal states.
     """
     free, rng = disturbances(seed, run)
     noise = rng.standard_normal(free.shape)
@@ -95,7 +103,8 @@ def loop_run(seed: int, run: int, *, damping: float | None, every: int | None = 
     due = wait
     for sheet in range(SHEETS):
         deviation[:, sheet] = free[:, sheet] + offset[:, sheet]
-        measured = (deviation[:, [sheet]] * tolerances + spread * noise[:, [sheet]])[:, 0]
+        stated = np.array(response)[:, None] * deviation[:, [sheet]]
+        measured = (stated * tolerances + spread * noise[:, [sheet]])[:, 0]
         rows.append(_row(sheet, dict(zip(names, measured.tolist(), strict=True))))
         if damping is None or sheet < due:
             continue
@@ -112,19 +121,30 @@ def loop_run(seed: int, run: int, *, damping: float | None, every: int | None = 
     return LoopRun(deviation=deviation, offsets=offsets)
 
 
-def loops(seed: int, runs: int, *, progress: Callable[[str], None] = lambda _step: None) -> list[Loop]:
-    """Return the figures without corrections, with those of the product, and with rules that are known to be wrong."""
-    rules: list[tuple[str, float | None, int | None, int]] = [
-        ("no corrections", None, None, runs),
-        ("as offered", 0.5, None, runs),
-        ("as offered, undamped", 1.0, None, max(runs // 5, 1)),
-        ("every 3 sheets, undamped, without waiting", 1.0, 3, max(runs // 5, 1)),
+def loops(
+    seed: int,
+    runs: int,
+    *,
+    response: tuple[float, float] = (1.0, 1.0),
+    progress: Callable[[str], None] = lambda _step: None,
+) -> list[Loop]:
+    """Return the figures without corrections, with those of the product, and with rules that are known to be wrong.
+
+    response: as in ``loop_run``, of the product's rule; the others see deviations in full.
+    """
+    full, fewer = (1.0, 1.0), max(runs // 5, 1)
+    rules: list[tuple[str, float | None, int | None, tuple[float, float], int]] = [
+        ("no corrections", None, None, full, runs),
+        ("as offered", 0.5, None, response, runs),
+        ("as offered, were deviations stated in full", 0.5, None, full, fewer),
+        ("the same, undamped", 1.0, None, full, fewer),
+        ("the same, every 3 sheets without waiting", 1.0, 3, full, fewer),
     ]
     figures, open_waste = [], list[float]()
-    for rule, damping, every, count in rules:
+    for rule, damping, every, share, count in rules:
         progress(f"closed loop: {rule}, {count} runs")
-        loop_runs = [loop_run(seed, run, damping=damping, every=every) for run in range(count)]
-        waste = [one.waste for one in loop_runs]
+        done = [loop_run(seed, run, damping=damping, every=every, response=share) for run in range(count)]
+        waste = [one.waste for one in done]
         open_waste = open_waste or waste
         figures.append(
             Loop(
@@ -132,8 +152,8 @@ def loops(seed: int, runs: int, *, progress: Callable[[str], None] = lambda _ste
                 damping=damping or 0.0,
                 runs=count,
                 waste=float(np.mean(waste)),
-                corrections=float(np.mean([sum(map(len, one.offsets.values())) for one in loop_runs])),
-                oscillating=sum(one.oscillates for one in loop_runs),
+                corrections=float(np.mean([sum(map(len, one.offsets.values())) for one in done])),
+                oscillating=sum(one.oscillates for one in done),
                 worse=sum(own > other for own, other in zip(waste, open_waste, strict=False)),
             )
         )

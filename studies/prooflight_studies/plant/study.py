@@ -93,6 +93,8 @@ class PlantResults:
     null_repeats: int
     null_marks: int
     loop_sheets: int
+    response: tuple[float, float]
+    """Mean share of a change of density and of register that the journal states."""
     loops: list[Loop]
     picture: str
     rollers_mm: dict[str, float]
@@ -139,7 +141,8 @@ def run_plant_study(
         repeats += any(one.kind in ("roller", "page") for one in named)
         if number % 100 == 0:
             progress(f"runs without a cause: {number} of {plan.null}")
-    found = loops(plan.seed, plan.loops, progress=progress)
+    response = (float(np.mean(runs.response["density"])), float(np.mean(runs.response["register"])))
+    found = loops(plan.seed, plan.loops, response=response, progress=progress)
     draw_causes(out / PICTURE, confusion, CAUSES, plan.seed)
     unlisted = confusion[BEYOND[0]]
     within = np.rint(np.abs(nozzle_off)) if nozzle_off else np.zeros(0)
@@ -168,6 +171,7 @@ def run_plant_study(
         null_repeats=repeats,
         null_marks=NULL_MARKS,
         loop_sheets=LOOP_SHEETS,
+        response=response,
         loops=found,
         picture=PICTURE,
         rollers_mm=dict(ROLLERS_MM),

@@ -30,12 +30,16 @@ def printed(what: str, *boxes: tuple[str, float, float, float, float], ink: str 
         Region(x_mm=100 + x, y_mm=y, width_mm=w, height_mm=h, score=9.0, kind=kind, ink=ink)
         for kind, x, y, w, h in boxes
     )
+    off = {
+        "density": Ink(gain_percent=-15.0, dot_gain_percent=0.0, register_mm=(0.0, 0.0)),
+        "register": Ink(gain_percent=0.0, dot_gain_percent=0.0, register_mm=(0.3, 0.0)),
+    }
     verdict = Verdict(
         page="p",
         verdict="misprint" if boxes else "good",
         kind=boxes[0][0] if boxes else None,
         regions=regions,
-        inks=INKS,
+        inks=INKS | ({ink: off[what]} if what in off else {}),
     )
     at_mm = 0.0 if what == "paper" else 100.0
     return DefectPrint(what=what, design=0, ink=ink, x_mm=at_mm, y_mm=at_mm, verdict=verdict)
@@ -48,6 +52,8 @@ LIBRARY = (
     printed("nozzle", ("streak", -0.14, 0.0, 0.25, 297.0), ink="M"),
     printed("paper", ("scum", -60.0, 30.0, 6.0, 6.0)),
     printed("paper", ("scum", 40.0, 70.0, 6.0, 6.0)),
+    printed("density", ink="K"),
+    printed("register", ink="K"),
     printed("good"),
 )
 
@@ -106,13 +112,14 @@ def test_errors_of_places() -> None:
     assert (across.measured, across.prints) == (2, 2)
     assert across.bias == pytest.approx(0.0)
     assert by_name["place of a failing nozzle, one sheet"].bias == pytest.approx(-0.005)
-    assert by_name["density of an ink that is 15 % weaker"].measured == 0
+    density = by_name["density of an ink that is 15 % weaker"]
+    assert (density.measured, density.prints) == (1, 1)
 
 
 def test_the_loop_is_quiet_as_offered_and_swings_without_waiting() -> None:
-    none, offered, undamped, hasty = loops(3, 10)
-    assert offered.waste < none.waste / 2
-    assert (offered.oscillating, undamped.oscillating) == (0, 0)
+    none, offered, full, undamped, hasty = loops(3, 10, response=(0.6, 0.4))
+    assert max(offered.waste, full.waste) < none.waste / 2
+    assert (offered.oscillating, full.oscillating, undamped.oscillating) == (0, 0, 0)
     assert hasty.oscillating == hasty.runs
     free = loop_run(3, 0, damping=None)
     assert not free.offsets["gain-black"]

@@ -108,7 +108,7 @@ class Runs:
             "density": [_stated(one, "gain-{}") / (WEAKER - 1) for one in self._prints["density"]],
             "register": [_stated(one, "register-{}-x") / REGISTER_MM for one in self._prints["register"]],
         }
-        """Share of a change that the journal states, of each print with one."""
+        """Share of a change that the verdict on each print states of the ink that is off."""
 
     def run(self, cause: str, number: int) -> Defect:
         """Return run ``number``, which has this cause."""
@@ -139,9 +139,7 @@ class Runs:
                     turned_mm=float(rng.uniform(0, PAGE_MM[1])),
                 )
         else:
-            ink = str(rng.choice(list(NAME_OF_INK.values())))
-            self._trend(rows, cause, ink, begins, rng)
-            made = replace(made, name=ink)
+            made = replace(made, name=self._trend(rows, cause, begins, rng))
         return replace(made, records=tuple(rows))
 
     def null(self, number: int, marks: int) -> tuple[PageRecord, ...]:
@@ -214,24 +212,34 @@ class Runs:
             _mark(rows, sheet, prints[int(rng.integers(len(prints)))], (x, 0.0))
         return head.name, nozzle
 
-    def _trend(
-        self, rows: list[PageRecord], cause: str, ink: str, begins: int, rng: np.random.Generator
-    ) -> None:
+    def _trend(self, rows: list[PageRecord], cause: str, begins: int, rng: np.random.Generator) -> str:
+        """Let an ink drift or step, and return it.
+
+        What is stated of every ink is what the verdict on one print of the library states, in proportion to the change.
+        """
+        shown, stated = self._draw(cause, rng), {}
+        for name, value in amounts_of(shown.verdict).items():
+            of_cause = name.startswith("gain-" if cause == "density" else "register-")
+            stated[name] = value if of_cause else 0.0
         sign = 1 if rng.random() < 0.5 else -1
-        name, kind = f"gain-{ink}", "density"
-        amount, tolerance = sign * float(rng.uniform(*DRIFT)), 0.07
-        if cause == "register":
-            name, kind = f"register-{ink}-{rng.choice(['x', 'y'])}", "plane-register"
-            amount, tolerance = sign * float(rng.uniform(*STEP_MM)), 0.2
-        response = float(rng.choice(self.response[cause]))
+        if cause == "density":
+            amount, tolerance, printed = sign * float(rng.uniform(*DRIFT)), 0.07, WEAKER - 1
+        else:
+            amount, tolerance, printed = sign * float(rng.uniform(*STEP_MM)), 0.2, REGISTER_MM
         for sheet in range(begins, SHEETS):
             row, share = rows[sheet], (sheet - begins) / (SHEETS - 1 - begins)
             change = amount if cause == "register" else amount * share
-            value = row.nuisance.get(name, 0.0) + response * change
-            verdict = row.verdict
-            if abs(change) > tolerance and verdict.verdict == "good":
-                verdict = replace(verdict, verdict="misprint", kind=kind)
-            rows[sheet] = replace(row, verdict=verdict, nuisance={**row.nuisance, name: value})
+            nuisance = {
+                name: value + change / printed * stated.get(name, 0.0) for name, value in row.nuisance.items()
+            }
+            rows[sheet] = replace(row, nuisance=nuisance)
+            if abs(change) > tolerance:
+                _mark(rows, sheet, self._draw_of(cause, shown.design, rng), (0.0, 0.0))
+        return NAME_OF_INK[shown.ink]
+
+    def _draw_of(self, what: str, design: int, rng: np.random.Generator) -> DefectPrint:
+        prints = [one for one in self._prints[what] if one.design == design]
+        return prints[int(rng.integers(len(prints)))]
 
     def _unlisted(self, rng: np.random.Generator) -> float:
         """Draw a circumference that is further from all of the press file than their tolerances."""
@@ -280,7 +288,7 @@ def _mark(
     off = at_mm[0] - shown.x_mm, at_mm[1] - shown.y_mm
     moved = [_moved(_turned(region, turned_mm), off) for region in shown.verdict.regions]
     regions = tuple(region for region in moved if region is not None)
-    if regions:
+    if regions or not shown.verdict.regions:
         kind = row.verdict.kind or shown.verdict.kind
         verdict = replace(
             row.verdict, verdict="misprint", kind=kind, regions=(*row.verdict.regions, *regions)

@@ -87,6 +87,10 @@ class PlantResults:
     nozzle_exact: int
     nozzle_alone: int
     """Runs in which the failing head alone was named, and not another that has a nozzle there too."""
+    density_inks: int
+    """Runs with a density that drifts in which the right ink was named ..."""
+    register_inks: int
+    """... and of a register that steps."""
     nozzle_off: list[float]
     """Error of the number, in nozzles, on the first sheets of each run."""
     null: int
@@ -124,12 +128,14 @@ def run_plant_study(
     causes = [CAUSES[at % len(CAUSES)] for at in range(plan.defects)] + list(BEYOND) * plan.unlisted
     confusion: dict[str, Counter[str]] = {cause: Counter() for cause in (*CAUSES, *BEYOND)}
     off_mm, nozzle_off, alone = list[float](), list[float](), 0
+    inks: Counter[str] = Counter()
     for number, cause in enumerate(causes):
         defect = runs.run(cause, number)
         named = named_causes(defect.records, geometry=geometry, parts=PARTS)
         confusion[cause][answer(named, defect)] += 1
         if cause in BEYOND and named and named[0].distance_mm:
             off_mm.append(abs(named[0].distance_mm - defect.distance_mm))
+        inks[cause] += bool(named) and defect.name in named[0].names
         alone += cause == "nozzle" and bool(named) and named[0].names == (defect.name,)
         if cause == "nozzle" and (off := first_sheets_off(defect, geometry)) is not None:
             nozzle_off.append(off)
@@ -166,6 +172,8 @@ def run_plant_study(
         nozzle_within_one=int((within <= 1).sum()),
         nozzle_exact=int((within == 0).sum()),
         nozzle_alone=alone,
+        density_inks=inks["density"],
+        register_inks=inks["register"],
         nozzle_off=[round(off, 2) for off in nozzle_off],
         null=plan.null,
         null_repeats=repeats,
@@ -183,7 +191,7 @@ def run_plant_study(
 def answer(named: Sequence[Cause], defect: Defect) -> str:
     """Return which cause is said, of ``CAUSES`` or in other words: that of most sheets, which the command lists first.
 
-    A part of the press must be the right one as well: the roller by its name, density and register by their ink, a
+    A part of the press must be the right one as well: the roller by its name, a
     streak by its head, or several heads where its ink is not known, of which one is right.
     """
     if not named:
@@ -197,7 +205,7 @@ def answer(named: Sequence[Cause], defect: Defect) -> str:
         case "streak":
             return "nozzle" if defect.name in first.names else "another part"
         case "density" | "register":
-            return first.kind if defect.name in first.names else "another part"
+            return first.kind
         case "single":
             return "spot"
     return first.kind

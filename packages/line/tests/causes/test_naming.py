@@ -77,6 +77,13 @@ def test_single_marks_and_paper() -> None:
     assert named([row(0), row(1)]) == []
 
 
+def test_misprints_as_a_whole_have_a_cause_without_a_trend() -> None:
+    rows = [row(at, region(105, 148, kind="plane-register", width=210, height=297)) for at in range(9, 20)]
+    (cause,) = named([row(0), *rows])
+    assert (cause.kind, cause.names, cause.sheets, cause.first_sheet) == ("register", (), 11, 9)
+    assert named([row(0), *rows[:4]]) == []
+
+
 @pytest.mark.parametrize("shape", ["step", "drift"])
 def test_a_trend_comes_out(shape: str) -> None:
     # Seed 5; a change of eight standard deviations of one sheet, within 4 sd of its estimate.

@@ -40,6 +40,11 @@ PAPER_SHEETS: Final = 5
 PAPER_SHARE: Final = 0.2
 """Least number of sheets, and their share from the first to the last of them, whose marks without another cause are
 put down to the paper. assumed: ten times the false alarms of good sheets and more."""
+OF_KINDS: Final[dict[Kind, tuple[str, ...]]] = {
+    "density": ("density", "missing-plane"),
+    "register": ("plane-register",),
+}
+"""Kinds of misprint that are of one cause whatever else is seen."""
 PAPER_WIDTH: Final = 10.0
 """Least standard deviation of such marks' places across: they are in no one column. assumed. [mm]"""
 
@@ -92,7 +97,9 @@ def named_causes(
     causes += [_of_repeat(repeat, parts) for repeat in repeats]
     explained = {id(mark) for repeat in repeats for mark in repeat.marks}
     causes += _of_rest([mark for mark in others if id(mark) not in explained])
-    causes += map(_of_trend, trends_of(records))
+    trends = list(map(_of_trend, trends_of(records)))
+    named = {trend.kind for trend in trends if trend.sheets}
+    causes += trends + [cause for cause in _of_kinds(records) if cause.kind not in named]
     return sorted(causes, key=lambda cause: -cause.sheets)
 
 
@@ -172,6 +179,30 @@ def _of_rest(marks: Sequence[Mark]) -> list[Cause]:
         return [Cause(kind="paper", names=(), text=text, **_extent(marks))]
     text = f"{count(len(marks), 'mark')} without a common cause"
     return [Cause(kind="single", names=(), text=text, **_extent(marks))]
+
+
+def _of_kinds(records: Sequence[PageRecord]) -> list[Cause]:
+    """Return the causes of misprints that were judged wrong as a whole, on as many sheets as for paper.
+
+    Amounts that are far off are stated in part alone, so that no trend may show; which ink it is is then not known.
+    """
+    causes = []
+    for kind, kinds in OF_KINDS.items():
+        sheets = [one.sheet for one in records if one.verdict.kind in kinds]
+        if sheets and len(sheets) >= max(PAPER_SHEETS, PAPER_SHARE * (sheets[-1] - sheets[0] + 1)):
+            text = f"{count(len(sheets), 'sheet')} judged off in {kind}; which ink drifted or stepped is not known"
+            causes.append(
+                Cause(
+                    kind=kind,
+                    names=(),
+                    text=text,
+                    marks=0,
+                    sheets=len(sheets),
+                    first_sheet=sheets[0],
+                    last_sheet=sheets[-1],
+                )
+            )
+    return causes
 
 
 def _of_trend(trend: Trend) -> Cause:

@@ -11,7 +11,7 @@ from prooflight.cli import show
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
-from prooflight_line.cli.runs.gate import TraysFile, reprints
+from prooflight_line.cli.runs.gate import TraysFile
 from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 
 REMAINS = 3
@@ -39,12 +39,13 @@ def reprint_job(
     from prooflight.files.content import content_digest
     from prooflight.pages.pdf.rip import PdfJob
     from prooflight_line.plant.reprint_job import ReprintJob, reprint_sheets
+    from prooflight_line.run_package.accounts import accounts_of
 
     if out.suffix.lower() != ".pdf":
         raise RequestError(out, "is no name of a PDF", remedy="end it in .pdf")
     with reading(journal) as opened:
         row = run_of(opened, run)
-        listed, _ = reprints(opened, row, trays)
+        listed, _ = accounts_of(opened, row, trays)
     if content_digest(job) != row.facts.job_digest:
         what = f"is not the job of run {row.id}, {row.facts.job}"
         raise RequestError(job, what, remedy="give the file that was printed, unchanged")
@@ -77,11 +78,12 @@ def reprinted(
 ) -> None:
     """Reconcile a reprint with the run that printed it; exits 3 if sheets must be printed once more."""
     from prooflight_line.plant.reprint_job import ReprintJob, facts_of, remaining
+    from prooflight_line.run_package.accounts import accounts_of
 
     job = ReprintJob.read(again)
     with reading(journal) as opened:
         row = run_of(opened, run)
-        left = remaining(job, row, reprints(opened, row, trays)[0])
+        left = remaining(job, row, accounts_of(opened, row, trays)[0])
     if json:
         show.print_json(facts_of(job, left))
     else:

@@ -79,6 +79,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "line-cameras": ("rasters",),
     "console": (),
     "plant": (),
+    "causes": ("press.toml", "job.pdf", "my.press"),
     "index": (),
 }
 """What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of

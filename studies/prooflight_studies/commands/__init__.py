@@ -14,6 +14,7 @@ from prooflight_studies.commands import (
     gate,
     golden,
     paper,
+    plant,
     press,
     real,
     records,
@@ -46,7 +47,7 @@ def register(app: typer.Typer) -> None:
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
         *(content.content, rip.rip, zones.zones, visible.visible),
-        *(real.real, records.records),
+        *(real.real, plant.plant, records.records),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

@@ -18,7 +18,7 @@ from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
-from prooflight_line.cli.runs import feedback, package
+from prooflight_line.cli.runs import causes, feedback, package, reprints
 from prooflight_line.cli.runs import gate as run_gate
 from prooflight_line.cli.runs import sheets as sheets_of_run
 from prooflight_line.cli.runs.gate import TraysFile
@@ -57,6 +57,8 @@ app = typer.Typer(
 )
 
 feedback.register_of_runs(app)
+causes.register_of_runs(app)
+reprints.register_of_runs(app)
 package.register_of_runs(app)
 
 

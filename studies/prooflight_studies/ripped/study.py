@@ -23,7 +23,14 @@ from prooflight_studies.harness.operating import counted
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
-from prooflight_studies.ripped.printing import RIPS, STATEMENTS, PrintPiece, PrintWork, fits
+from prooflight_studies.ripped.printing import (
+    COPIES_A_PIECE,
+    RIPS,
+    STATEMENTS,
+    PrintPiece,
+    PrintWork,
+    fits,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,8 +42,8 @@ if TYPE_CHECKING:
 
 WORLDS: Final = ("press", "measured")
 PAGE: Final = "ripped"
-GOOD_A_MISPRINT: Final = 4
-"""Good prints of a page for each misprint of it."""
+GOOD_A_MISPRINT: Final = COPIES_A_PIECE
+"""Good prints of a page for each misprint of it: a piece has one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +57,7 @@ class FalseAlarmPlan:
     """Good prints of pages of development that a press learns, one of each page; 0: none learns."""
     rips: tuple[str, ...] = tuple(rip.name for rip in RIPS)
     worlds: tuple[str, ...] = WORLDS
+    statements: tuple[str, ...] = STATEMENTS
 
     def __post_init__(self) -> None:
         """Check the numbers; RequestError."""
@@ -59,32 +67,36 @@ class FalseAlarmPlan:
         for given, known, of in (
             (self.rips, [rip.name for rip in RIPS], "rip"),
             (self.worlds, WORLDS, "world"),
+            (self.statements, STATEMENTS, "statement"),
         ):
             for name in given:
                 if name not in known:
                     raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
 
     def pieces(self, judged: Sequence[str], learned_from: Sequence[str]) -> list[PrintPiece]:
-        """Return the pieces, those that are judged first."""
+        """Return the pieces, those that are judged first; what one page shares follows one another."""
         pages = spread(judged, self.prints)
         copies = -(-self.prints // len(pages))
-        sets = [(page, True, copies, max(copies // GOOD_A_MISPRINT, 1)) for page in pages]
-        sets += [(page, False, 1, 0) for page in spread(learned_from, self.learned)]
+        misprints = range(max(copies // GOOD_A_MISPRINT, 1))
         return [
             PrintPiece(
                 page=page,
                 number=_number(page),
                 rip=rip,
                 world=world,
-                copies=of_page,
-                misprints=misprints,
+                good=tuple(range(first, min(first + COPIES_A_PIECE, of_page))),
+                misprints=tuple(misprints[part : part + 1]) if is_judged else (),
                 judged=is_judged,
+                statements=self.statements,
             )
-            for is_judged_first in (True, False)
-            for page, is_judged, of_page, misprints in sets
-            if is_judged == is_judged_first
-            for world in self.worlds
+            for is_judged, of_kind, of_page in (
+                (True, pages, copies),
+                (False, spread(learned_from, self.learned), 1),
+            )
+            for page in of_kind
             for rip in self.rips
+            for world in self.worlds
+            for part, first in enumerate(range(0, of_page, COPIES_A_PIECE))
         ]
 
 

@@ -389,8 +389,9 @@ def analyse_registered(
         ignored, careful = prepared.zones.moved(where)
         where = replace(where, inside=where.inside & ~ignored)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm, light=prepared.own_light)
-    of_design = printed is page or isinstance(printed, PrintedPage)
-    repeats = prepared.repeats if of_design else repeats_of(printed)
+    repeats = prepared.repeats
+    if not isinstance(printed, PrintedPage) and printed is not page:
+        repeats = repeats_of(printed)
     # The card has no body for the beat of a stated screen.
     on_host = residual_variance.exact or prepared.beat is not None
     images = (HostImages if on_host else engine)(

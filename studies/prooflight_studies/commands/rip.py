@@ -131,7 +131,7 @@ def _press(
             str(row.learned or "-"),
             row.false_alarms,
             str(row.uninspected),
-            f"{row.caught} of {row.misprints}",
+            row.misprints_caught,
         )
         for row in results.rows
     )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight import __version__
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
 from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.entry import model_of
@@ -19,7 +20,7 @@ from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.simulation.worlds import measured_digest, worlds_digest
-from prooflight_studies.harness.operating import counted
+from prooflight_studies.harness.operating import share_with_interval
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
@@ -116,6 +117,7 @@ class FalseAlarmRow:
     false_alarms: str
     misprints: int
     caught: int
+    misprints_caught: str
     pages_with_alarms: tuple[str, ...]
 
 
@@ -123,8 +125,10 @@ class FalseAlarmRow:
 class FalseAlarmResults:
     """Figures of the page."""
 
+    build: str
     seed: int
     press: str
+    press_digest: str
     promise: float
     pages: int
     """Pages that were judged."""
@@ -189,8 +193,10 @@ def run_false_alarm_study(
         progress=lambda done, total: progress(f"{done} of {total} pages printed and judged"),
     )
     results = FalseAlarmResults(
+        build=__version__,
         seed=plan.seed,
         press=loaded.name,
+        press_digest=loaded.digest,
         promise=model_of(loaded).guarantee.rate,
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
@@ -230,15 +236,17 @@ def _counted(
 ) -> FalseAlarmRow:
     good = rows["kind"][judged] == ""
     alarms, count = int((alarm & good).sum()), int(good.sum())
+    caught, misprints = int((alarm & ~good).sum()), int((~good).sum())
     return FalseAlarmRow(
         **facts,
         learned=learned,
         good=count,
         alarms=alarms,
         uninspected=int((rows["uninspected"][judged] & good).sum()),
-        false_alarms=counted(alarms, count),
-        misprints=int((~good).sum()),
-        caught=int((alarm & ~good).sum()),
+        false_alarms=share_with_interval(alarms, count),
+        misprints=misprints,
+        caught=caught,
+        misprints_caught=share_with_interval(caught, misprints),
         pages_with_alarms=tuple(np.unique(rows["page"][judged][alarm & good]).tolist()),
     )
 

@@ -146,6 +146,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "ranking-trees": Purpose("trees of the ranking that is shipped", (SEED, FREE + 10)),
         "real-marks": Purpose("marks laid into scans of a real sheet", (SEED, FREE + 95, "copy", "page")),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
+        "record-searches": Purpose("searches of people over the records of presses", (SEED, FREE + 97)),
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
         ),

@@ -54,8 +54,8 @@ def search_page(
         page=page_name.strip() or None,
         job=job.strip() or None,
         press=press.strip() or None,
-        since_s=_day_s(since),
-        until_s=_day_s(until, days=1),
+        since_s=day_s(since),
+        until_s=day_s(until, days=1),
         to_review=verdict == "look",
     )
     rows = state.reading.search(selection, before=before, limit=AT_ONCE, damaged=damaged.add)
@@ -92,7 +92,7 @@ def _with_runs(state: Console, rows: list[Written]) -> list[dict[str, Any]]:
     return [{"run": runs[row.run_id], "page": row.page} for row in rows]
 
 
-def _day_s(text: str, *, days: int = 0) -> float | None:
+def day_s(text: str, *, days: int = 0) -> float | None:
     """Return the Unix time at which a day began, by the clock of the console's machine, or ``days`` later.
 
     Raises ``Problem`` 422 if the text is no day.

@@ -194,16 +194,25 @@ class LabelStore:
         """Return all labels of a run, in order."""
         if not self.path.exists():
             return []
+        return self._read("run = ? ORDER BY id", (run,))
+
+    def _read(self, condition: str, values: tuple[Any, ...]) -> list[Label]:
         with closing(self._opened(create=False)) as connection:
             try:
                 columns = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
                 more = [name for name in _SINCE_2 if name in columns]
-                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE run = ? ORDER BY id"
-                rows = connection.execute(query, (run,)).fetchall()
+                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE {condition}"
+                rows = connection.execute(query, values).fetchall()
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
         names = [name.strip('"') for name in (*_COLUMNS, *more)]
         return [Label(**dict(zip(names, row, strict=True))) for row in rows]
+
+    def written_after(self, number: int, *, limit: int = 500) -> list[Label]:
+        """Return the labels of all runs above a number, in order."""
+        if not self.path.exists():
+            return []
+        return self._read("id > ? ORDER BY id LIMIT ?", (number, limit))
 
     def last(self) -> int:
         """Return the number of the latest label of any run; 0: there is none."""

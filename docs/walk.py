@@ -3,10 +3,10 @@
     python docs/walk.py X.press JOB SCANS
 
 The first page of the job is prepared, and its scan is inspected by the press's default detector, while every call
-within Prooflight is noted. A room is a folder of the package. A room is entered when one of its functions is called for the
-first time from another room. It is a return if the room had been left before (none of its functions was running), and a
-climb if one still was: a lower room calls a higher one. Names are those by which functions refer to the scan's (the
-page's) own numbers or a part of them. Compiled loops are not traced.
+within Prooflight is noted. A room is a folder of the package. A room is entered when one of its functions is called
+for the first time from another room. It is a return if the room had been left before (none of its functions was
+running), and a climb if one still was: a lower room calls a higher one. Names are those by which functions refer to
+the scan's (the page's) own numbers or a part of them. Compiled loops are not traced.
 """
 
 from __future__ import annotations

@@ -68,6 +68,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "hot-folder": ("short job.pdf", "my.press"),
     "services": (),
     "journal": ("job.pdf", "my.press"),
+    "evidence": ("short job.pdf", "my.press"),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),
     "zones": ("my.press", "short job.pdf", "scans"),

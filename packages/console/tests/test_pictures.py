@@ -31,7 +31,8 @@ from prooflight_console.pictures import expected
 from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_at, write_levels
 from prooflight_console.pictures.pictures import tidy
 from prooflight_console.pictures.seen import make_seen
-from prooflight_console.pictures.tiles import UNSEEN_GREY, Cut, SheetPicture, thumbnail
+from prooflight_console.pictures.tiles import UNSEEN_GREY, SheetPicture, thumbnail
+from prooflight_line.journal.cuts import Cut
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.journal.whole import packed

@@ -230,3 +230,22 @@ def test_fringes_followed_leave_less(two_sensor_press: Press) -> None:
         analysis = analyse(known, scan)
         most.append(float(np.abs(analysis.fit.pulls).max()))
     assert most[1] < 0.7 * most[0]
+
+
+@pytest.mark.parametrize("rips_itself", [False, True], ids=["our raster", "its own RIP"])
+def test_rows_that_repeat_in_the_design_save_work_and_change_nothing(
+    two_sensor_press: Press, rips_itself: bool
+) -> None:
+    """Planes lie off by whole raster pixels, or by parts of one, so that a row may differ where the design repeats."""
+    press, page = two_sensor_press, set_in(FOUR_INKS)
+    placement = draw_placement(Amounts.stated().page, page, np.random.default_rng(5))
+    scan = scan_of(displaced(page, np.array(INK_STEPS["all"])), press, placement)
+    expected = predict(page, sensors=press.sensors, geometry=press.geometry, threads=1)
+    how = {"sensors": press.sensors, "geometry": press.geometry, "fringes": True}
+    prepared = prepare_page(page, expected, own_light=press.ink_light if rips_itself else None, **how)
+    assert prepared.repeats.any()
+    with_repeats, without = (
+        analyse(one, scan) for one in (prepared, replace(prepared, repeats=np.zeros_like(prepared.repeats)))
+    )
+    np.testing.assert_array_equal(with_repeats.sums.tiles, without.sums.tiles)
+    np.testing.assert_array_equal(with_repeats.marks.greatest, without.marks.greatest)

@@ -43,6 +43,10 @@ def rip(
     world: Annotated[
         list[str] | None, typer.Option(metavar="WORLD", help="Only press or measured; both if not given.")
     ] = None,
+    statement: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STATEMENT", help="Only nothing, stated or identified; all three if not given."),
+    ] = None,
     cache: Cache = CACHE,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
     seed: Annotated[int, typer.Option(help="Of days, prints and misprints.", min=0)] = 401,
@@ -57,7 +61,7 @@ def rip(
     if PARTS[0] in parts:
         _specification(out, cases, pages, quick=quick, json=json)
     if PARTS[1] in parts:
-        from prooflight_studies.ripped.printing import RIPS
+        from prooflight_studies.ripped.printing import RIPS, STATEMENTS
         from prooflight_studies.ripped.study import WORLDS, FalseAlarmPlan
 
         if press is None or pages is None:
@@ -69,6 +73,7 @@ def rip(
             learned=0 if quick else learned,
             rips=tuple(row or (one.name for one in RIPS)),
             worlds=tuple(world or WORLDS),
+            statements=tuple(statement or STATEMENTS),
         )
         _press(press, pages, out, cache, plan, processes, json=json)
 
@@ -126,7 +131,7 @@ def _press(
             str(row.learned or "-"),
             row.false_alarms,
             str(row.uninspected),
-            f"{row.caught} of {row.misprints}",
+            row.misprints_caught,
         )
         for row in results.rows
     )

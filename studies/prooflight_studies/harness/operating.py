@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import special
 
+from prooflight.detectors.weighted_conformal import exact_interval
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -233,6 +235,19 @@ def counted(count: int, of: int) -> str:
     rate = f", {_percent(count / of)}" if count else ""
     bound = f" (< {_percent(rate_below(count, of))})" if count < of else ""
     return f"{count:,} of {of:,}{rate}{bound}"
+
+
+def share_with_interval(count: int, of: int) -> str:
+    """Format a share with its exact two-sided 95 % interval, as of independent pages.
+
+    >>> share_with_interval(0, 140), share_with_interval(3, 70), share_with_interval(0, 0)
+    ('0 of 140 (0 to 2.6 %)', '3 of 70, 4.3 % (0.89 to 12 %)', '-')
+    """
+    if not of:
+        return "-"
+    low, high = exact_interval(count, of, 0.95)
+    rate = f", {_percent(count / of)}" if count else ""
+    return f"{count:,} of {of:,}{rate} ({_percent(low).removesuffix(' %')} to {_percent(high)})"
 
 
 def _percent(share: float) -> str:

@@ -33,10 +33,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection
+    from prooflight.inspection.inspector import Prepared
     from prooflight.pages.raster import Page
     from prooflight.simulation.worlds import World
     from prooflight_studies.harness.result_cache import Rows
 
+COPIES_A_PIECE: Final = 4
+"""Good prints of a page that are computed at once, with one misprint; more are further pieces."""
 PAGES_A_DAY: Final = 4
 """Pages of a press day; each copy of a page is of another day."""
 SECONDS_MAX: Final = 300.0
@@ -93,12 +96,14 @@ class PrintPiece:
     """Number of the page, from which days, prints and kinds of misprints are drawn."""
     rip: str
     world: str
-    copies: int
-    """Good prints, each of another day."""
-    misprints: int
-    """Misprints, on the days of the first copies."""
+    good: tuple[int, ...]
+    """Copies that are good, each of another day."""
+    misprints: tuple[int, ...]
+    """Copies that are misprints, on the days of the first good ones."""
     judged: bool
     """Whether its prints are judged; others are learned, on days of their own."""
+    statements: tuple[str, ...] = STATEMENTS
+    """What the press file states where the press rips (``STATEMENTS``), each judged on the same prints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,13 +125,15 @@ class PrintWork:
         rip = rip_of(piece.rip)
         press = _press(self.press)
         pdf = device_cmyk(self.pages / f"{piece.page}.pdf", self.folder)
-        printed = as_printed(pdf, press, rip)
-        ready = {}
-        for name, stated in statements(press, rip, self._model(rip)).items():
-            inspector = _inspector(stated)
-            ready[name] = (inspector, inspector.prepare(_expected(pdf, stated)))
+        identified = self._model(rip) if "identified" in piece.statements else UNSTATED
+        printed = _printed(pdf, self.press, rip)
+        ready = {
+            name: _ready(pdf, self.press, rip, name, identified)
+            for name in statements(press, rip, identified)
+            if name in piece.statements or rip.name == OUR_RASTER
+        }
         columns: dict[str, list[Any]] = defaultdict(list)
-        for copy in range(max(piece.copies, piece.misprints)):
+        for copy in sorted({*piece.good, *piece.misprints}):
             session = self._session(press, piece, rip, copy)
             for request in self._requests(piece, copy):
                 kind = "" if request is None else request.kind
@@ -178,8 +185,8 @@ class PrintWork:
         return replace(session, screen=None, dots=dots)
 
     def _requests(self, piece: PrintPiece, copy: int) -> list[MisprintRequest | None]:
-        requests: list[MisprintRequest | None] = [None] if copy < piece.copies else []
-        if copy < piece.misprints:
+        requests: list[MisprintRequest | None] = [None] if copy in piece.good else []
+        if copy in piece.misprints:
             kinds = [kind for kind in KINDS if kind not in OTHER_PAGES]
             requests.append(MisprintRequest(kind=kinds[(piece.number + copy * 5) % len(kinds)]))
         return requests
@@ -232,13 +239,34 @@ def as_printed(pdf: Path, press: Press, rip: OwnRip) -> Page:
     if rip.name == OUR_RASTER:
         return _expected(pdf, press)
     light = press.ink_light
-    with PdfJob(pdf, engine=RipEngine(name=rip.engine)) as job:  # type: ignore[arg-type]
-        page = job.page(1, rip.dpi)
+    page = _of_engine(pdf, rip.engine, rip.dpi)
     plates = page.cmyk
     if rip.screen is not None:
         plates = screened(plates, rip.screen, tone=light)
     cmyk, dpi = averaged(plates, rip.dpi, light)
     return press.geometry.lay(replace(page, cmyk=cmyk, dpi=dpi))
+
+
+@lru_cache(maxsize=1)
+def _of_engine(pdf: Path, engine: str, dpi: float) -> Page:
+    """Return the first page in device pixels, which continuous tone and every screen share."""
+    with PdfJob(pdf, engine=RipEngine(name=engine)) as job:  # type: ignore[arg-type]
+        return job.page(1, dpi)
+
+
+@lru_cache(maxsize=1)
+def _printed(pdf: Path, press: Path, rip: OwnRip) -> Page:
+    """Return ``as_printed``, which all worlds and copies share."""
+    return as_printed(pdf, _press(press), rip)
+
+
+@lru_cache(maxsize=len(STATEMENTS))
+def _ready(
+    pdf: Path, press: Path, rip: OwnRip, name: str, identified: RipModel
+) -> tuple[Inspector, Prepared]:
+    """Return the inspector of a press under a statement, and the page prepared by it, which all worlds share."""
+    inspector = _inspector(press, rip, name, identified)
+    return inspector, inspector.prepare(_expected(pdf, inspector.press))
 
 
 def _expected(pdf: Path, press: Press) -> Page:
@@ -314,6 +342,7 @@ def _press(path: Path) -> Press:
     return Press.load(path)
 
 
-@lru_cache(maxsize=4)
-def _inspector(press: Press) -> Inspector:
-    return for_learning(Inspector(press)).with_threads(1)
+@lru_cache(maxsize=len(STATEMENTS) * len(RIPS))
+def _inspector(press: Path, rip: OwnRip, name: str, identified: RipModel) -> Inspector:
+    stated = statements(_press(press), rip, identified)[name]
+    return for_learning(Inspector(stated)).with_threads(1)

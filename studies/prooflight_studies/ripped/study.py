@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight import __version__
 from prooflight.commissioning.training.real_pages import FEWEST_REAL, recalibrated
 from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.entry import model_of
@@ -19,11 +20,18 @@ from prooflight.detectors.optional import ScannedPage
 from prooflight.errors import RequestError
 from prooflight.press.artefact import Press
 from prooflight.simulation.worlds import measured_digest, worlds_digest
-from prooflight_studies.harness.operating import counted
+from prooflight_studies.harness.operating import share_with_interval
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
-from prooflight_studies.ripped.printing import RIPS, STATEMENTS, PrintPiece, PrintWork, fits
+from prooflight_studies.ripped.printing import (
+    COPIES_A_PIECE,
+    RIPS,
+    STATEMENTS,
+    PrintPiece,
+    PrintWork,
+    fits,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,8 +43,8 @@ if TYPE_CHECKING:
 
 WORLDS: Final = ("press", "measured")
 PAGE: Final = "ripped"
-GOOD_A_MISPRINT: Final = 4
-"""Good prints of a page for each misprint of it."""
+GOOD_A_MISPRINT: Final = COPIES_A_PIECE
+"""Good prints of a page for each misprint of it: a piece has one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +58,7 @@ class FalseAlarmPlan:
     """Good prints of pages of development that a press learns, one of each page; 0: none learns."""
     rips: tuple[str, ...] = tuple(rip.name for rip in RIPS)
     worlds: tuple[str, ...] = WORLDS
+    statements: tuple[str, ...] = STATEMENTS
 
     def __post_init__(self) -> None:
         """Check the numbers; RequestError."""
@@ -59,32 +68,36 @@ class FalseAlarmPlan:
         for given, known, of in (
             (self.rips, [rip.name for rip in RIPS], "rip"),
             (self.worlds, WORLDS, "world"),
+            (self.statements, STATEMENTS, "statement"),
         ):
             for name in given:
                 if name not in known:
                     raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
 
     def pieces(self, judged: Sequence[str], learned_from: Sequence[str]) -> list[PrintPiece]:
-        """Return the pieces, those that are judged first."""
+        """Return the pieces, those that are judged first; what one page shares follows one another."""
         pages = spread(judged, self.prints)
         copies = -(-self.prints // len(pages))
-        sets = [(page, True, copies, max(copies // GOOD_A_MISPRINT, 1)) for page in pages]
-        sets += [(page, False, 1, 0) for page in spread(learned_from, self.learned)]
+        misprints = range(max(copies // GOOD_A_MISPRINT, 1))
         return [
             PrintPiece(
                 page=page,
                 number=_number(page),
                 rip=rip,
                 world=world,
-                copies=of_page,
-                misprints=misprints,
+                good=tuple(range(first, min(first + COPIES_A_PIECE, of_page))),
+                misprints=tuple(misprints[part : part + 1]) if is_judged else (),
                 judged=is_judged,
+                statements=self.statements,
             )
-            for is_judged_first in (True, False)
-            for page, is_judged, of_page, misprints in sets
-            if is_judged == is_judged_first
-            for world in self.worlds
+            for is_judged, of_kind, of_page in (
+                (True, pages, copies),
+                (False, spread(learned_from, self.learned), 1),
+            )
+            for page in of_kind
             for rip in self.rips
+            for world in self.worlds
+            for part, first in enumerate(range(0, of_page, COPIES_A_PIECE))
         ]
 
 
@@ -104,6 +117,7 @@ class FalseAlarmRow:
     false_alarms: str
     misprints: int
     caught: int
+    misprints_caught: str
     pages_with_alarms: tuple[str, ...]
 
 
@@ -111,8 +125,10 @@ class FalseAlarmRow:
 class FalseAlarmResults:
     """Figures of the page."""
 
+    build: str
     seed: int
     press: str
+    press_digest: str
     promise: float
     pages: int
     """Pages that were judged."""
@@ -177,8 +193,10 @@ def run_false_alarm_study(
         progress=lambda done, total: progress(f"{done} of {total} pages printed and judged"),
     )
     results = FalseAlarmResults(
+        build=__version__,
         seed=plan.seed,
         press=loaded.name,
+        press_digest=loaded.digest,
         promise=model_of(loaded).guarantee.rate,
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
@@ -218,15 +236,17 @@ def _counted(
 ) -> FalseAlarmRow:
     good = rows["kind"][judged] == ""
     alarms, count = int((alarm & good).sum()), int(good.sum())
+    caught, misprints = int((alarm & ~good).sum()), int((~good).sum())
     return FalseAlarmRow(
         **facts,
         learned=learned,
         good=count,
         alarms=alarms,
         uninspected=int((rows["uninspected"][judged] & good).sum()),
-        false_alarms=counted(alarms, count),
-        misprints=int((~good).sum()),
-        caught=int((alarm & ~good).sum()),
+        false_alarms=share_with_interval(alarms, count),
+        misprints=misprints,
+        caught=caught,
+        misprints_caught=share_with_interval(caught, misprints),
         pages_with_alarms=tuple(np.unique(rows["page"][judged][alarm & good]).tolist()),
     )
 

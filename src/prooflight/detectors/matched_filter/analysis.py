@@ -45,6 +45,7 @@ from prooflight.detectors.matched_filter.statistics.marks import measure_marks, 
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
 from prooflight.prediction.predict import Prediction, repeats_of
+from prooflight.prediction.printed import PrintedPage
 from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.planes import register_by_fringes
@@ -128,7 +129,6 @@ class PreparedPage:
         """Its images, and how it is seen."""
         return DesignImages(
             page=self.page,
-            repeats=self.repeats,
             images=self.images,
             hidden=self.hidden,
             beat=self.beat,
@@ -391,6 +391,9 @@ def analyse_registered(
         ignored, careful = prepared.zones.moved(where)
         where = replace(where, inside=where.inside & ~ignored)
     printed, planes_mm = in_register(page, planes_mm, good_mm=prior.most_plane_mm, light=prepared.own_light)
+    repeats = prepared.repeats
+    if not isinstance(printed, PrintedPage) and printed is not page:
+        repeats = repeats_of(printed)
     # The card has no body for the beat of a stated screen.
     on_host = residual_variance.exact or prepared.beat is not None
     images = (HostImages if on_host else engine)(
@@ -399,6 +402,7 @@ def analyse_registered(
             scan=scan,
             where=where,
             printed=printed,
+            repeats=repeats,
             placement=placement,
             lost=lost,
             residual_variance=residual_variance,

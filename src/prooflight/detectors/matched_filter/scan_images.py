@@ -47,8 +47,6 @@ class DesignImages:
     """What a prepared design has of images, in its nominal place and in binned pixels, and how it is seen."""
 
     page: Page
-    repeats: NDArray[np.bool_]
-    """See ``predict``."""
     images: QuantisedImages
     """``Modes.images``."""
     hidden: NDArray[np.float32] | None
@@ -78,7 +76,9 @@ class PlacedPage:
     where: PixelMap
     """Its binned pixels; ignored areas are not inside."""
     printed: Page | PrintedPage
-    """The design with its planes displaced by whole raster pixels."""
+    """The design with its planes displaced."""
+    repeats: NDArray[np.bool_]
+    """See ``predict``: of the raster of ``printed``, whose rows are others where planes lie off by parts of a pixel."""
     placement: Placement
     lost: NDArray[np.bool_] | None
     """(sensors, lines) lines of the scan that are unknown; None: none are."""
@@ -99,7 +99,7 @@ class PlacedPage:
                 sensors=design.sensors,
                 geometry=design.geometry,
                 placement=placement,
-                repeats=design.repeats,
+                repeats=self.repeats,
                 threads=threads,
             )
         sensors, geometry = design.camera_sensors, design.camera_geometry

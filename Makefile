@@ -7,7 +7,7 @@ BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 # Each process begins with half of the tests and takes over what the other has left: what a file makes is made once.
 ON_TWO_CORES := -n 2 --dist worksteal
 
-.PHONY: demo console test test-all test-bounds durations freeze check fuzz bench docs site changelog format lock clean
+.PHONY: demo console test test-all test-bounds durations freeze check fuzz bench docs site changelog format lock deb clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -96,11 +96,15 @@ lock:
 		--universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -o requirements/run.txt
 	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra viva --extra basler \
-		--extra plant --extra hot-folder --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
+		--extra plant --extra hot-folder --extra records --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -c requirements/run.txt \
 		-o requirements/dev.txt
 	uv pip compile --group docs --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet -c requirements/run.txt -c requirements/dev.txt -o requirements/docs.txt
+
+# dist/prooflight_VERSION_ARCH.deb, for the Debian of this machine.
+deb:
+	packaging/build-deb.sh
 
 clean:
 	rm -rf $(VENV) $(BOUNDS_CACHE) site .mypy_cache .ruff_cache .pytest_cache .import_linter_cache prooflight-demo

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight_line.plant.gate.deciding import CODE_TEXTS
 from prooflight_line.plant.gate.handshake import HANDSHAKE, State
-from prooflight_line.plant.gate.registers import READ, WRITTEN, Fault, Result
+from prooflight_line.plant.gate.registers import READ, READ_WORDS, RING, RING_FROM, WRITTEN, Fault, Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -77,6 +77,8 @@ IF eye THEN                                  (* a sheet is at the gate *)
         last_tag := 0;
     END_IF;
     last_tray := SEL(gate_open, 2, 1);
+    short_tag := SEL(last_tag > 0, 0, (last_tag - 1) MOD 16383 + 1);
+    trays[sheets_at_gate MOD 64] := short_tag * 4 + last_tray;
     sheets_at_gate := sheets_at_gate + 1;
     forget_results_up_to(eye_count + tolerance);
 END_IF;
@@ -96,8 +98,8 @@ Why it is built so: [decision 26](../explanation/decisions/plant-and-console/002
 Prooflight is the Modbus TCP client, the controller the server. Registers are holding registers. Addresses here count
 from `first_register` of `[gate.plc]`, as the protocol counts: 0 is what many controllers call 40001. A number of two
 registers has its high word first. All that Prooflight writes it writes in one request (function 16, {_words(WRITTEN)}
-registers), and all that it reads it reads in one (function 3, {_words(READ)} registers): neither is ever seen in halves
-where the controller takes requests between two scans.
+registers), and all that it reads it reads in one (function 3, {READ_WORDS + RING} registers): neither is ever seen in
+halves where the controller takes requests between two scans.
 
 ## What Prooflight writes
 
@@ -106,6 +108,13 @@ where the controller takes requests between two scans.
 ## What the controller shows
 
 {_table(READ)}
+
+## The trays of the last {RING} sheets
+
+Registers {RING_FROM} to {RING_FROM + RING - 1} are a ring `trays`, one register a sheet, so that none is missed between
+two exchanges: sheet number n at the gate, from 1, is in `trays[(n - 1) MOD {RING}]`. Bits 0 and 1 are its tray as in
+`last_tray`; bits 2 to 15 its tag as `(tag - 1) MOD 16383 + 1`, or 0 if no result was found for it. A controller without
+the ring shows `map_version` 1: of two sheets between two exchanges it then reports the second alone.
 
 ## Results and codes
 

@@ -95,7 +95,8 @@ def room_page(package: str, room: str) -> str:
     names = [
         ".".join(path.relative_to(source).with_suffix("").parts)
         for path in modules
-        if path.name != "__init__.py"
+        # Scripts in a folder that is no package, as migrations, are no modules.
+        if path.name != "__init__.py" and (path.parent / "__init__.py").is_file()
     ]
     return "\n\n".join((f"# {room}", first_line(at), *(f"::: {name}" for name in names)))
 

@@ -135,6 +135,10 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
         "piece-places": Purpose("where small pages are cut from a design", (SEED, "design", 1)),
         "pilot-print": Purpose("a good print and its scan, to learn variation from", (SEED, "design", 0)),
+        "plant-defect": Purpose("one simulated defect of a run, and its sheets", (SEED, FREE + 101, "defect")),
+        "plant-loop": Purpose("a press that drifts, with and without corrections", (SEED, FREE + 103, "run")),
+        "plant-null": Purpose("marks of a run without a cause", (SEED, FREE + 102, "run")),
+        "plant-prints": Purpose("prints with a defect at a known place", (SEED, FREE + 100, "design")),
         "press-bootstrap": Purpose("which press days resample costs", (SEED, 6)),
         "press-bootstrap-ideal": Purpose("which days resample costs in the ideal world", (SEED, 7)),
         "press-bootstrap-real": Purpose("which press days of real pages resample their costs", (SEED, 8)),
@@ -146,6 +150,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "ranking-trees": Purpose("trees of the ranking that is shipped", (SEED, FREE + 10)),
         "real-marks": Purpose("marks laid into scans of a real sheet", (SEED, FREE + 95, "copy", "page")),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
+        "record-searches": Purpose("searches of people over the records of presses", (SEED, FREE + 97)),
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
         ),

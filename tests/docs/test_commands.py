@@ -68,6 +68,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "hot-folder": ("short job.pdf", "my.press"),
     "services": (),
     "journal": ("job.pdf", "my.press"),
+    "evidence": ("short job.pdf", "my.press"),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),
     "zones": ("my.press", "short job.pdf", "scans"),
@@ -78,6 +79,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "line-cameras": ("rasters",),
     "console": (),
     "plant": (),
+    "causes": ("press.toml", "job.pdf", "my.press"),
     "index": (),
 }
 """What stands in the folder of a page before its first command. Small presets are of the paper's rig with an eighth of

@@ -576,3 +576,41 @@ def test_an_unknown_ink_model_names_the_field() -> None:
     press_file = PressFile(Path("press.toml"), CONTRACT + '[inks]\nchart = "none.txt"\nmodel = "best"')
     with pytest.raises(PressFileError, match=r"press\.toml: inks\.model: there is no ink model 'best'"):
         press_file.inks()
+
+
+PARTS = """
+[[press.rollers]]
+name = "fuser"
+circumference_mm = 94.2
+[[press.heads]]
+name = "black bar"
+ink = "K"
+first_nozzle_mm = -1.0
+nozzle_pitch_um = 42.0
+nozzles = 5000
+"""
+
+
+def test_rollers_and_heads() -> None:
+    parts = PressFile(Path("x.toml"), CONTRACT + PARTS).parts
+    assert parts.rollers[0].tolerance_mm == pytest.approx(0.2826)
+    assert parts.heads[0].nozzle_at(-1.0 + 0.042 * 99) == pytest.approx(100)
+    assert PressFile(Path("x.toml"), CONTRACT).parts.rollers == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("94.2", "5.0", "press.rollers.1.circumference_mm"),
+        ('"K"', '"orange"', "press.heads.1.ink"),
+        ("nozzles = 5000", "nozzles = 0", "press.heads.1.nozzles"),
+        (
+            "[[press.heads]]",
+            "[[press.rollers]]\nname = 'fuser'\ncircumference_mm = 50.0\n[[press.heads]]",
+            "two of the name",
+        ),
+    ],
+)
+def test_parts_that_no_press_has(old: str, new: str, said: str) -> None:
+    with pytest.raises(PressFileError, match=said):
+        PressFile(Path("x.toml"), CONTRACT + PARTS.replace(old, new))

@@ -157,6 +157,51 @@ def test_register_states_the_way_of_the_worst_ink_and_names_it_only_where_it_is_
     assert describe(unnamed, size_mm=A4, language="de").place.startswith("Eine Farbe: Passerfehler 0,50 mm")
 
 
+def test_no_register_is_stated_that_all_inks_have() -> None:
+    """A plane that is far off may take the page's place with it, so that every other ink seems to be off."""
+    inks = {
+        letter: Ink(gain_percent=0.0, dot_gain_percent=0.0, register_mm=(0.0, down))
+        for letter, down in zip("CMYK", (0.37, 0.41, 0.45, 0.43), strict=True)
+    }
+    off = misprint(region(106.0, 164.0, 0.8, 0.8, "plane-register"), inks=inks)
+    assert describe(off, size_mm=A4).brief == "Ink out of register"
+
+
+def test_of_what_changes_the_whole_print_no_place_is_named_unless_it_is_the_whole_page() -> None:
+    dark = region(10.0, 20.0, 0.8, 0.8, "density", ink="K", darker_percent=15.0)
+    assert describe(misprint(dark), size_mm=A4).brief == "Black 15 % too dark"
+    bands = region(10.0, 20.0, 1.7, 1.7, "banding")
+    assert describe(misprint(bands, dark), size_mm=A4).brief == "Bands across the page"
+    assert describe(
+        misprint(replace(dark, x_mm=0.0, y_mm=0.0, width_mm=210.0, height_mm=297.0)), size_mm=A4
+    ).brief == ("Black 15 % too dark on the whole page")
+
+
+def test_what_is_only_too_light_is_not_missing() -> None:
+    light = region(10.0, 20.0, 8.0, 9.0, "missing-content", ink="C", darker_percent=-27.0)
+    assert describe(misprint(light), size_mm=A4).brief.startswith(
+        "Cyan 27 % too light in an area of 8 × 9 mm"
+    )
+    gone = replace(light, ink="", darker_percent=-98.0)
+    assert describe(misprint(gone), size_mm=A4).brief.startswith(
+        "Part of the page missing in an area of 8 × 9 mm"
+    )
+
+
+def test_an_ink_without_an_amount_follows_its_kind() -> None:
+    spot = region(10.0, 20.0, 4.0, 4.0, "spots-voids", ink="M")
+    assert describe(misprint(spot), size_mm=A4).brief.startswith(
+        "Spots or voids: magenta in an area of 4 × 4 mm"
+    )
+
+
+def test_an_area_that_is_long_is_no_band() -> None:
+    ghost = region(20.0, 40.0, 150.0, 20.0, "ghost-smear")
+    assert describe(misprint(ghost), size_mm=A4).brief.startswith(
+        "Ghost image or smear in an area of 150 × 20 mm"
+    )
+
+
 def test_what_no_amount_says_is_the_detector_s_reason_and_german_has_its_kind() -> None:
     wrong = misprint(region(0.0, 0.0, *A4, "wrong-page"), reason="the page lies +2.3 mm off its place")
     assert describe(wrong, size_mm=A4).place == "The page lies +2.3 mm off its place"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from typing import TYPE_CHECKING
 
@@ -197,6 +199,24 @@ def test_search_keeps_what_was_asked_from_page_to_page(tmp_path: Path) -> None:
         behind = re.search(r'href="(/search\?[^"]*before=[^"]*)"', text)
         address = None if behind is None else behind[1].replace("&amp;", "&")
     assert seen == [("2", str(sheet)) for sheet in reversed(range(70))]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "prooflight_console.pages.search.EXPORTED_AT_ONCE", 16
+        )  # several times from the journal
+        answers = {
+            kind: client.get(f"/search.{kind}?job=second&verdict=misprint&kind=streak")
+            for kind in ("csv", "json")
+        }
+    streaks = [str(sheet) for sheet in reversed(range(70)) if sheet % 2]
+    table = list(csv.DictReader(io.StringIO(answers["csv"].text)))
+    assert [row["sheet"] for row in table] == streaks
+    assert {(row["run"], row["job"], row["kind"]) for row in table} == {("2", "second", "streak")}
+    objects = answers["json"].json()
+    assert client.get("/search.json?job=none").json() == []
+    assert [str(one["sheet"]) for one in objects] == streaks
+    assert objects[0]["regions"], "all of a verdict"
+    assert answers["csv"].headers["content-disposition"] == 'attachment; filename="sheets.csv"'
+    assert client.get("/search.csv?since=2026-02-31").status_code == 422
     console.close()
 
 

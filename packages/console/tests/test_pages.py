@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 from importlib.resources import files
@@ -23,6 +24,7 @@ from prooflight_console.pages.shell import environment
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LABELS
 from prooflight_line.run.incidents import CAMERA_GONE, LATE, LOST_LINES, MISSING, NOT_INSPECTED, UNKNOWN
+from prooflight_line.run_package.report import write_report
 
 if TYPE_CHECKING:
     from starlette.testclient import TestClient
@@ -220,6 +222,24 @@ def test_seen_ends_the_alarm_and_not_the_incident(console: Served) -> None:
         console.console.live._poll()
         told = operator.get("/api/v1/now").json()
         assert (told["state"], told["alarm"], len(told["incidents"])) == ("stop", False, 1), "it goes on"
+
+
+def test_the_report_as_pdf_is_the_one_that_packages_hold(console: Served) -> None:
+    client = console.client(Role.VIEWER)
+    assert 'href="/runs/1/report.pdf"' in client.get("/report/1").text
+    with Journal.open(str(console.journal), read_only=True) as journal:
+        expected = {}
+        for code in ("en", "de"):
+            file = io.BytesIO()
+            write_report(file, journal, journal.run(1), language=code)
+            expected[code] = file.getvalue()
+    for code, content in expected.items():
+        answer = client.get("/runs/1/report.pdf", headers={"Accept-Language": code})
+        assert (answer.status_code, answer.headers["content-type"]) == (200, "application/pdf")
+        assert answer.headers["content-disposition"] == 'attachment; filename="run-1.pdf"'
+        assert answer.content == content
+    assert client.get("/runs/9/report.pdf").status_code == 404
+    assert console.client(None).get("/runs/1/report.pdf", follow_redirects=False).status_code == 303
 
 
 def test_warnings_of_the_job_stand_on_the_page_now_and_in_the_report(tmp_path: Path) -> None:

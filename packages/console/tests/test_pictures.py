@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,8 @@ from prooflight_console.pictures import expected
 from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, size_at, write_levels
 from prooflight_console.pictures.pictures import tidy
 from prooflight_console.pictures.seen import make_seen
-from prooflight_console.pictures.tiles import UNSEEN_GREY, Cut, SheetPicture, thumbnail
+from prooflight_console.pictures.tiles import UNSEEN_GREY, SheetPicture, aligned, thumbnail
+from prooflight_line.journal.cuts import Cut
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.journal.whole import packed
@@ -164,6 +166,27 @@ def test_a_cut_lies_where_it_was_seen_at_every_level() -> None:
         found = np.argwhere(whole[..., 0] < 128)
         corners = found.min(axis=0), found.max(axis=0) + 1
         np.testing.assert_allclose(corners, np.array([[1200, 600], [1260, 640]]) * scale, atol=1)
+
+
+def test_a_defect_draws_its_cut_to_no_other_place(tmp_path: Path) -> None:
+    """A dark streak would be matched with the faint line beside it; the line itself is where the page has it."""
+    page = np.ones((300, 300), np.float32)
+    page[:, 100:108] = page[80:86] = 0.8
+    made = write_levels(
+        tmp_path / "page",
+        lambda first, last: page[first:last],
+        width=300,
+        height=300,
+        size_mm=(30.0, 30.0),
+    )
+    seen = page[60:120, 80:140].copy()
+    seen[:, 29:37] = 0.0
+    cut = Cut(signal=seen, box_mm=(7.8, 6.0, 6.0, 6.0), region=0)  # two pixels too far to the left
+    streak = Region(x_mm=10.7, y_mm=0.0, width_mm=0.8, height_mm=30.0, score=9.0, kind="streak")
+    assert aligned(cut, made, streak).moved_mm == pytest.approx((0.2, 0.0), abs=0.05)
+    assert aligned(cut, made).moved_mm[0] < -0.5, "what this test is for"
+    everywhere = replace(streak, x_mm=0.0, width_mm=30.0)
+    assert aligned(cut, made, everywhere).moved_mm == (0.0, 0.0), "nothing is left that could be matched"
 
 
 def test_a_cut_over_four_tiles_has_no_seam() -> None:

@@ -62,7 +62,11 @@ LISTED: Final = {
     "queue": Listed(package=LINE, what="Take jobs from a hot folder, check and queue them."),
     "plant": Listed(package=LINE, what="Check the plant's gate and outlets; simulate a controller."),
     "runs": Listed(package=LINE, what="List all runs in the journal."),
-    "run": Listed(package=LINE, what="Show, label, export, replay or reconcile one run; tidy up."),
+    "run": Listed(package=LINE, what="Show, label, export, package, replay or reconcile one run; tidy up."),
+    "verify": Listed(
+        package=LINE, what="Verify the signed package of a run, and compute its verdicts again."
+    ),
+    "records": Listed(package=LINE, what="Bring journals of many presses into one PostgreSQL database."),
     "doctor": Listed(package=LINE, what="Say what this machine lacks, and how fast an inspection is."),
     "backup": Listed(package=LINE, what="Back up a journal and all that belongs to it, while runs go on."),
     "restore": Listed(package=LINE, what="Verify a backup, and restore it; nothing is overwritten."),

@@ -58,7 +58,7 @@ class PlainConsole(Console):
 people = PlainConsole()
 errors = PlainConsole(stderr=True)
 
-WIDER = "x wider: of more colours than the fit follows, and judged so many times more widely"
+WIDER = "tolerances as wide: of pages with more colours than the fit follows"
 VERDICT_STYLE = {"good": "green", "misprint": "bold red", "not-inspected": "yellow"}
 
 
@@ -180,7 +180,7 @@ def reserved(verdict: Verdict) -> str:
 def _marks(verdict: Verdict) -> Iterator[str]:
     """Yield the reservations in as few words as a table has room for."""
     if verdict.widened > 1:
-        yield f"{verdict.widened:g} x wider"
+        yield f"tolerances {verdict.widened:.1f} times as wide"
     if verdict.promise_suspended:
         yield "promise suspended"
 

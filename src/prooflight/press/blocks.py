@@ -24,6 +24,7 @@ from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen
 from prooflight.press.outlets import PlantBlock
+from prooflight.press.parts import PartsBlock
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -395,6 +396,7 @@ class Document(_Block):
     geometry: GeometryBlock | None = None
     gate: GateBlock | None = None
     plant: PlantBlock = PlantBlock()
+    press: PartsBlock = PartsBlock()
 
 
 def checked(path: Path, text: str) -> Document:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from prooflight.pages.screen import Screen
     from prooflight.press.blocks import SensorBlock
     from prooflight.press.outlets import PlantBlock
+    from prooflight.press.parts import PartsBlock
 
 PRESS_FILES: Final = GivenFiles(
     error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
@@ -205,6 +206,11 @@ class PressFile:
     def plant(self) -> PlantBlock:
         """Return ``[plant]``, the receivers of a run's events."""
         return self._document.plant
+
+    @property
+    def parts(self) -> PartsBlock:
+        """Return ``[press]``, the rollers and print heads by which causes are named."""
+        return self._document.press
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """Return the ink model of ``[inks]``: the built-in press where no chart is named.

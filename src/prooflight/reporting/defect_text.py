@@ -7,6 +7,7 @@ an ink or a comparison with good sheets is stated only where the detector measur
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -40,6 +41,14 @@ AMOUNT_SUFFICES: Final = (*SHAPED, "density", "missing-plane", "plane-register",
 """Kinds of which an amount states all: that ink is missing, say."""
 IN_REASON: Final = ("wrong-page", "code", "exchanged-glyph", "missing-glyph")
 """Kinds whose reason says what no amount says: which letter, which code, how far off."""
+PLACELESS: Final = ("plane-register", "swapped-planes", "density", "banding")
+"""Kinds that change the print as a whole; a place of them says only where that is seen best."""
+BROAD: Final = ("ghost-smear", "local-blur", "missing-content", "scum")
+"""Kinds of areas, which may be long without being a streak or a band."""
+OWN_SHARE: Final = 0.5
+"""Least share of a plane's displacement that the others do not have, for it to be stated. assumed"""
+LEAST_MISSING_PERCENT: Final = -60.0
+"""Amount above which a place is too light, and no content of it is missing. assumed: what is lost is lost wholly."""
 MISSING_PERCENT: Final = -90.0
 """Amount of an ink below which it is missing. assumed"""
 LEAST_CLEAR_SD: Final = 0.5
@@ -136,22 +145,21 @@ above what 99 of 100 good sheets show'
         return DefectText(title="", what=verdict.reason, where="", sheets="", certainty="", complete=True)
     region = verdict.regions[0] if verdict.regions else None
     kind = shown_kind(verdict.kind, region, size_mm)
-    where = (
-        ""
-        if kind in ("unknown", "blank-sheet")
-        else say.place(region, size_mm, part=kind in ("streak", "banding"))
+    no_place = kind in ("unknown", "blank-sheet") or (
+        verdict.kind in PLACELESS and shape_of(region, size_mm) == "area"
     )
+    where = "" if no_place else say.place(region, size_mm, kind)
     what = say.what(verdict, kind, region)
     if spoken := kind != "blank-sheet" and _reason_speaks(verdict, language):
         what, where = verdict.reason, ""
-    elif len(verdict.regions) > 1:
+    elif len(verdict.regions) > 1 and where:
         where = f"{where}, {say.more(len(verdict.regions) - 1)}"
     return DefectText(
         title=KINDS[language].get(kind, kind),
         what=what,
         where=where,
-        link=" " if where and not what and kind not in ("streak", "banding") else ": ",
-        complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES),
+        link=" " if where and not what and kind != "streak" else ": ",
+        complete=spoken or (bool(what) and kind in AMOUNT_SUFFICES and not say.ink_alone(region, what)),
         sheets="" if sheets is None else say.sheets(sheets),
         certainty=say.certainty(verdict, region),
     )
@@ -172,6 +180,9 @@ def shown_kind(kind: str | None, region: Region | None, size_mm: Size | None = N
         return "blank-sheet"
     if kind is None or kind == "unknown":
         return "unknown" if shape == "page" else "deviation"
+    percent = None if region is None else region.darker_percent
+    if kind == "missing-content" and percent is not None and percent > LEAST_MISSING_PERCENT:
+        return "density"
     if kind not in SHAPED or shape == "page":
         return kind
     return {"streak": "streak", "band": "banding"}.get(shape, kind)
@@ -193,6 +204,13 @@ def _reason_speaks(verdict: Verdict, language: Code) -> bool:
     """Return whether the detector's own reason, which is English, says more than ``describe`` can."""
     special = verdict.kind in IN_REASON or not verdict.regions
     return language == "en" and bool(verdict.reason) and special
+
+
+def _of_all(inks: Mapping[str, Ink], worst: str) -> bool:
+    """Return whether most of an ink's displacement is that of all inks, so that it is not certain which one is off."""
+    right, down = inks[worst].register_mm
+    common = [statistics.median(one.register_mm[axis] for one in inks.values()) for axis in (0, 1)]
+    return math.hypot(right - common[0], down - common[1]) < OWN_SHARE * math.hypot(right, down)
 
 
 def _capital(text: str) -> str:
@@ -220,10 +238,14 @@ class _Phrasing:
     def ink(self, letter: str) -> str:
         return self.text(f"ink.{letter}") if letter in NAME_OF_INK else self.text("ink")
 
+    def ink_alone(self, region: Region | None, what: str) -> bool:
+        """Return whether what is wrong is stated as an ink without an amount."""
+        return region is not None and what == self.ink(region.ink)
+
     def what(self, verdict: Verdict, kind: str, region: Region | None) -> str:
         if kind == "plane-register":
             return self.register(verdict.inks, region)
-        if region is None:
+        if region is None or kind == "missing-content":  # the kind says that all is missing
             return ""
         return self.amount(region) or (self.ink(region.ink) if region.ink else "")
 
@@ -249,6 +271,8 @@ class _Phrasing:
             named if named in inks else max(inks, key=lambda letter: math.hypot(*inks[letter].register_mm))
         )
         right, down = inks[worst].register_mm
+        if len(inks) > 2 and _of_all(inks, worst):
+            return ""
         ink = self.ink(worst if named or len(inks) == 1 else "")
         ways = [
             self.text("right" if right > 0 else "left", mm=self.number(abs(right), 2)),
@@ -258,19 +282,19 @@ class _Phrasing:
         both = f" ({', '.join(which)})" if which else ""
         return self.text("register", ink=ink, mm=self.number(math.hypot(right, down), 2)) + both
 
-    def place(self, region: Region | None, size_mm: Size | None, *, part: bool) -> str:
+    def place(self, region: Region | None, size_mm: Size | None, kind: str) -> str:
         shape = shape_of(region, size_mm)
         if region is None or shape == "page":
             return self.text("where.page")
         across = self.side(region.x_mm, region.width_mm, size_mm and size_mm[0], "left", "right")
         down = self.side(region.y_mm, region.height_mm, size_mm and size_mm[1], "lead", "tail")
-        if shape == "streak":
+        if shape == "streak" and kind not in BROAD:
             ends = self.ends(region.y_mm, region.height_mm, size_mm and size_mm[1], "ends.down")
             return self.text("where.streak", mm=self.mm(region.width_mm), at=across) + ends
-        if shape == "band":
+        if shape == "band" and kind not in BROAD:
             ends = self.ends(region.x_mm, region.width_mm, size_mm and size_mm[0], "ends.across")
             return self.text("where.band", mm=self.mm(region.height_mm), at=down) + ends
-        text = "where.part" if part else "where.area"
+        text = "where.part" if kind == "streak" else "where.area"
         size = f"{self.mm(region.width_mm)} × {self.mm(region.height_mm)} mm"
         return self.text(text, size=size, across=across, down=down.lstrip(", "))
 

@@ -14,8 +14,10 @@ from prooflight_studies.commands import (
     gate,
     golden,
     paper,
+    plant,
     press,
     real,
+    records,
     rip,
     running,
     soak,
@@ -45,7 +47,7 @@ def register(app: typer.Typer) -> None:
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
         *(content.content, rip.rip, zones.zones, visible.visible),
-        *(real.real,),
+        *(real.real, plant.plant, records.records),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

@@ -32,16 +32,16 @@ from prooflight.scans.lines import LineBlock
 from prooflight_console.accounts.roles import Role
 from prooflight_console.app import console_app
 from prooflight_console.settings import ConsoleSettings
-from prooflight_line.cli.runs.gate import reprints
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunEnd, RunFacts
 from prooflight_line.plant.gate.gate import Gate
 from prooflight_line.plant.gate.handshake import State
-from prooflight_line.plant.gate.registers import unpacked_of_plc
+from prooflight_line.plant.gate.registers import Shown
 from prooflight_line.plant.simulator.belt import Belt, BeltSheet
 from prooflight_line.plant.simulator.plc import SimulatedPlc
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import Outcome
+from prooflight_line.run_package.accounts import accounts_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -276,12 +276,12 @@ class _Walk:
         plc, protocol, now_s = self._press.plc, self._exchange_of_gate, self._press.now_s
         session = int(self._press.rng.integers(1, 65_535))
         if protocol.state is State.AWAY:
-            protocol.connected(unpacked_of_plc(plc.shown()), session=session)
+            protocol.connected(Shown.of(plc.shown()), session=session)
             return
         protocol.dropped(session=session)
         plc.write(0, protocol.words())
         protocol.wrote()
-        if not protocol.answered(unpacked_of_plc(plc.shown()), request_s=now_s, answered_s=now_s + 0.001):
+        if not protocol.answered(Shown.of(plc.shown()), request_s=now_s, answered_s=now_s + 0.001):
             protocol.lost("the controller's heartbeat stands still")
 
     def _sorted(self) -> None:
@@ -396,7 +396,7 @@ def collected(journal: Path, run: int, trays: Path | None) -> Reported:
     now, listed = console.get("/now"), console.get(f"/runs/{run}/reprint")
     table = list(csv.DictReader(io.StringIO(console.client.get(f"/runs/{run}/reprint.csv").text)))
     with Journal.open(str(journal), read_only=True) as opened:
-        again, _ = reprints(opened, opened.run(run), trays)
+        again, _ = accounts_of(opened, opened.run(run), trays)
     report = console.get(f"/runs/{run}/report")
     console.close()
     return Reported(
@@ -423,7 +423,7 @@ def differences(reported: Reported, played: Played, journal: Path, trays: Path) 
     if played.bad:
         deviations.append(f"run {played.run}: sheets {played.bad[:10]} must not lie in the good tray")
     with Journal.open(str(journal), read_only=True) as opened:
-        accounts = reprints(opened, opened.run(played.run), trays)[1]
+        accounts = accounts_of(opened, opened.run(played.run), trays)[1]
     assert accounts is not None
     if (accounts.counts["accepted"], accounts.counts["wrong"]) != (len(played.good), played.stuck):
         there = f"{len(played.good)} good and {played.stuck} others lie in the good tray"

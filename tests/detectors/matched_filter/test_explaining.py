@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.explaining import (
-    amount_of,
     distinct_inks,
-    greatest_gain,
     reason_for,
     regions_of,
 )
@@ -115,66 +113,6 @@ def test_an_ink_that_no_sensor_sees_is_not_named_and_hides_no_other() -> None:
     red = sensor(3000.0, 300.0, 2700.0, 3000.0, 100.0)
     green = sensor(3000.0, 1800.0, 300.0, 3000.0, 100.0)
     assert distinct_inks([red, green]) == frozenset("CMK")
-
-
-def sums_of(amounts: dict[str, float], *, of_columns: dict[str, float]) -> Any:
-    """Sums of 40 x 60 tiles that state an amount of each mode in a square of 2 mm, and in a streak of 1 mm."""
-    modes = tuple(amounts)
-    tiles = np.zeros((4, len(modes) + 1, 60, 40))
-    tiles[1] = 50.0
-    columns = np.zeros((4, len(modes), 16, 200))
-    columns[1] = 20.0
-    for at, mode in enumerate(modes):
-        tiles[0, at, 20:24, 10:14] = 50.0 * amounts[mode]
-        columns[0, at, :, 90:100] = 20.0 * of_columns[mode]
-    grid = {"tile_mm": 0.5, "pixel_mm": 0.1, "left_mm": -3.0, "top_mm": -2.0}
-    return SimpleNamespace(tiles=tiles, columns=columns, modes=modes, line_modes=modes, **grid)
-
-
-SUMS = sums_of(
-    {"light": -0.14, "void": 0.4, "gain-M": 0.25, "gain-Y": -2.6},
-    of_columns={"light": 0.05, "void": 0.3, "gain-M": -0.5, "gain-Y": 0.1},
-)
-SQUARE, LINE = (2.0, 8.0, 2.0, 2.0), (6.0, -2.0, 1.0, 30.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "box", "named", "percent"),
-    [
-        ("box/light-/4", SQUARE, "", 14.0),
-        ("apart/void+/4", SQUARE, "", -40.0),
-        ("box/gain-M+/4", SQUARE, "M", 25.0),
-        ("box/gain-Y-/4", SQUARE, "Y", None),  # more than all of it cannot be missing
-        ("streak/light/4/full", LINE, "", -5.0),
-        ("streak/gain-M/4/full", LINE, "M", -50.0),
-        (
-            "line/void/4/full",
-            (6.0, -2.0, np.inf, 30.0),
-            "",
-            -100 * 0.3 * 10 / 110,
-        ),  # 100 columns are as expected
-        ("box/blur+/4", SQUARE, "", None),
-        ("box/light-/4", NOWHERE, "", None),
-        ("mark/text+", SQUARE, "", None),
-        ("fit/gain-M", NOWHERE, "M", 12.3),
-        ("fit/gain-all", NOWHERE, "", 7.15),
-    ],
-)
-def test_an_amount_is_that_of_least_squares_or_the_ink_s_gain(
-    name: str, box: tuple[float, float, float, float], named: str, percent: float | None
-) -> None:
-    inks = {"M": ink(12.3), "Y": ink(2.0)}
-    found = amount_of(statistic(name, box), SUMS, inks, distinct="CMYK")
-    assert found == (named, None if percent is None else pytest.approx(percent))
-    assert amount_of(statistic(name, box), SUMS, inks, distinct="") == ("", found[1])
-
-
-def test_the_ink_that_is_most_off_explains_what_no_place_does() -> None:
-    inks = {"C": ink(-1.1), "K": ink(-56.7)}
-    assert greatest_gain(inks, distinct="CMYK") == ("K", -56.7)
-    assert greatest_gain(inks, distinct="") == ("", -56.7)
-    assert greatest_gain({"K": ink(3.0)}, distinct="") == ("K", 3.0), "the page has no other"
-    assert greatest_gain({}, distinct="CMYK") == ("", None)
 
 
 def test_a_wrong_page_says_where_it_lies_or_why_it_is_not_found() -> None:

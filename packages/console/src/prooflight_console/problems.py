@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from prooflight.errors import ProoflightError, RequestError
 from prooflight_line.journal.schema import JournalError
+from prooflight_line.records.database import RecordsError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -115,6 +116,8 @@ def _described(error: Exception) -> tuple[int, str, str, dict[str, str], list[di
         return 409, "refused", str(error), {}, []
     if isinstance(error, JournalError):
         return 503, "journal", str(error), {}, []
+    if isinstance(error, RecordsError):
+        return 503, "records", str(error), {}, []
     if isinstance(error, ProoflightError):
         return 409, "unusable", str(error), {}, []
     if isinstance(error, HTTPException):

@@ -33,6 +33,8 @@ class ConsoleSettings:
     """Further addresses at which browsers reach the console, as behind a proxy: https://console.example."""
     trays: Path | None = None
     """The controller's log of its trays, which may grow."""
+    records: str | None = None
+    """URL of the database with the records of many presses; None: only this press is shown."""
     queue: Path | None = None
     """Hot folder of the press, whose jobs are counted."""
     trusted_proxies: tuple[str, ...] = ()

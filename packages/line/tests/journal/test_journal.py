@@ -19,11 +19,13 @@ from hypothesis import strategies as st
 from packages.line.tests.journal.journals import facts, files_of, limit, record
 
 from prooflight.detectors.verdict import Code, Ink, Region, Verdict
+from prooflight.errors import RequestError
 from prooflight.files import lock
 from prooflight.files.content import content_digest
 from prooflight_line.journal import packs
 from prooflight_line.journal.exporting import run_facts, write_csv
 from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.labels import LabelStore, labels_path, run_key
 from prooflight_line.journal.opening import default_journal
 from prooflight_line.journal.queue import JournalQueue
 from prooflight_line.journal.records import PageRecord, Retention, RunEnd
@@ -547,3 +549,32 @@ def test_a_digest_follows_content_and_names(tmp_path: Path) -> None:
     assert content_digest(job / "a.tif") != first
     (job / "a.tif").rename(job / "b.tif")
     assert content_digest(job) != first
+
+
+def test_nothing_of_a_run_on_hold_goes_until_the_hold_is_lifted(path: Path, three_runs: Journal) -> None:
+    holds = LabelStore(path)
+    with three_runs as journal:
+        key = run_key(journal.run(1))
+        holds.hold(run=key, by="Anna", at_s=1.0, reason="claim 17")
+        with pytest.raises(RequestError, match="is on hold already"):
+            holds.hold(run=key, by="Anna", at_s=2.0, reason="again")
+        tidied = journal.tidy(Retention(days=1.0, megabytes=0.001), now_s=1000 * DAY_S)
+        assert (tidied.runs, tidied.on_hold) == ([2], [1])
+        assert all(journal.page(1, sheet).evidence for sheet in range(5))
+        assert not any(journal.page(3, sheet).evidence for sheet in range(5))
+        with pytest.raises(RequestError, match="none is given"):
+            holds.hold(run=key, by="Anna", at_s=3.0, reason=" ", lift=True)
+        holds.hold(run=key, by="Bert", at_s=3.0, reason="settled", lift=True)
+        assert journal.tidy(Retention(days=1.0), now_s=1000 * DAY_S).runs == [1]
+    assert [(one.word, one.by, one.note) for one in holds.of_run(key)] == [
+        ("hold", "Anna", "claim 17"),
+        ("lifted", "Bert", "settled"),
+    ]
+
+
+def test_holds_that_cannot_be_read_keep_everything(path: Path, three_runs: Journal) -> None:
+    labels_path(path).write_bytes(b"damaged")
+    with three_runs as journal:
+        with pytest.raises(JournalError, match="words"):
+            journal.tidy(Retention(days=1.0), now_s=1000 * DAY_S)
+        assert [run.id for run in journal.runs()] == [1, 2, 3]

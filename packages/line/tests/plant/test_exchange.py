@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,18 +16,21 @@ from prooflight.scans.lines import LineBlock
 from prooflight_line.plant.gate.deciding import SheetDecision
 from prooflight_line.plant.gate.exchange import Exchange
 from prooflight_line.plant.gate.handshake import HANDSHAKE, Event, State, after
-from prooflight_line.plant.gate.log import GateLog, LoggedDecisions
+from prooflight_line.plant.gate.log import GateLog, LoggedDecisions, rows_of
 from prooflight_line.plant.gate.registers import (
     READ,
+    RING,
     WRAP,
     WRITTEN,
     Code,
     Fault,
     OurStatus,
     Result,
+    Shown,
     count_distance,
     packed,
     packed_of_plc,
+    ring_register,
     unpacked,
     unpacked_of_plc,
 )
@@ -35,7 +39,6 @@ from prooflight_line.plant.gate.tracking import Tracker, Transport
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 LINES = np.zeros((1, 10, 2), np.uint16)
 LINE_MM, PER_MM, SPEED = 1.0, 10.0, 1000.0
@@ -49,6 +52,8 @@ class Wired:
     told: list[State] = field(default_factory=list)
     now_s: float = 50.0
     shown: dict[str, int] = field(default_factory=dict)
+    trays: list[int] = field(default_factory=list)
+    """The controller's ring; empty: it has none."""
     line: int = 0
 
     def __post_init__(self) -> None:
@@ -65,7 +70,7 @@ class Wired:
         self.shown = {register.name: 0 for register in READ}
 
     def connect(self, session: int = 7) -> None:
-        self.exchange.connected(self.shown, session=session)
+        self.exchange.connected(Shown(values=self.shown), session=session)
 
     def turn(self, *, takes: bool = True, beats: bool = True, lines: bool = True) -> dict[str, int]:
         """One exchange of 10 ms; what was written."""
@@ -75,7 +80,8 @@ class Wired:
             self.shown |= {"session_taken": written["session"], "result_taken": written["result_number"]}
         self.shown["plc_heartbeat"] = (self.shown["plc_heartbeat"] + beats) & 0xFFFF
         self.shown["encoder"] = int(self.now_s * SPEED * PER_MM)
-        alive = self.exchange.answered(self.shown, request_s=self.now_s, answered_s=self.now_s + 0.001)
+        shown = Shown(values=self.shown, trays=tuple(self.trays))
+        alive = self.exchange.answered(shown, request_s=self.now_s, answered_s=self.now_s + 0.001)
         self.alive = alive
         self.now_s += 0.01
         if lines:
@@ -221,6 +227,71 @@ def test_busy_from_the_last_line_to_the_acknowledgement(wired: Wired) -> None:
     wired.post(0)
     wired.turn()
     assert not wired.turn()["status"] & OurStatus.BUSY
+
+
+# --- trays ---
+
+
+def trays_logged(wired: Wired) -> list[tuple[int, str]]:
+    assert wired.log._file is not None
+    rows = rows_of(Path(wired.log._file.name))
+    return [(row["tag"], row["tray"]) for row in rows if row["kind"] == "tray"]
+
+
+def reach(wired: Wired, tag: int, tray: int) -> None:
+    """A sheet reaches the gate: the controller notes it in its ring, if it has one, and as the last."""
+    if wired.trays:
+        wired.trays[wired.shown["sheets_at_gate"] % RING] = ring_register(tag, tray)
+    wired.shown["sheets_at_gate"] += 1
+    wired.shown |= {"last_tag": tag, "last_tray": tray}
+
+
+@pytest.mark.parametrize("ring", [False, True])
+def test_sheets_between_two_exchanges_are_missed_without_the_ring_alone(wired: Wired, ring: bool) -> None:
+    wired.trays = [0] * RING if ring else []
+    wired.ready()
+    for tag in range(1, 7):
+        wired.exchange.arrived(tag)
+    reach(wired, 1, 1)
+    wired.turn()
+    for tag, tray in ((2, 2), (0, 2), (4, 1)):  # of the third no result was found
+        reach(wired, tag, tray)
+    wired.turn()
+    expected = [(1, "good"), (2, "reject"), (4, "good")]
+    assert trays_logged(wired) == (expected if ring else expected[:1])
+
+
+def test_a_connection_names_no_sheet_of_the_one_before(wired: Wired) -> None:
+    """The controller has forgotten the results of a session that broke, and the log is by sessions."""
+    wired.trays = [0] * RING
+    wired.ready()
+    wired.exchange.arrived(1)
+    wired.exchange.lost("no answer")
+    reach(wired, 1, 1)
+    wired.connect(session=8)
+    wired.turn()
+    assert trays_logged(wired) == []
+
+
+def test_a_controller_that_counts_from_0_again_names_no_sheet(wired: Wired) -> None:
+    wired.trays = [0] * RING
+    wired.ready()
+    wired.shown["sheets_at_gate"] = 5
+    wired.turn()
+    before = trays_logged(wired)
+    wired.shown["sheets_at_gate"] = 0
+    wired.turn()
+    assert trays_logged(wired) == before
+
+
+@given(st.integers(1, 2**32 - 1), st.integers(0, 300), st.integers(1, 2))
+def test_a_tag_is_known_by_its_short_form(tag: int, later: int, tray: int) -> None:
+    values = {register.name: 0 for register in READ} | {"sheets_at_gate": 9}
+    trays = [0] * RING
+    trays[8] = ring_register(tag, tray)
+    assert 0 <= trays[8] < 2**16
+    shown = Shown(values=values, trays=tuple(trays))
+    assert shown.passed(1, last_tag=tag + later) == [(tag, tray)]
 
 
 # --- registers and states ---

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, PlacedScan
     from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredPage
     from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
@@ -292,6 +292,8 @@ class ScanAnalysis:
     """(lines, pixels) binned pixels of careful areas; None: the page has no zones."""
     summed: Callable[[tuple[str, ...]], Sums]
     """Function that returns the sums of given modes of ``MODES``."""
+    placed: Callable[[], PlacedScan]
+    """Function that returns the scan and its modes at the page's placement."""
     glyphs: ScoredPage = NOTHING
     """Result of the glyph tests."""
     blind_columns: tuple[int, ...] = ()
@@ -303,11 +305,11 @@ class ScanAnalysis:
 
     def settled(self) -> ScanAnalysis:
         """Return the analysis with the sums that it has and no others, so that the scan's images may be forgotten."""
-        return replace(self, summed=_forgotten)
+        return replace(self, summed=_forgotten, placed=_forgotten)
 
 
-def _forgotten(modes: tuple[str, ...]) -> Sums:
-    raise RuntimeError(f"the images that the sums of {modes} need are forgotten")
+def _forgotten(*_: object) -> NoReturn:
+    raise RuntimeError("the scan's images are forgotten")
 
 
 def analyse(
@@ -442,6 +444,7 @@ def analyse_registered(
         noise=noise,
         careful=careful,
         summed=images.summed,
+        placed=images.placed,
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )

@@ -552,9 +552,12 @@ class CardImages:
         """See ``ScanImages``: those of the screening pass on the card, once, and others on the processor."""
         if modes == SCREEN_MODES and not self._screened:
             return self._screen()
+        return sums_of(self._page, self.placed(), *self._cached_light, self._edges, self.unresolved, modes)
+
+    def placed(self) -> PlacedScan:
+        """See ``ScanImages``."""
         with self._guard:
-            whole = self._on_host()
-        return sums_of(self._page, whole, *self._cached_light, self._edges, self.unresolved, modes)
+            return self._on_host()
 
     def _screen(self) -> Sums:
         """Sum up on the card; its residuals and weight are changed on the way."""

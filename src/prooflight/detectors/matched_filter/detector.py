@@ -5,9 +5,8 @@ It also explains its decisions.
 
 from __future__ import annotations
 
-import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -17,6 +16,7 @@ import numpy as np
 from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, StoredArrays
 from prooflight.detectors.devices import refuse_without_card
+from prooflight.detectors.matched_filter.amounts import amount_in
 from prooflight.detectors.matched_filter.analysis import (
     analyse,
     mode_sensors,
@@ -28,16 +28,14 @@ from prooflight.detectors.matched_filter.calibrated import score_of, statistics_
 from prooflight.detectors.matched_filter.devices import engine_of
 from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
-    OF_GAIN,
-    amount_of,
     distinct_inks,
     floor_explanation,
-    greatest_gain,
     measured_inks,
     reason_for,
     regions_of,
     whole_page,
 )
+from prooflight.detectors.matched_filter.extents import MODES_OF_KIND, extended
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
@@ -62,7 +60,7 @@ from prooflight.prediction.predict import cut
 from prooflight.scans.placement import IN_PLACE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -284,12 +282,15 @@ class MatchedFilterPage:
                 score > calibrated.threshold,
             )
         explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
+        analysis = analysis.settled()
         if floor.alarms and not explanation:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
         if wrong and prepared.glyphs is not None:
-            others = explanation.get("regions", ())
-            if not explanation or glyphs_name(prepared.glyphs, wrong, others, kind=explanation["kind"]):
+            others, kind = explanation.get("regions", ()), explanation.get("kind", "")
+            # The evidence itself decides, not the extent of the defect that it is taken for.
+            evidence = self._places(kind, *_ordered(strongest, kind), analysis) if by_ranking else others
+            if not explanation or glyphs_name(prepared.glyphs, wrong, evidence, kind=kind):
                 explanation = glyph_explanation(prepared.glyphs, wrong, others)
         verdict = Verdict.from_decision(
             page.name,
@@ -377,8 +378,8 @@ class MatchedFilterPage:
             )
             statistics, score = scored(seen)
             if score <= calibrated.threshold:
-                return analysis.settled(), statistics, score
-        analysis = analysis.of_every_mode().settled()
+                return analysis, statistics, score
+        analysis = analysis.of_every_mode()
         if not seen:
             return analysis, *scored(
                 all_statistics(analysis.sums, analysis.marks, analysis.fit, analysis.registration, scatter)
@@ -451,32 +452,41 @@ class MatchedFilterPage:
 
         careful: the values are deviations of a careful area, of which the model does not know what good pages show.
         """
-        page = self.prepared_page.page
-        size_mm = page.width_mm, page.height_mm
-        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
-        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
-            return (whole_page(size_mm, strongest[0][1], kind),) if strongest else ()
+        if kind == WRONG_PAGE_KIND:
+            return self._places(kind, strongest, [], analysis)
+        places, kinds = _ordered(strongest, kind)
+        sums, fit = analysis.sums, analysis.fit
+        if kind in MODES_OF_KIND and not careful:
+            places, kinds = extended(kind, places, sums, fit.gain), [kind] * len(places)
         distinct = distinct_inks(self.detector.press_context.sensors)
 
         def measured(statistic: Observed) -> dict[str, Any]:
-            ink, darker_percent = amount_of(statistic, analysis.sums, inks, distinct=distinct)
-            if darker_percent is None and kind in OF_GAIN and math.isnan(statistic.box[0]):
-                ink, darker_percent = greatest_gain(inks, distinct=distinct)
+            placed = analysis.placed()
+            shape = placed.where.inside.shape
+            rows, columns = sums.cells_of(statistic.box, shape, (sums.pixel_mm, sums.pixel_mm))
+            added = self.prepared_page.added
+            amount = amount_in(kind, rows, columns, placed, added, fit, distinct=distinct, inks=inks)
             features = self.prepared_page.page_features
             above_good_sd = None if careful else self.model.above_good(statistic, features)
-            return {"ink": ink, "darker_percent": darker_percent, "above_good_sd": above_good_sd}
+            return asdict(amount) | {"above_good_sd": above_good_sd}
 
-        kinds = [
-            kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest
-        ]
-        order = sorted(range(len(kinds)), key=lambda i: kinds[i] != kind)
-        return regions_of(
-            [strongest[i] for i in order],
-            [kinds[i] for i in order],
-            shift_mm=shift_mm,
-            size_mm=size_mm,
-            measured=measured,
-        )
+        return self._places(kind, places, kinds, analysis, measured)
+
+    def _places(
+        self,
+        kind: str,
+        places: list[tuple[str, Observed]],
+        kinds: list[str],
+        analysis: ScanAnalysis,
+        measured: Callable[[Observed], dict[str, Any]] = lambda _: {},
+    ) -> tuple[Region, ...]:
+        """Return the places of statistics on the page; a wrong page is wrong as a whole."""
+        page = self.prepared_page.page
+        size_mm = page.width_mm, page.height_mm
+        if kind == WRONG_PAGE_KIND:  # no place is more specific than another
+            return (whole_page(size_mm, places[0][1], kind),) if places else ()
+        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
+        return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
         """Return by how much blocks are too light (above 0) or too dark, in good prints' deviations."""
@@ -489,6 +499,15 @@ class MatchedFilterPage:
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
+
+
+def _ordered(
+    strongest: list[tuple[str, Observed]], kind: str
+) -> tuple[list[tuple[str, Observed]], list[str]]:
+    """Return statistics with the kinds that they indicate, those of a kind first; unspecific ones are of it."""
+    kinds = [kind if (one := kind_of(statistic.statistic)) == UNKNOWN else one for _, statistic in strongest]
+    order = sorted(range(len(kinds)), key=lambda at: kinds[at] != kind)
+    return [strongest[at] for at in order], [kinds[at] for at in order]
 
 
 def summary_of(

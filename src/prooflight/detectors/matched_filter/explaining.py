@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.cmyk import NAME_OF_INK
-from prooflight.detectors.matched_filter.naming import DENSITY
 from prooflight.detectors.matched_filter.statistics.statistic import FLAT_AREAS
 from prooflight.detectors.placing import place_reason
 from prooflight.detectors.verdict import Ink, Region
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
-    from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.marks import FloorFinding
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.prediction.tables import SensorModel
@@ -32,10 +30,6 @@ MISSING_PERCENT: Final = -60.0
 """Gain below which an ink is called missing, not weak: less than 40 % is there."""
 LEAST_REPORTED_MM: Final = 0.05
 """Minimum displacement of a plane that is reported with its amount: 0.0 mm would be read as none."""
-OF_GAIN: Final = ("density", "missing-plane", "swapped-planes")
-"""Kinds that the gain of inks explains where no place does."""
-WITH_AMOUNT: Final = ("box", "spread", "streak")
-"""Families whose place is off by one amount of their mode."""
 TIE_MM: Final = 0.05
 """Tolerance of the test whether a point is inside a region. Boxes of one size overlap by half, so that the
 middle of one is on its neighbour's edge, and rounding would decide on which side. Tiles are ten times as
@@ -132,56 +126,6 @@ def regions_of(
         first = strongest[0][1]
         regions = [whole_page(size_mm, first, kinds[0], **measured(first))]
     return tuple(regions)
-
-
-def amount_of(
-    statistic: Observed, sums: Sums, inks: dict[str, Ink], *, distinct: Collection[str]
-) -> tuple[str, float | None]:
-    """Return the ink of a statistic, if it can be named, and by how much its place is darker. [%]
-
-    The amount of a place is that of least squares, sum N / sum D over its tiles or columns, of the statistic's own
-    mode: the share of the ink that was gained or lost, of the area that was covered, or of the light. The amount of a
-    page as a whole is the ink's gain. None: no amount describes the statistic.
-    """
-    which, box = statistic.statistic, statistic.box
-    ink = _ink_of(statistic)
-    named = ink if ink in distinct or list(inks) == [ink] else ""
-    if which.family == "fit" and which.mode in DENSITY:
-        gains = [one.gain_percent for letter, one in inks.items() if letter == ink or not ink]
-        return named, float(np.mean(gains)) if gains else None
-    mode = f"{which.mode}-{which.ink}" if which.ink else which.mode
-    if which.family not in WITH_AMOUNT or math.isnan(box[0]) or mode not in sums.modes or mode == "blur":
-        return named, None
-    if which.family == "streak":
-        columns = _within(box[0], box[2], sums.left_mm, sums.pixel_mm, sums.columns.shape[-1])
-        push, power = sums.columns[:2, sums.line_modes.index(mode), :, columns].sum(axis=(1, 2))
-    else:
-        rows, columns = (
-            _within(box[axis], box[axis + 2], begin, sums.tile_mm, sums.tiles.shape[3 - axis])
-            for axis, begin in ((1, sums.top_mm), (0, sums.left_mm))
-        )
-        push, power = sums.tiles[:2, sums.modes.index(mode), rows, columns].sum(axis=(1, 2))
-    darker = 100 * float(push / power) if power > 0 else math.nan
-    darker = -darker if which.mode in LIGHTENING else darker
-    # More than all of the light, or of an ink, cannot be missing: then something else is off there.
-    possible = darker <= 100 if mode == "light" else darker >= -100
-    return named, darker if possible else None
-
-
-def greatest_gain(inks: dict[str, Ink], *, distinct: Collection[str]) -> tuple[str, float | None]:
-    """Return the ink that is most off on the page as a whole, if it can be named, and its gain. [%]"""
-    if not inks:
-        return "", None
-    letter = max(inks, key=lambda one: abs(inks[one].gain_percent))
-    return letter if letter in distinct or len(inks) == 1 else "", inks[letter].gain_percent
-
-
-def _within(begin_mm: float, extent_mm: float, first_mm: float, pitch_mm: float, count: int) -> slice:
-    """Return the cells of a grid whose middles are in an interval, at least one."""
-    first = math.ceil((begin_mm - first_mm) / pitch_mm - 0.5)
-    last = math.ceil((min(begin_mm + extent_mm, first_mm + count * pitch_mm) - first_mm) / pitch_mm - 0.5)
-    first = min(max(first, 0), count - 1)
-    return slice(first, max(last, first + 1))
 
 
 def floor_explanation(floor: FloorFinding, registration: Registration) -> dict[str, Any]:

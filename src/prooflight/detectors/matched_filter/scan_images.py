@@ -149,6 +149,9 @@ class ScanImages(Protocol):
     def summed(self, modes: tuple[str, ...]) -> Sums:
         """Return the sums of modes of ``MODES``, light the first; may be called again, from any thread."""
 
+    def placed(self) -> PlacedScan:
+        """Return the scan and its modes at the page's placement, on the processor."""
+
 
 Engine = Callable[[PlacedPage], ScanImages]
 """What makes the images of a scan."""
@@ -228,6 +231,10 @@ class HostImages:
     def residuals(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """See ``ScanImages``."""
         return self._light, self._left, self._weight
+
+    def placed(self) -> PlacedScan:
+        """See ``ScanImages``."""
+        return self._placed
 
     def summed(self, modes: tuple[str, ...]) -> Sums:
         """See ``ScanImages``."""

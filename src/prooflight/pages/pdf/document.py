@@ -34,7 +34,7 @@ from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -115,6 +115,17 @@ class PdfFile:
         with self._listening("the PDF is damaged"):
             boxes = [self._box(self._load(number), number) for number in range(1, self.pages + 1)]
         return [(box.x1 - box.x0, box.y1 - box.y0) for box in boxes]
+
+    def extract(self, numbers: Sequence[int], out: Path) -> None:
+        """Write a PDF of these pages, from 1, in this order, one as often as it is named; errors as ``draw``.
+
+        The file must not have been drawn from, which changes it in memory, and is of no further use.
+        """
+        with self._listening("the PDF is damaged"):
+            for number in numbers:
+                self._refuse_number(number)
+            self._document.select([number - 1 for number in numbers])
+            self._document.save(str(out), garbage=3)
 
     def marks(self, number: int) -> dict[str, Any]:
         """Return the marked places of page ``number`` (``pages.pdf.marks``); errors as ``draw``."""

@@ -33,7 +33,7 @@ from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 from prooflight.pages.warnings import PageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -174,6 +174,10 @@ class PdfJob:
                         names = answer["swatches"][first * SWATCHES_A_PAGE :]
                         printed |= dict(zip(names, colours, strict=False))
         return PageFacts.from_plain(answer["facts"]), printed
+
+    def extract(self, numbers: Sequence[int], out: Path) -> None:
+        """Write a PDF of these pages, from 1, in this order, one as often as it is named; errors as ``page``."""
+        self._answer("taking pages of it", do="extract", numbers=list(numbers), out=str(out.absolute()))
 
     def marks(self, number: int) -> PageMarks:
         """Return the marked places of page ``number`` (from 1); errors as ``page``."""

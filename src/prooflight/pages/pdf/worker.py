@@ -150,6 +150,14 @@ class Worker:
         file.warnings()  # what is wrong with the page is said when it is drawn
         return facts | {"warnings": []}
 
+    def _extract(self, request: dict[str, Any]) -> dict[str, Any]:
+        file = self._opened(request)  # a document of its own, as it is in the file
+        try:
+            file.extract(request["numbers"], Path(request["out"]))
+            return {"warnings": _plain(file.warnings())}
+        finally:
+            file.close()
+
     def _close(self, request: dict[str, Any]) -> dict[str, Any]:
         file, examined = self._files.pop(_key(request), None), self._examined
         if file is not None:

@@ -78,6 +78,16 @@ TraysOption = Annotated[
 QueueOption = Annotated[
     Path | None, typer.Option("--queue", metavar="FOLDER", help="Hot folder whose jobs /metrics counts.")
 ]
+RecordsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--records",
+        metavar="URL",
+        envvar="PROOFLIGHT_RECORDS",
+        show_envvar=False,
+        help="Database of many presses to show as well; default $PROOFLIGHT_RECORDS.",
+    ),
+]
 OidcOption = Annotated[
     Path | None,
     typer.Option(
@@ -117,6 +127,7 @@ def serve(
     trusted_proxy: TrustedProxyOption = None,
     trays: TraysOption = None,
     queue: QueueOption = None,
+    records: RecordsOption = None,
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
     demo: DemoOption = False,
@@ -160,6 +171,7 @@ def serve(
         origins=addresses,
         trays=None if trays is None else trays.absolute(),
         queue=queue,
+        records=records,
         trusted_proxies=tuple(map(_network, trusted_proxy or ())),
         provider=provider,
     )

@@ -7,6 +7,7 @@ from prooflight_console.pages import (
     incident,
     now,
     press,
+    presses,
     provider,
     report,
     reprint,
@@ -19,5 +20,5 @@ from prooflight_console.pages import (
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
     *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, setup.router, camera.router, zones.router),
+    *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
 )

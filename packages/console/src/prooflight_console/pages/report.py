@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import io
+from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
 from prooflight_console.api.common import Damaged, RunId, console
 from prooflight_console.pages.drawings import bars, heat_drawing
-from prooflight_console.pages.shell import ViewerPage, page
+from prooflight_console.pages.shell import ViewerPage, language_of, page
 from prooflight_console.reading.imposition import imposed_sheets
 from prooflight_console.reading.quality import quality
 from prooflight_line.journal.exporting import job_warnings
+from prooflight_line.journal.journal import Journal
+from prooflight_line.run_package.report import write_report
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from prooflight.reporting.defect_phrases import Code
 
 router = APIRouter(include_in_schema=False)
 
@@ -42,7 +50,7 @@ def runs_page(
 
 @router.get("/report/{run}")
 def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
-    """Return one run in figures and pictures; it prints as shown."""
+    """Return one run in figures and pictures."""
     state = console(request)
     run_row = state.reading.run_named(run)
     report = quality(state.reading, state.incidents, state.stations, state.reprints.count(run_row), run_row)
@@ -59,3 +67,24 @@ def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
         heat=heat_drawing(report.figures["heat"]),
         most_at_once=max((sum(part.values()) for part in report.trend), default=0),
     )
+
+
+@router.get("/runs/{run}/report.pdf")
+def report_pdf(request: Request, who: ViewerPage, run: RunId) -> Response:
+    """Return the report of a run as a PDF, as `prooflight run report` writes it and packages hold it.
+
+    It is made in the process that makes pictures, so that no other page waits for it.
+    """
+    state = console(request)
+    run_id = state.reading.run_named(run).id
+    code = language_of(request, who).code
+    content = state.pictures.aside(_pdf, state.reading.path, run_id, code)
+    name = f'attachment; filename="run-{run_id}.pdf"'
+    return Response(content, media_type="application/pdf", headers={"Content-Disposition": name})
+
+
+def _pdf(journal: Path, run_id: int, code: Code) -> bytes:
+    file = io.BytesIO()
+    with Journal.open(str(journal), read_only=True) as opened:
+        write_report(file, opened, opened.run(run_id), language=code)
+    return file.getvalue()

@@ -100,6 +100,7 @@ def page(
         path=request.url.path,
         version=__version__,
         trouble=state.live.trouble,
+        many_presses=state.settings.records is not None,
         may_speak=who is not None and who.role.may(Role.OPERATOR),
         **values,
     )

@@ -21,17 +21,16 @@ from prooflight.errors import ProoflightError
 from prooflight.pages.layout.plan import facts_plan
 from prooflight.pages.raster import MM_PER_INCH
 from prooflight_console.pictures.expected import TILE, Pyramid, levels_of, make, yielding
-from prooflight_console.pictures.seen import WHOLE, make_seen, whole_cut
+from prooflight_console.pictures.seen import WHOLE, make_seen
 from prooflight_console.pictures.tiles import (
     LAYERS,
-    Cut,
     SheetPicture,
     aligned,
-    cuts_of,
     drawn,
     thumbnail,
 )
 from prooflight_console.problems import Problem, not_found
+from prooflight_line.journal.cuts import Cut, cuts_of, whole_cut
 from prooflight_line.journal.labels import run_key
 from prooflight_line.journal.whole import NAME
 
@@ -246,7 +245,11 @@ class Pictures:
             if seen is None and not coming:
                 cuts = whole_cut(page.evidence, self._stations.press(run), **placed)
         if expected is not None:
-            cuts = tuple(aligned(cut, expected) for cut in cuts)
+            regions = dict(enumerate(page.verdict.regions))
+            cuts = tuple(
+                aligned(cut, expected, None if cut.region is None else regions.get(cut.region))
+                for cut in cuts
+            )
             width, height, levels = expected.width, expected.height, expected.levels
             width_mm, height_mm = expected.width_mm, expected.height_mm
         else:

@@ -9,8 +9,9 @@ import numpy as np
 
 from prooflight.press.artefact import Press
 from prooflight_console.pictures.expected import write_levels
-from prooflight_console.pictures.tiles import FLAT, REACH, UNSEEN, Cut, signal_of, valley
-from prooflight_line.journal.whole import NAME, TOP, unpacked
+from prooflight_console.pictures.tiles import FLAT, REACH, UNSEEN, valley
+from prooflight_line.journal.cuts import signal_of, whole_scan
+from prooflight_line.journal.whole import NAME, TOP
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,8 +31,6 @@ FEWEST: Final = 6
 """Least number of blocks that must agree with the map; otherwise the verdict's shift is used."""
 WITHIN: Final = 0.7
 """Inlier threshold of the affine map. [pixels]"""
-MOST_CUT: Final = 1200
-"""Pixels along the longer side of a scan of an unknown page."""
 
 
 def make_seen(
@@ -47,7 +46,7 @@ def make_seen(
     shifts, stretches and turns. Where no scan is stored its signal is ``UNSEEN``. Raises ValueError if the
     scan cannot be read.
     """
-    read = _read(evidence)
+    read = whole_scan(evidence)
     if read is None:
         raise ValueError("what was kept of the whole scan is damaged")
     light, box = read
@@ -63,38 +62,6 @@ def make_seen(
         height=expected.height,
         size_mm=(expected.width_mm, expected.height_mm),
     )
-
-
-def whole_cut(
-    evidence: Mapping[str, NDArray[Any]] | None, press: Press | None, **told: Any
-) -> tuple[Cut, ...]:
-    """Return the whole scan as one coarse cut; none if it is not stored. told: see ``signal_of``."""
-    read = None if evidence is None or NAME not in evidence else _read(evidence)
-    if read is None:
-        return ()
-    light, box = read
-    signal = signal_of(light, (box[0], box[2]), press, **told)
-    scale = min(MOST_CUT / max(signal.shape), 1.0)
-    size = max(round(signal.shape[1] * scale), 1), max(round(signal.shape[0] * scale), 1)
-    return (
-        Cut(
-            signal=cv2.resize(signal, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0]),
-            box_mm=box,
-        ),
-    )
-
-
-def _read(
-    evidence: Mapping[str, NDArray[Any]],
-) -> tuple[NDArray[np.float32], tuple[float, float, float, float]] | None:
-    light, where = unpacked(evidence), evidence.get(f"{NAME}_mm")
-    if light is None or where is None:
-        return None
-    box = np.asarray(where, float).ravel()
-    if box.size != 4 or not np.isfinite(box).all() or min(box[2:]) <= 0 or np.abs(box).max() > 1e4:
-        return None
-    x, y, width, height = box.tolist()
-    return light, (x, y, width, height)
 
 
 def _aligned(

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import cv2
 import numpy as np
 from PIL import Image, WebPImagePlugin  # noqa: F401 (else Pillow loads all its formats with the first tile)
 
 from prooflight.reporting.pictures import SATURATION, error_colours
-from prooflight.spectra import srgb_encoded
 from prooflight_console.pictures.expected import FULL, TILE, Pyramid, size_at
+from prooflight_line.journal.cuts import inside, shown, stretched
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.detectors.verdict import Region
-    from prooflight.press.artefact import Press
+    from prooflight_line.journal.cuts import Cut
 
 Layer = Literal["scan", "expected", "difference"]
 LAYERS: Final[tuple[Layer, ...]] = ("scan", "expected", "difference")
@@ -28,85 +28,17 @@ UNSEEN: Final = 65_535 / FULL
 """Signal that stands for no scan; ink and paper give less."""
 UNSEEN_GREY: Final = 150
 """Grey of the screen where no scan is stored: darker than the ground of the viewer, lighter than ink."""
-LEAST_RANGE: Final = 0.1
-"""Least range of light that a thumbnail's contrast is stretched from: a smaller one would show noise alone."""
-AROUND: Final = 3.0
-"""Range of light of a thumbnail, in multiples of the defect's contrast."""
 STRONG: Final = 0.25
 """Difference at the end of the colour scale, as a share of bare paper's light."""
-MOST_CUTS: Final = 16
 REACH: Final = 10
 """Search range in pixels: a millimetre at the prototype's pitch, by which paper distorts."""
 FLAT: Final = 0.02
 """Least standard deviation of the page, as a share of paper's light, for a match to be defined."""
+AROUND_DEFECT_MM: Final = 0.5
+"""Margin of a defect that is left out of a match: its edges are soft."""
+LEAST_SOUND: Final = 0.1
+"""Least share of a cut, without its defect, that is matched: of less, the place of the verdict is kept."""
 QUALITY: Final = 82
-_SHOWN: Final = srgb_encoded(np.linspace(0, 1, 4097)).astype(np.float32)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cut:
-    """A stored part of the scan."""
-
-    signal: NDArray[np.float32]
-    """(lines, pixels), bare paper 1."""
-    box_mm: tuple[float, float, float, float]
-    """x, y, width and height on the page as printed."""
-    region: int | None = None
-    """Index of the verdict's region that it shows; None: it shows the whole sheet."""
-    moved_mm: tuple[float, float] = (0.0, 0.0)
-    """By how much ``aligned`` has moved it."""
-
-
-def cuts_of(
-    evidence: Mapping[str, NDArray[Any]] | None,
-    press: Press | None,
-    *,
-    page_width_mm: float | None,
-    shift_mm: tuple[float, float] | None,
-) -> tuple[Cut, ...]:
-    """Return the stored cuts of the first sensor; without a press the brightest of each counts as paper."""
-    cuts = []
-    for index in range(MOST_CUTS):
-        stored, where = ((evidence or {}).get(f"cut{index}{end}") for end in ("", "_mm"))
-        if stored is None or where is None:
-            break
-        box = np.asarray(where, float).ravel()
-        if (
-            stored.ndim != 3
-            or not stored.size
-            or box.size != 4
-            or not np.isfinite(box).all()
-            or min(box[2:]) <= 0
-        ):
-            continue
-        x, y, width, height = (float(part) for part in box)
-        light = stored[0].astype(np.float32)
-        signal = signal_of(light, (x, width), press, page_width_mm=page_width_mm, shift_mm=shift_mm)
-        cuts.append(Cut(signal=signal, box_mm=(x, y, width, height), region=index))
-    return tuple(cuts)
-
-
-def signal_of(
-    light: NDArray[np.float32],
-    across_mm: tuple[float, float],
-    press: Press | None,
-    *,
-    page_width_mm: float | None,
-    shift_mm: tuple[float, float] | None,
-) -> NDArray[np.float32]:
-    """Return a part of the first sensor's scan (lines, pixels) [DN] as signal, bare paper 1.
-
-    across_mm: x on the page as printed, and width. Without press or page the brightest is taken for paper.
-    """
-    if press is None or page_width_mm is None:
-        return np.asarray(light / max(float(np.percentile(light, 99.5)), 1.0), np.float32)
-    sensor, geometry = press.sensors[0], press.geometry
-    off_mm = geometry.left_mm(page_width_mm) + (shift_mm or (0.0, 0.0))[0]
-    first = round((across_mm[0] + off_mm) / geometry.pixel_pitch_mm)
-    step = max(round(across_mm[1] / geometry.pixel_pitch_mm / light.shape[1]), 1)  # halved: 2
-    columns = np.clip(first + step * np.arange(light.shape[1]), 0, geometry.pixels - 1)
-    scale = sensor.column_gain[columns] * sensor.white_dn
-    return np.asarray((light - sensor.column_offset_dn[columns]) / scale, np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,10 +131,11 @@ def drawn(layer: Layer, seen: NDArray[np.float32], expected: NDArray[np.float32]
     return np.where(there[..., None], np.rint(colours), UNSEEN_GREY).astype(np.uint8)
 
 
-def aligned(cut: Cut, expected: Pyramid) -> Cut:
+def aligned(cut: Cut, expected: Pyramid, region: Region | None = None) -> Cut:
     """Return the cut where it matches the page best, within ``REACH`` pixels.
 
-    The verdict gives the position of the page as a whole; paper stretches and turns besides.
+    The verdict gives the position of the page as a whole; paper stretches and turns besides. What is around the defect
+    decides: a spot would be matched with a letter. region: the defect; None: the cut has none.
     """
     scale = expected.width / expected.width_mm, expected.height / expected.height_mm
     left, top = (cut.box_mm[axis] * scale[axis] for axis in (0, 1))
@@ -213,7 +146,13 @@ def aligned(cut: Cut, expected: Pyramid) -> Cut:
     around = expected.part(expected.levels - 1, *begin, side)[: lines + 2 * REACH, : pixels + 2 * REACH]
     if around.shape[0] < lines or around.shape[1] < pixels or float(around.std()) < FLAT:
         return cut
-    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF)
+    sound = np.ones((lines, pixels), np.float32)
+    if region is not None:
+        sound[inside(cut, region, margin_mm=AROUND_DEFECT_MM)] = 0
+    there = sound > 0
+    if there.mean() < LEAST_SOUND or float(cut.signal[there].std()) < FLAT:
+        return cut
+    off = cv2.matchTemplate(around, np.minimum(cut.signal, 1), cv2.TM_SQDIFF, mask=sound)
     row, column = np.unravel_index(int(off.argmin()), off.shape)
     x = begin[0] + column + valley(off[row], int(column))
     y = begin[1] + row + valley(off[:, column], int(row))
@@ -248,45 +187,9 @@ def thumbnail(cuts: Sequence[Cut], regions: Sequence[Region], *, side: int) -> b
     return encoded(np.asarray(np.rint(255 * part).astype(np.uint8)))
 
 
-def stretched(cut: Cut, region: Region | None) -> NDArray[np.float32]:
-    """Return a cut as shades of a screen, 0..1, in which the defect's contrast is at least a third of the range.
-
-    The range is ``AROUND`` times the difference of the medians inside and outside of the region, and lies about both;
-    it is never wider than from black to paper. A whole sheet is shown as it is.
-    """
-    light = shown(cut.signal)
-    if region is None:
-        return light
-    inside = _inside(cut, region)
-    if inside.all() or not inside.any():
-        low, high = (float(one) for one in np.quantile(cv2.GaussianBlur(light, (0, 0), 1.0), (0.02, 0.98)))
-        spread = high - low
-    else:
-        low, high = sorted((float(np.median(light[inside])), float(np.median(light[~inside]))))
-        spread = AROUND * (high - low)
-    spread = min(max(spread, LEAST_RANGE), 1.0)
-    begin = min(max((low + high - spread) / 2, 0.0), 1.0 - spread)
-    return np.asarray((light - begin) / spread, np.float32)
-
-
-def _inside(cut: Cut, region: Region) -> NDArray[np.bool_]:
-    """Return which pixels of a cut are in a region."""
-    lines, pixels = cut.signal.shape
-    x, y, width, height = cut.box_mm
-    across = x + (np.arange(pixels) + 0.5) * width / pixels - region.x_mm
-    down = y + (np.arange(lines) + 0.5) * height / lines - region.y_mm
-    within = (across >= 0) & (across <= region.width_mm)
-    return np.asarray(((down >= 0) & (down <= region.height_mm))[:, None] & within)
-
-
 def grey(signal: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return a signal as grey values for a screen."""
     return np.asarray(np.rint(255 * shown(signal)).astype(np.uint8))
-
-
-def shown(signal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return ``srgb_encoded`` of 0..1 by a table: a tile has a quarter of a million pixels."""
-    return np.asarray(_SHOWN[(np.clip(signal, 0, 1) * (_SHOWN.size - 1)).astype(np.intp)])
 
 
 def encoded(picture: NDArray[np.uint8]) -> bytes:

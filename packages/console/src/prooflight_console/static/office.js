@@ -1,10 +1,9 @@
-// Of reports and set up: print, and copy what is shown once.
+// Of users and set up: copy what is shown once.
 "use strict";
 
 document.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
   if (!button) return;
-  if ("print" in button.dataset) print();
   if ("copy" in button.dataset) {
     try {
       await navigator.clipboard.writeText(button.dataset.copy);

@@ -36,10 +36,11 @@ _HEADER: Final = re.compile(
 """Header of an array as NumPy writes it."""
 _MAGIC: Final = b"\x93NUMPY\x01\x00"
 _END: Final = struct.Struct("<4s4H2LH")
-_DAMAGED: Final = (
+DAMAGED: Final = (
     *(zipfile.BadZipFile, zlib.error, EOFError, struct.error),
     *(NotImplementedError, RuntimeError, OverflowError, ValueError, OSError),
 )
+"""Errors by which ``zipfile`` fails on a damaged archive."""
 
 
 def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -79,7 +80,7 @@ def read_arrays(file: IO[bytes], sheet: int) -> dict[str, NDArray[Any]]:
                     )
                 arrays[name] = _read_array(archive, member, most_bytes=left)
                 left -= arrays[name].nbytes
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise ValueError(str(error) or type(error).__name__) from error
     return arrays
 

@@ -87,22 +87,27 @@ def page_facts(page: PageRecord) -> dict[str, Any]:
 
 def write_csv(pages: Iterable[PageRecord], file: TextIO) -> None:
     """Write one row a page, with a header; empty where a page has no such value."""
-    writer = csv.DictWriter(file, CSV_COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(file, CSV_COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for page in pages:
-        facts = page_facts(page)
-        regions = facts["regions"]
-        strongest = {name: regions[0][name] for name in CSV_COLUMNS if name in regions[0]} if regions else {}
-        strongest.pop("kind", None)
-        strongest.pop("score", None)
-        x, y = facts["shift_mm"] or (None, None)
-        writer.writerow(
-            facts
-            | strongest
-            | {"regions": len(regions), "shift_x_mm": x, "shift_y_mm": y}
-            | {name: "\n".join(facts[name]) for name in ("faults", "notes")}
-            | {"nuisance": json_text(facts["nuisance"])}
-        )
+    writer.writerows(map(csv_row, pages))
+
+
+def csv_row(page: PageRecord) -> dict[str, Any]:
+    """Return the ``CSV_COLUMNS`` of one page."""
+    facts = page_facts(page)
+    regions = facts["regions"]
+    strongest = {name: regions[0][name] for name in CSV_COLUMNS if name in regions[0]} if regions else {}
+    strongest.pop("kind", None)
+    strongest.pop("score", None)
+    x, y = facts["shift_mm"] or (None, None)
+    row = (
+        facts
+        | strongest
+        | {"regions": len(regions), "shift_x_mm": x, "shift_y_mm": y}
+        | {name: "\n".join(facts[name]) for name in ("faults", "notes")}
+        | {"nuisance": json_text(facts["nuisance"])}
+    )
+    return {name: row[name] for name in CSV_COLUMNS}
 
 
 def _time(unix_s: float) -> str:

@@ -7,18 +7,21 @@ either process.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import case, func, literal_column, select
 
 from prooflight.files.lock import writer_lives
-from prooflight_line.journal import rows
+from prooflight_line.journal import packs, rows
+from prooflight_line.journal.columns import RunColumns
 from prooflight_line.journal.reading import JournalReader, refuse
 from prooflight_line.journal.records import COUNTED
-from prooflight_line.journal.schema import JournalError, stored_pages, stored_runs
+from prooflight_line.journal.schema import JournalError, stored_packs, stored_pages, stored_runs
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
     from sqlalchemy import ColumnElement, Engine, Select
@@ -207,6 +210,44 @@ class JournalFollower(JournalReader):
         with self._reading(f"pages of run {run_id}"), self._engine.begin() as connection:
             last = connection.execute(query).scalar()
         return last if isinstance(last, int) else -1
+
+    def run_rows(self, *, after: int, also: Collection[int] = ()) -> list[RunColumns]:
+        """Return the rows of runs above a number, and of these others, oldest first; their pages are not counted."""
+        run = stored_runs.c
+        query = select(stored_runs).where((run.id > after) | run.id.in_(also)).order_by(run.id)
+        with self._reading("runs"), self._engine.begin() as connection:
+            raw = connection.execute(query).all()
+        valid = []
+        for row in raw:
+            try:
+                valid.append(RunColumns(**row._asdict()))
+            except ValueError as error:
+                raise self._bad_row(f"run {row.id}", error) from error
+        return valid
+
+    def first_time_s(self, run_id: int) -> float | None:
+        """Return the time of a run's first sheet, by the source's clock; None: it has none. [s]"""
+        page = stored_pages.c
+        query = select(page.time_s).where(page.run_id == run_id).order_by(page.sheet).limit(1)
+        with self._reading(f"pages of run {run_id}"), self._engine.begin() as connection:
+            time_s = connection.execute(query).scalar()
+        return float(time_s) if isinstance(time_s, int | float) else None
+
+    def evidence_files(self, *, after: int, upto: int) -> dict[int, Path]:
+        """Return the file of evidence of each row above one and up to another that names a valid file."""
+        page, pack = stored_pages.c, stored_packs.c
+        query = (
+            select(ROW, pack.file)
+            .select_from(stored_pages.join(stored_packs, pack.id == page.pack_id))
+            .where(_row() > after, _row() <= upto)
+        )
+        with self._reading("evidence"), self._engine.begin() as connection:
+            raw = connection.execute(query).all()
+        files = {}
+        for row in raw:
+            with suppress(JournalError):  # a name that no journal gives: nothing is read
+                files[row.rowid] = packs.inside(self._folder, row.file)
+        return files
 
     def written_after(
         self, row: int, *, run_id: int | None = None, limit: int = 500, damaged: Damaged = refuse

@@ -20,6 +20,7 @@ from prooflight.files.lock import WriterLock
 from prooflight_line.journal import rows
 from prooflight_line.journal.aside import Refusals, aside_file
 from prooflight_line.journal.columns import complaint
+from prooflight_line.journal.labels import LabelStore
 from prooflight_line.journal.opening import ANOTHER, examine, journal_path, open_database, why, writing
 from prooflight_line.journal.queue import JournalQueue
 from prooflight_line.journal.reading import JournalReader
@@ -176,9 +177,11 @@ class Journal(JournalReader):
         """Remove runs that ended too long ago, then the oldest evidence, then the oldest runs; commits go on between.
 
         Returns what it removed, also if it had to stop; ``health`` tells whether it had to. now_s: Unix time.
+        Nothing of a run on legal hold is removed. JournalError: the holds cannot be read, and nothing was removed.
         """
         tidied, done = Tidied(), object()
-        steps = tidy(self._writer, self._folder, retention, tidied, now_s=now_s)
+        on_hold = LabelStore(self.path).on_hold()
+        steps = tidy(self._writer, self._folder, retention, tidied, now_s=now_s, on_hold=on_hold)
         while True:
             with self._writing:
                 try:

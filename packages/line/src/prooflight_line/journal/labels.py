@@ -4,6 +4,8 @@ A label on an incident covers the sheets that the person saw: those up to ``upto
 row that names it; of the remaining ones, the last is in force. A label states what a misprint was. A sheet that
 was not inspected is good only if a person has vouched for it, one sheet at a time and with a reason.
 
+A legal hold of a run is a row as well, and so is its end: who, when, why. Tidying removes nothing of a run on hold.
+
 The file is separate from the journal because a process that watches a press holds the journal's lock, while
 labels come from the console, from programs and from the command line. SQLite lets one process write at a time and
 keeps others waiting. A run is identified by its number and its start, so that labels stay with their run if a
@@ -45,6 +47,10 @@ VOUCHED: Final = "vouched"
 """Label of a single sheet that a person has in hand and found good."""
 UNDONE: Final = "undone"
 """Label of a row that withdraws the label it names."""
+HOLD, LIFTED = ("hold", "lifted")
+"""Rows of a run: a legal hold, and its end."""
+NO_LABEL: Final = frozenset({UNDONE, HOLD, LIFTED})
+"""Rows that are no label of a sheet or an incident."""
 OF_GOOD: Final = frozenset({GOOD, FALSE_ALARM, VOUCHED})
 MOST_NOTE: Final = 1000
 MOST_NAME: Final = 60
@@ -153,6 +159,24 @@ class LabelStore:
         fields = {"run": run, "sheet": sheet, "word": VOUCHED, "note": " ".join(reason.split())}
         return self._add(fields, by=by, at_s=at_s)
 
+    def hold(self, *, run: str, by: str, at_s: float, reason: str, lift: bool = False) -> Label:
+        """Put a run on legal hold, or lift it. RequestError: no reason is given, or it is so already.
+
+        at_s: Unix time. [s]
+        """
+        if not reason.strip():
+            raise RequestError("reason", "none is given", remedy="say in a few words why")
+        if (run in self.on_hold()) != lift:
+            what = "is not on hold" if lift else "is on hold already"
+            raise RequestError(f"run {run.partition('@')[0]}", what, remedy="see `prooflight run show`")
+        fields = {"run": run, "word": LIFTED if lift else HOLD, "note": " ".join(reason.split())}
+        return self._add(fields, by=by, at_s=at_s)
+
+    def on_hold(self) -> dict[str, Label]:
+        """Return the legal holds in force, by the key of their run."""
+        holds = self._read("word IN (?, ?) ORDER BY id", (HOLD, LIFTED))
+        return {run: one for run, one in {one.run: one for one in holds}.items() if one.word == HOLD}
+
     def undo(self, number: int, *, run: str, by: str, at_s: float) -> Label:
         """Undo a label. RequestError: no such label of this run is in force.
 
@@ -192,18 +216,26 @@ class LabelStore:
 
     def of_run(self, run: str) -> list[Label]:
         """Return all labels of a run, in order."""
+        return self._read("run = ? ORDER BY id", (run,))
+
+    def _read(self, condition: str, values: tuple[Any, ...]) -> list[Label]:
+        """Return the rows that meet a condition of SQL."""
         if not self.path.exists():
             return []
         with closing(self._opened(create=False)) as connection:
             try:
                 columns = {row[1] for row in connection.execute("PRAGMA table_info(words)")}
                 more = [name for name in _SINCE_2 if name in columns]
-                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE run = ? ORDER BY id"
-                rows = connection.execute(query, (run,)).fetchall()
+                query = f"SELECT {', '.join((*_COLUMNS, *more))} FROM words WHERE {condition}"
+                rows = connection.execute(query, values).fetchall()
             except sqlite3.Error as error:
                 raise self._refusal(f"cannot be read ({why(error)})") from error
         names = [name.strip('"') for name in (*_COLUMNS, *more)]
         return [Label(**dict(zip(names, row, strict=True))) for row in rows]
+
+    def written_after(self, number: int, *, limit: int = 500) -> list[Label]:
+        """Return the labels of all runs above a number, in order."""
+        return self._read("id > ? ORDER BY id LIMIT ?", (number, limit))
 
     def last(self) -> int:
         """Return the number of the latest label of any run; 0: there is none."""
@@ -265,9 +297,9 @@ class LabelStore:
 
 
 def standing(labels: Sequence[Label]) -> list[Label]:
-    """Return the labels, in order, that were not undone."""
+    """Return the labels, in order, that were not undone; a legal hold is none."""
     undone = {label.undoes for label in labels}
-    return [label for label in labels if label.word != UNDONE and label.id not in undone]
+    return [label for label in labels if label.word not in NO_LABEL and label.id not in undone]
 
 
 class Labels:

@@ -16,7 +16,13 @@ from prooflight_line.journal import packs, rows
 from prooflight_line.journal.columns import PackColumns, complaint
 from prooflight_line.journal.opening import UNREADABLE, why
 from prooflight_line.journal.retention import used_bytes
-from prooflight_line.journal.schema import JournalError, stored_packs, stored_pages, stored_runs
+from prooflight_line.journal.schema import (
+    JournalError,
+    journal_table,
+    stored_packs,
+    stored_pages,
+    stored_runs,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -122,6 +128,33 @@ class JournalReader:
             raise
         except ValueError as error:
             raise self._bad_row(f"run {run_id}, sheet {sheet}", error) from error
+
+    def evidence_of_run(self, run_id: int) -> dict[int, Path]:
+        """Return the file of evidence of each sheet of a run that has one, by sheet; a file may be missing."""
+        page, pack = stored_pages.c, stored_packs.c
+        query = (
+            select(page.sheet, stored_packs)
+            .join(stored_packs, pack.id == page.pack_id)
+            .where(page.run_id == run_id)
+            .order_by(page.sheet)
+        )
+        with self._reading(f"evidence of run {run_id}"), self._engine.begin() as connection:
+            raw = connection.execute(query).all()
+        files = {}
+        for row in raw:
+            try:
+                files[row.sheet] = packs.inside(self._folder, PackColumns(**row._asdict()).file)
+            except JournalError:
+                raise
+            except ValueError as error:
+                raise self._bad_row(f"evidence {row.id}", error) from error
+        return files
+
+    @property
+    def version(self) -> str:
+        """Version of the program that created the journal."""
+        with self._reading("its version"), self._engine.begin() as connection:
+            return str(connection.execute(select(journal_table.c.version)).scalar())
 
     @property
     def megabytes(self) -> float:

@@ -150,6 +150,8 @@ class Tidied:
     packs: int = 0
     """Number of files of evidence removed."""
     pack_bytes: int = 0
+    on_hold: list[int] = field(default_factory=list)
+    """Numbers of the runs on legal hold, of which nothing was removed."""
     refused: list[str] = field(default_factory=list)
     """Messages on rows that are invalid and files that a journal did not write, one line each; these stay."""
 

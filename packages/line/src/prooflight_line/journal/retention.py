@@ -23,7 +23,7 @@ from prooflight_line.journal.schema import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator, Sequence
+    from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from sqlalchemy import Connection, Engine, Row
@@ -37,12 +37,22 @@ FREED_PAGES_A_STEP: Final = 2000
 """Free pages of the database's file that are returned to the system in one step."""
 
 
-def tidy(engine: Engine, folder: Path, retention: Retention, done: Tidied, *, now_s: float) -> Iterator[None]:
+def tidy(
+    engine: Engine,
+    folder: Path,
+    retention: Retention,
+    done: Tidied,
+    *,
+    now_s: float,
+    on_hold: Collection[str] = (),
+) -> Iterator[None]:
     """Remove runs that ended too long ago; then the oldest evidence, then the oldest runs, until the rest fits.
 
     It works while it is iterated over, one short transaction a step; ``done`` accumulates the results. The latest
-    run stays: its number must not be reused, and it may be under way. OSError, DBAPIError.
+    run stays: its number must not be reused, and it may be under way. on_hold: keys of runs of which nothing is
+    removed. OSError, DBAPIError.
     """
+    done.on_hold = _ids(engine, on_hold)
     before_s = now_s - retention.days * SECONDS_A_DAY
     for run_id in _ended(engine, done, before_s=before_s):
         yield from _remove_run(engine, folder, run_id, done)
@@ -68,7 +78,10 @@ def _make_fit(engine: Engine, folder: Path, most_bytes: float, done: Tidied) -> 
 
 def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[int]:
     """Return all runs but the latest, oldest first: those that ended, or never will because a later one began."""
-    query = select(stored_runs).where(stored_runs.c.id < select(func.max(stored_runs.c.id)).scalar_subquery())
+    number = stored_runs.c.id
+    query = select(stored_runs).where(
+        number < select(func.max(number)).scalar_subquery(), number.not_in(done.on_hold)
+    )
     run_ids = []
     with engine.begin() as connection:
         for row in connection.execute(query.order_by(stored_runs.c.id)):
@@ -80,6 +93,20 @@ def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[
             if (run.started_s if run.ended_s is None else run.ended_s) < before_s:
                 run_ids.append(run.id)
     return run_ids
+
+
+def _ids(engine: Engine, keys: Collection[str]) -> list[int]:
+    """Return the numbers of the runs with these keys; a key of another journal's run has none."""
+    wanted, run = set(keys), stored_runs.c
+    numbers = [int(key.partition("@")[0]) for key in wanted if key.partition("@")[0].isdecimal()]
+    with engine.begin() as connection:
+        rows = connection.execute(select(run.id, run.started_s).where(run.id.in_(numbers))).all()
+    # A start that is no number may be that of any key: the run stays.
+    return sorted(
+        row.id
+        for row in rows
+        if not isinstance(row.started_s, int | float) or f"{row.id}@{row.started_s:.0f}" in wanted
+    )
 
 
 def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iterator[None]:
@@ -109,7 +136,8 @@ def _remove_run(engine: Engine, folder: Path, run_id: int, done: Tidied) -> Iter
 def _remove_packs(engine: Engine, folder: Path, done: Tidied, *, after: int, at_least: float) -> int | None:
     """Remove the oldest packs; their pages stay. Return the last one examined, None: there are none."""
     pack = stored_packs.c
-    query = select(stored_packs).where(pack.id > after).order_by(pack.id).limit(PACKS_A_STEP)
+    removed = (pack.id > after) & pack.run_id.not_in(done.on_hold)
+    query = select(stored_packs).where(removed).order_by(pack.id).limit(PACKS_A_STEP)
     with engine.begin() as connection:
         examined, removable = None, []
         for row in connection.execute(query).all():

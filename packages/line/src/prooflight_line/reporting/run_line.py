@@ -53,7 +53,9 @@ def alarm_lines(outcome: Outcome) -> Iterator[Text]:
     verdict = record.verdict
     if verdict.verdict == "misprint":
         what = describe(verdict).sentence
-        yield Text(f"sheet {record.sheet}, {plain(verdict.page)}: {what}", style="red")
+        name = f"sheet {record.sheet}"
+        page = "" if verdict.page == name else f", {plain(verdict.page)}"
+        yield Text(f"{name}{page}: {what}", style="red")
     for one in outcome.announcements:
         what = sentence(one.text.rpartition(":")[0])
         yield Text.assemble(f"sheet {one.sheet}: ", (one.action.upper(), ACTIONS[one.action]), f" {what}")

@@ -10,6 +10,7 @@ edges, and the tolerance of good prints; c, c' and t are learned.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
+    from prooflight.detectors.matched_filter.statistics.statistic import Box
     from prooflight.scans.geometry import ScanGeometry
 
 TILE_MM: Final = 0.5
@@ -125,6 +127,25 @@ class Sums:
             flat_columns=self.flat_columns.take(lines, axis=1),
             modes=tuple(names),
         )
+
+    def cells_of(self, box: Box, shape: tuple[int, ...], cell_mm: tuple[float, float]) -> tuple[slice, slice]:
+        """Return the rows and columns of a grid (rows, columns) whose middles are in a box, at least one of each.
+
+        cell_mm: height and width of a cell of the grid, whose first has the corner of the first tile. A box without
+        a place is the page as a whole.
+        """
+        if math.isnan(box[0]):
+            return slice(0, shape[0]), slice(0, shape[1])
+        cells = []
+        for axis, first_mm, count, pitch_mm in (
+            (1, self.top_mm, shape[0], cell_mm[0]),
+            (0, self.left_mm, shape[1], cell_mm[1]),
+        ):
+            end_mm = min(box[axis] + box[axis + 2], first_mm + count * pitch_mm)
+            first, last = (math.ceil((at - first_mm) / pitch_mm - 0.5) for at in (box[axis], end_mm))
+            first = min(max(first, 0), count - 1)
+            cells.append(slice(first, max(last, first + 1)))
+        return cells[0], cells[1]
 
     @property
     def line_modes(self) -> tuple[str, ...]:

@@ -16,9 +16,9 @@ from rich.text import Text
 from prooflight.cli import faults, imposition, show
 from prooflight.cli.exit_codes import UNUSABLE_INPUT
 from prooflight.cli.options import Json
-from prooflight.errors import PressError, RequestError, visible
+from prooflight.errors import RequestError, visible
 from prooflight.reporting.wording import count
-from prooflight_line.cli.runs import feedback
+from prooflight_line.cli.runs import causes, feedback, package, reprints
 from prooflight_line.cli.runs import gate as run_gate
 from prooflight_line.cli.runs import sheets as sheets_of_run
 from prooflight_line.cli.runs.gate import TraysFile
@@ -52,10 +52,14 @@ COUNTS = {
 """Counts in a list of runs, shown if any of the runs has some."""
 
 app = typer.Typer(
-    help="Show, label, export, replay or reconcile one run of the journal; tidy up.", no_args_is_help=True
+    help="Show, label, export, package, replay or reconcile one run of the journal; tidy up.",
+    no_args_is_help=True,
 )
 
 feedback.register_of_runs(app)
+causes.register_of_runs(app)
+reprints.register_of_runs(app)
+package.register_of_runs(app)
 
 
 def register(program: typer.Typer) -> None:
@@ -119,7 +123,7 @@ def show_run(
 ) -> None:
     """Show one run: its facts, and the pages that a person should examine; --json and --csv print all its pages."""
     from prooflight_line.journal.exporting import job_warnings, page_facts, write_csv
-    from prooflight_line.journal.labels import LabelStore
+    from prooflight_line.journal.labels import LabelStore, run_key
     from prooflight_line.run.labelled_sheets import sample_of_run
 
     damaged = Damaged()
@@ -144,7 +148,10 @@ def show_run(
             total += 1
             shown.append(page)
         assembled = sheets_of_run.of_run(opened, run_row, damaged=damaged.add)
+        hold = LabelStore(opened.path).on_hold().get(run_key(run_row))
     show.people.print(_facts_table(run_row))
+    if hold is not None:
+        show.people.print(f"On legal hold since {_local(hold.at_s)}, by {hold.by}: {hold.note}")
     for line in job_warnings(run_row):
         show.people.print(f"warning: {line}")
     if run_row.facts.settings.get("sample") or any(one.label for one in sampled):
@@ -239,17 +246,13 @@ def replay(
 ) -> None:
     """Compute a verdict again from the stored evidence; exits 1 if a figure differs."""
     from prooflight.inspection.redeciding import replayed
-    from prooflight.press.artefact import Press
+    from prooflight_line.run_package.run_press import press_of_run
 
-    loaded = Press.load(press)
     with reading(journal) as opened:
         run_row = run_of(opened, run)
+        loaded = press_of_run(press, name=run_row.facts.press, digest=run_row.facts.press_digest)
         page = opened.page(run_row.id, sheet)
         where = opened.path
-    wanted, given = run_row.facts.press_digest, loaded.digest
-    if wanted not in loaded.digests:
-        what = f"has digest {given[:16]}, run {run_row.id} was judged by {wanted[:16]}"
-        raise PressError(press, what, remedy=f"give the artefact of press {run_row.facts.press} of that day")
     if page.evidence is None:
         what = f"no evidence of sheet {sheet} of run {run_row.id} is kept"
         raise RequestError(where, what, remedy="keep more, or longer: see docs/how-to/journal.md")
@@ -314,6 +317,24 @@ def reprint_list(
 
 
 @app.command()
+def hold(
+    run: RunNumber,
+    reason: Annotated[str, typer.Option(metavar="TEXT", help="Why; recorded.")],
+    by: Annotated[str, typer.Option(metavar="NAME", help="Name of the person who decides it.")],
+    lift: Annotated[bool, typer.Option("--lift", help="End the hold.")] = False,
+    journal: JournalUrl = None,
+) -> None:
+    """Put a run on legal hold: tidying removes nothing of it until the hold is lifted."""
+    from prooflight_line.journal.labels import LabelStore, run_key
+
+    with reading(journal) as opened:
+        run_row = run_of(opened, run)
+        label_store = LabelStore(opened.path)
+    label_store.hold(run=run_key(run_row), by=by, at_s=time.time(), reason=reason, lift=lift)
+    show.people.print(f"Run {run_row.id} is {'no longer ' if lift else ''}on legal hold")
+
+
+@app.command()
 def tidy(
     days: Annotated[float, typer.Option(help="Days to keep runs after they ended.", min=0.001)] = float(
         "inf"
@@ -347,6 +368,7 @@ def tidy(
                 "removed_runs": tidied.runs,
                 "removed_evidence": tidied.packs,
                 "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
+                "on_hold": tidied.on_hold,
                 "refused": tidied.refused,
                 "put_aside": aside.moved,
                 "put_aside_megabytes": round(aside.moved_bytes / 1e6, 3),
@@ -362,6 +384,8 @@ def tidy(
         show.people.print(
             f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
         )
+        if tidied.on_hold:
+            show.people.print(f"On legal hold: run {', '.join(map(str, tidied.on_hold))}")
     for line in (*messages, *tidied.refused):
         faults.report(line)
     if tidied.refused or trouble is not None:

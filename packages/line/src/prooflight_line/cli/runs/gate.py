@@ -13,7 +13,7 @@ from rich.text import Text
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import EXIT_MISPRINT, NOT_ALL_INSPECTED
-from prooflight.errors import RequestError, visible
+from prooflight.errors import visible
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from prooflight_line.journal.journal import Journal
     from prooflight_line.journal.records import RunRow
     from prooflight_line.plant.gate.reconciling import Accounted, Reconciliation
-    from prooflight_line.plant.reprinting import ReprintList
 
     Opened = Callable[[str | None], Journal]
     Chosen = Callable[[Journal, str], RunRow]
@@ -54,8 +53,9 @@ def reconcile(opened: Journal, run: RunRow, *, trays: Path | None, json: bool) -
     differ.
     """
     from prooflight_line.plant.gate.log import REMEDY, PlantError, log_path
+    from prooflight_line.run_package.accounts import accounts_of
 
-    listed, accounts = reprints(opened, run, trays)
+    listed, accounts = accounts_of(opened, run, trays)
     if accounts is None:
         raise PlantError(log_path(opened.path, run.id), "does not exist", remedy=REMEDY)
     if json:
@@ -89,8 +89,9 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
     from prooflight.files.atomic import whole_file
     from prooflight_line.journal.schema import json_text
     from prooflight_line.plant.reprinting import NOT_PRINTED
+    from prooflight_line.run_package.accounts import accounts_of
 
-    listed, _ = reprints(opened, run, trays)
+    listed, _ = accounts_of(opened, run, trays)
     if out is not None or json:
         facts = {
             "run": run.id,
@@ -123,37 +124,6 @@ def reprint_list(opened: Journal, run: RunRow, *, trays: Path | None, out: Path 
     show.people.print(table if listed else "Nothing: every sheet that the job needs is delivered.")
     if listed.vouched:
         show.people.print(f"{count(len(listed.vouched), 'sheet')} delivered since people vouched for them")
-
-
-def reprints(opened: Journal, run: RunRow, trays: Path | None) -> tuple[ReprintList, Reconciliation | None]:
-    """Return the sheets of a run to print again, and the account of its sheets; None if it had no gate.
-
-    PlantError: the gate's log is damaged. RequestError: the controller's log is none, or is not of this run.
-    """
-    from prooflight_line.journal.labels import Labels, LabelStore, run_key
-    from prooflight_line.plant.gate.log import LoggedDecisions, log_path
-    from prooflight_line.plant.gate.reconciling import read_trays, reconciled
-    from prooflight_line.plant.reprinting import reprint_list
-    from prooflight_line.run.labelled_sheets import incidents_by_sheet
-
-    pages = list(opened.pages(run.id))
-    path, gate = log_path(opened.path, run.id), None
-    if path.is_file():
-        gate_log = LoggedDecisions.read(path)
-        rows = None if trays is None else read_trays(trays)
-        gate = gate_log, reconciled(pages, gate_log, rows)
-        if trays is not None and gate_log.sessions and gate[1].source == "wire":
-            remedy = "give the log that the controller wrote during the run, or leave out --trays"
-            raise RequestError(trays, f"has no sheet of run {run.id}", remedy=remedy)
-    listed = reprint_list(
-        run,
-        pages,
-        passed=max((page.job_page + 1 for page in pages if page.job_page is not None), default=0),
-        labels=Labels(LabelStore(opened.path).of_run(run_key(run))),
-        incident_of=incidents_by_sheet(pages)[1].get,
-        gate=gate,
-    )
-    return listed, None if gate is None else gate[1]
 
 
 def _print(accounts: Reconciliation, run: RunRow) -> None:

@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, Final, Literal
 
 from prooflight_line.plant.gate.handshake import Event, State, after
-from prooflight_line.plant.gate.registers import Fault, OurStatus, Result, packed
+from prooflight_line.plant.gate.registers import Fault, OurStatus, Result, Shown, count_distance, packed
 from prooflight_line.plant.gate.registers import after as next_number
 from prooflight_line.plant.gate.waiting import Pending, Waiting
 
@@ -83,11 +83,11 @@ class Exchange(Waiting):
 
     # --- from the link ---
 
-    def connected(self, values: dict[str, int], *, session: int) -> None:
-        """Begin a session with a controller that answers, and whose register values these are."""
+    def connected(self, shown: Shown, *, session: int) -> None:
+        """Begin a session with a controller that answers, and shows this."""
         with self._guard:
             self._join(session)
-            self._beat = (values["plc_heartbeat"], self._clock())
+            self._beat = (shown.values["plc_heartbeat"], self._clock())
             self._tracker.forget_readings()
             self._step(Event.CONNECTED, f"session {session}")
 
@@ -129,11 +129,12 @@ class Exchange(Waiting):
             if self._current is not None and self._current.written_s is None:
                 self._current.written_s = now_s
 
-    def answered(self, values: dict[str, int], *, request_s: float, answered_s: float) -> bool:
-        """Take the values that the controller shows, and return whether it is alive.
+    def answered(self, shown: Shown, *, request_s: float, answered_s: float) -> bool:
+        """Take what the controller shows, and return whether it is alive.
 
         It is not alive if its heartbeat has stood still for too long.
         """
+        values = shown.values
         self._tracker.counted(values["encoder"], request_s=request_s, answered_s=answered_s)
         aligned = self._tracker.aligned
         with self._guard:
@@ -155,7 +156,7 @@ class Exchange(Waiting):
                 self._state, Fault.NONE
             )
             self._acknowledge(values["result_taken"], answered_s)
-            self._log_tray(values)
+            self._log_trays(shown)
         return True
 
     def lost(self, why: str) -> None:
@@ -211,14 +212,15 @@ class Exchange(Waiting):
         if any(not sheet.taken for sheet in self._sheets.values()):
             self.wake.set()
 
-    def _log_tray(self, values: dict[str, int]) -> None:
-        """Log the tray of the last sheet, if no sheet was missed since the last exchange."""
-        count = values["sheets_at_gate"]
-        if self._at_gate is not None and count - self._at_gate == 1 and values["last_tag"]:
-            tray = TRAYS.get(values["last_tray"])
-            self._log.add("tray", tag=values["last_tag"], tray=tray or "unknown", session=self._session)
-            self._left.confirmed(values["last_tag"], tray or "unconfirmed")
+    def _log_trays(self, shown: Shown) -> None:
+        """Log the trays of the sheets since the last exchange of this session."""
+        count = shown.values["sheets_at_gate"]
+        new = 0 if self._at_gate is None else count_distance(count, self._at_gate)
         self._at_gate = count
+        for tag, number in shown.passed(max(new, 0), last_tag=self._at_camera):
+            tray = TRAYS.get(number)
+            self._log.add("tray", tag=tag, tray=tray or "unknown", session=self._session)
+            self._left.confirmed(tag, tray or "unconfirmed")
 
     def _passed(self, now_s: float) -> None:
         """Forget sheets that have reached the gate, and report each that was not written in time."""

@@ -96,7 +96,7 @@ def try_controller(settings: GateSettings) -> dict[str, int]:
     try:
         if settings.plc.style == "coil":
             return {"coil": wire.coil()}
-        return wire.checked()
+        return dict(wire.checked().values)
     finally:
         wire.close()
 

@@ -18,7 +18,8 @@ from prooflight_line.plant.gate.registers import (
     MAP_VERSION,
     READ_FROM,
     READ_WORDS,
-    unpacked_of_plc,
+    RING,
+    Shown,
 )
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ class Wire:
             remedy = 'pip install "prooflight-line[plant]"'
             raise PlantError(plc.where, "Modbus needs pymodbus", remedy=remedy) from error
         self._plc = plc
+        self._shown_words = READ_WORDS
         self._broken = ModbusException, OSError, AttributeError  # AttributeError: closed within an answer
         self._client = ModbusTcpClient(plc.host, port=plc.port, timeout=plc.timeout_ms / 1e3, retries=0)
         if not self._client.connect():  # type: ignore[no-untyped-call]
@@ -68,10 +70,10 @@ class Wire:
         """Return whether the single output is on."""
         return bool(self._request(self._client.read_coils, self._plc.coil, count=1).bits[0])
 
-    def read(self) -> dict[str, int]:
-        """Return the values that the controller shows."""
+    def read(self) -> Shown:
+        """Return what the controller shows, with its ring of trays once ``checked`` has seen that it has one."""
         try:
-            return unpacked_of_plc(self.words(READ_FROM, READ_WORDS))
+            return Shown.of(self.words(READ_FROM, self._shown_words))
         except ValueError as error:
             raise self._wrong(str(error)) from error
 
@@ -86,15 +88,16 @@ class Wire:
         """Write registers outside any plant's map, which only the simulated controller has."""
         self._request(self._client.write_registers, self._plc.first_register + at, words)
 
-    def checked(self) -> dict[str, int]:
-        """Return the values that the controller shows; PlantError if it does not have the register map."""
-        values = self.read()
-        if values["map_id"] != MAP_ID:
+    def checked(self) -> Shown:
+        """Return what the controller shows; PlantError if it does not have the register map."""
+        shown = self.read()
+        if (map_id := shown.values["map_id"]) != MAP_ID:
             at = self._plc.first_register + READ_FROM
-            raise self._wrong(f"register {at} holds {values['map_id']:#06x}, not {MAP_ID:#06x}")
-        if values["map_version"] != MAP_VERSION:
-            raise self._wrong(f"its map has version {values['map_version']}, this program's {MAP_VERSION}")
-        return values
+            raise self._wrong(f"register {at} holds {map_id:#06x}, not {MAP_ID:#06x}")
+        if (version := shown.values["map_version"]) not in (1, MAP_VERSION):
+            raise self._wrong(f"its map has version {version}, this program's {MAP_VERSION}")
+        self._shown_words = READ_WORDS + (RING if version > 1 else 0)
+        return shown
 
     def _request(self, ask: Callable[..., Any], *what: Any, **more: Any) -> Any:
         try:
@@ -148,18 +151,18 @@ class RegisterProtocol:
 
     def begin(self, wire: Wire) -> None:
         """Begin a session if the controller has the register map; see ``GateProtocol``."""
-        values = wire.checked()
-        self._exchange.connected(values, session=_session(values["session_taken"]))
+        shown = wire.checked()
+        self._exchange.connected(shown, session=_session(shown.values["session_taken"]))
 
     def turn(self, wire: Wire) -> None:
         """Write the registers and read the controller's; see ``GateProtocol``."""
         wire.write(self._exchange.words())
         self._exchange.wrote()
         request_s = self._clock()
-        values = wire.read()
-        if not self._exchange.answered(values, request_s=request_s, answered_s=self._clock()):
+        shown = wire.read()
+        if not self._exchange.answered(shown, request_s=request_s, answered_s=self._clock()):
             raise PlantError("PLC", "its heartbeat stands still", remedy="see whether it runs")
-        if self._exchange.dropped(session=_session(values["session_taken"], self._exchange.session)):
+        if self._exchange.dropped(session=_session(shown.values["session_taken"], self._exchange.session)):
             self.wake.set()
 
     def end(self, wire: Wire) -> None:

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import Self
 
 MAP_ID: Final = 0x5046
 """Value of the register ``map_id``: the letters PF."""
-MAP_VERSION: Final = 1
+MAP_VERSION: Final = 2
+"""Version of the map with the ring of trays. A controller of version 1 shows the last tray alone."""
 WRAP: Final = 1 << 32
 """Value at which counts of 32 bits begin again."""
 
@@ -138,7 +140,7 @@ READ_FROM: Final = 32
 READ: Final = _numbered(
     (
         ("map_id", 1, "0x5046"),
-        ("map_version", 1, "1"),
+        ("map_version", 1, "2; 1 if there is no ring of trays"),
         ("plc_heartbeat", 1, "changes at least every 100 ms"),
         ("plc_status", 1, "bits: 0 ready, 1 fault, 2 press stopped"),
         ("session_taken", 1, "`session` when the controller has forgotten all results of others"),
@@ -156,6 +158,50 @@ READ: Final = _numbered(
 """Registers that the controller shows and Prooflight reads."""
 WRITTEN_WORDS: Final = WRITTEN[-1].at + WRITTEN[-1].words
 READ_WORDS: Final = READ[-1].at + READ[-1].words - READ_FROM
+RING: Final = 64
+"""Number of sheets whose trays the controller shows, in as many registers after ``READ``.
+
+Sheet number n at the gate, from 1, is in register (n - 1) mod 64 of them: twelve seconds of sheets at 5 a second."""
+RING_FROM: Final = READ_FROM + READ_WORDS
+TAGS: Final = (1 << 14) - 1
+"""Number of tags that a register of the ring can tell apart; those of the last sheets are fewer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What a controller shows, read in one request."""
+
+    values: Mapping[str, int]
+    trays: tuple[int, ...] = ()
+    """Registers of the ring; none of a controller of map version 1."""
+
+    @classmethod
+    def of(cls, words: Sequence[int]) -> Self:
+        """Unpack registers from ``READ_FROM`` on; ValueError if there are too few."""
+        return cls(values=unpacked_of_plc(words), trays=tuple(words[READ_WORDS : READ_WORDS + RING]))
+
+    def passed(self, count: int, *, last_tag: int) -> list[tuple[int, int]]:
+        """Return tag and tray of each of the last ``count`` sheets, oldest first, as far as they are shown.
+
+        last_tag: tag of the last sheet that passed the camera. A sheet whose result was not found has no tag and is
+        left out.
+        """
+        at_gate = self.values["sheets_at_gate"]
+        if not self.trays:
+            tag = self.values["last_tag"]
+            return [(tag, self.values["last_tray"])] if count == 1 and tag else []
+        places = range(at_gate - min(count, len(self.trays)), at_gate)
+        words = [self.trays[place % len(self.trays)] for place in places]
+        sheets = ((last_tag - (last_tag - (word >> 2)) % TAGS, word & 3) for word in words if word >> 2)
+        return [(tag, tray) for tag, tray in sheets if tag > 0]
+
+
+def ring_register(tag: int, tray: int) -> int:
+    """Return a sheet's register in the ring: its tag as 1 to 16383, which repeats, in bits 2 to 15; its tray below.
+
+    tag: 0 if no result was found for the sheet; tray: 1 good, 2 reject.
+    """
+    return ((tag - 1) % TAGS + 1 if tag else 0) << 2 | tray
 
 
 def packed(values: Mapping[str, int]) -> list[int]:

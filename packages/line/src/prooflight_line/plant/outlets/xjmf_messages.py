@@ -127,6 +127,20 @@ def at_gate(event: Event, passed: SheetAtGate, *, device_id: str) -> bytes:
     return written(root)
 
 
+def offered(lines: Iterable[str], *, device_id: str, job: str, time_s: float) -> bytes:
+    """Return a ``SignalNotification`` of corrections that are offered, a comment each; none is applied.
+
+    XJMF has no resource for offsets of density and register, so that a person or a program of the plant decides.
+    """
+    root = _root(device_id, time_s)
+    signal = _element(root, "SignalNotification", ChannelMode="Reliable")
+    _header(signal, device_id, time_s, identifier="S-corrections")
+    note = _element(signal, "Notification", Class="Information")
+    for line in lines:
+        _element(note, "Comment").text = clean(f"offered for {job}, not applied: {line}")
+    return written(root)
+
+
 def refusal(kind: str, text: str, code: int, *, device_id: str, query_id: str | None, time_s: float) -> bytes:
     """Return the answer to a message that cannot be answered; ``kind`` is the message's, such as ``Resource``."""
     root = _root(device_id, time_s)

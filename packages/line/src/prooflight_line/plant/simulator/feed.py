@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.drum import Turn
     from prooflight_line.plant.simulator.plc import SimulatedPlc
 
-FEED_AT: Final = 96
+FEED_AT: Final = 128
 FEED_ID: Final = 0x5349
 FEED_WORDS: Final = 8
 """Registers of a message: its kind; the belt's speed [um/s] or a front [0.1 mm: 430 km of paper] in two

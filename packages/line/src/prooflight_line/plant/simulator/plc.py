@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO
 from prooflight_line.plant.gate.registers import (
     MAP_ID,
     MAP_VERSION,
+    RING,
     WRITTEN_WORDS,
     Code,
     OurStatus,
@@ -21,6 +22,7 @@ from prooflight_line.plant.gate.registers import (
     Result,
     count_distance,
     packed_of_plc,
+    ring_register,
     unpacked,
 )
 
@@ -93,6 +95,7 @@ class SimulatedPlc:
     _own_beat: int = 0
     _at_gate: int = 0
     _policy: int = 0
+    _ring: list[int] = field(default_factory=lambda: [0] * RING)
 
     @property
     def session(self) -> int:
@@ -118,11 +121,11 @@ class SimulatedPlc:
         self.scan()
 
     def shown(self) -> list[int]:
-        """Return the registers that can be read from ``READ_FROM`` on."""
+        """Return the registers that can be read from ``READ_FROM`` on, the ring of trays among them."""
         self._own_beat = (self._own_beat + 1) & 0xFFFF
         status = PlcStatus.READY | (PlcStatus.STOPPED if self.stopped else PlcStatus(0))
         last = self.last
-        return packed_of_plc(
+        base = packed_of_plc(
             {
                 "map_id": MAP_ID,
                 "map_version": MAP_VERSION,
@@ -139,6 +142,7 @@ class SimulatedPlc:
                 "in_reject": self.counts["reject"],
             }
         )
+        return base + self._ring
 
     def power(self, *, on: bool) -> None:
         """Switch the power.
@@ -207,6 +211,7 @@ class SimulatedPlc:
             if self.log is not None:
                 self.log.write(json.dumps(asdict(row)) + "\n")
         self.last = row
+        self._ring[self._at_gate % RING] = ring_register(tag, 1 if accepted else 2)
         self._at_gate += 1
 
     def _match(self, count: int) -> tuple[int, int, bool, str]:

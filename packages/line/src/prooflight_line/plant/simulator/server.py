@@ -11,7 +11,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from prooflight_line.plant.gate.log import PlantError
-from prooflight_line.plant.gate.registers import READ_FROM, READ_WORDS, WRITTEN_WORDS
+from prooflight_line.plant.gate.registers import READ_FROM, RING, RING_FROM, WRITTEN_WORDS
 from prooflight_line.plant.simulator.feed import FEED_AT, FEED_WORDS, fed, feed_shown
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ SCAN_S: Final = 0.005
 """Time from scan to scan. assumed: the cycle of a small controller."""
 WRITES: Final = frozenset({5, 6, 15, 16})
 """Functions of the protocol that write."""
-REGISTERS: Final = 128
+REGISTERS: Final = 192
 
 
 class PlcServer:
@@ -139,7 +139,7 @@ class PlcServer:
             self.plc.write(at, [int(value) for value in values])
         elif at == FEED_AT and len(values) == FEED_WORDS:
             fed(self.plc, [int(value) for value in values])
-        elif not READ_FROM <= at < READ_FROM + READ_WORDS:
+        elif not READ_FROM <= at < RING_FROM + RING:
             return ExcCodes.ILLEGAL_ADDRESS
         else:
             return ExcCodes.ILLEGAL_VALUE

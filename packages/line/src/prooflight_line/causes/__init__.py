@@ -1,0 +1,1 @@
+"""Causes of a run's defects: repeat distances, nozzles, drifts, corrections, and the roll map."""

@@ -1,0 +1,109 @@
+"""Drifts and steps of what is measured on every sheet: ink densities, and the register of planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from scipy import special
+
+from prooflight_line.run.monitor.channels import drift_channels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from prooflight_line.journal.records import PageRecord
+    from prooflight_line.run.monitor.channels import Channel
+
+FALSE_ALARM_RATE: Final = 0.01
+"""Chance that a run without a change has a trend, all channels together. assumed: as that of repeats."""
+LEAST_SHEETS: Final = 8
+LEAST_SIDE: Final = 4
+"""Least number of sheets on each side of a step. assumed: fewer are outliers as well as a step."""
+LEAST_SHARE: Final = 0.25
+"""Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
+misprint."""
+INK_CHANNELS: Final = tuple(
+    channel for channel in drift_channels(()) if channel.name.startswith(("gain-", "register-"))
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trend:
+    """A change of one channel over a run."""
+
+    channel: Channel
+    shape: Literal["drift", "step"]
+    sheet: int
+    """First sheet after a step; first sheet of the run for a drift."""
+    last_sheet: int
+    beyond: int
+    """Number of sheets from then on that are beyond the channel's tolerance."""
+    change: float
+    """Height of a step, or change over the run, in the channel's own unit."""
+    sd: float
+    """Standard deviation of the change."""
+    z: float
+    """Change over its standard deviation."""
+
+
+def trends_of(records: Sequence[PageRecord], *, false_alarm_rate: float = FALSE_ALARM_RATE) -> list[Trend]:
+    """Return the channels that drifted or stepped, the largest change in tolerances first.
+
+    A line and every step are fitted by least squares; the one with the greater z counts, if z is above the
+    quantile of a normal distribution at the false-alarm rate over the number of fits (Bonferroni). The noise is
+    that of the differences of neighbouring sheets, to which a drift and a step hardly contribute.
+    """
+    trends = []
+    for channel in INK_CHANNELS:
+        rows = [(one.sheet, one.nuisance[channel.name]) for one in records if channel.name in one.nuisance]
+        if len(rows) < LEAST_SHEETS:
+            continue
+        sheets, values = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+        fits = len(INK_CHANNELS) * len(rows)
+        limit = -float(special.ndtri(false_alarm_rate / (2 * fits)))
+        trend = _trend(channel, sheets, values)
+        if abs(trend.z) > limit and abs(trend.change) > LEAST_SHARE * channel.tolerance:
+            trends.append(trend)
+    return sorted(trends, key=lambda trend: -abs(trend.change) / trend.channel.tolerance)
+
+
+def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float64]) -> Trend:
+    noise = noise_sd(values)
+    count = values.size
+    centred = sheets - sheets.mean()
+    slope = float((centred * values).sum() / (centred**2).sum())
+    slope_sd = noise / float(np.sqrt((centred**2).sum()))
+    before = np.arange(LEAST_SIDE, count - LEAST_SIDE + 1)
+    sums = np.cumsum(values)[before - 1]
+    steps = (values.sum() - sums) / (count - before) - sums / before
+    step_sd = noise * np.sqrt(1 / before + 1 / (count - before))
+    z = steps / step_sd
+    at = int(np.argmax(np.abs(z)))
+    if abs(z[at]) > abs(slope / slope_sd):
+        shape: Literal["drift", "step"] = "step"
+        first, change, sd = int(sheets[before[at]]), float(steps[at]), float(step_sd[at])
+    else:
+        span = int(sheets[-1] - sheets[0])
+        shape, first, change, sd = "drift", int(sheets[0]), slope * span, slope_sd * span
+    return Trend(
+        channel=channel,
+        shape=shape,
+        sheet=first,
+        last_sheet=int(sheets[-1]),
+        beyond=int((np.abs(values[sheets >= first]) > channel.tolerance).sum()),
+        change=change,
+        sd=sd,
+        z=change / sd,
+    )
+
+
+def noise_sd(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation of values, of at least two, from their differences from one to the next.
+
+    The mean square of the differences of independent values is twice their variance (von Neumann 1941).
+    """
+    return max(float(np.sqrt(np.mean(np.diff(values) ** 2) / 2)), 1e-9)

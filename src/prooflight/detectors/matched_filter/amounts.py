@@ -1,0 +1,180 @@
+"""How much of which ink a place lacks or has too much of, from the scan's own light, and whether that is certain.
+
+The sums of ``local_evidence`` limit residuals to a few standard deviations, and the fit takes a part of what is off for
+a variation of good prints. So amounts come from the light of the place itself: measured less expected, without the
+level of lamp and paper, by least squares. A mode that explains little of it has no amount, nor has one that differs
+from part to part of the place by as much as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from prooflight.detectors.matched_filter.extents import ADDED, GAINED
+from prooflight.detectors.matched_filter.fit.modes import moved
+from prooflight.detectors.matched_filter.fit.residuals import fitted_amounts
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.fit.modes import AddedInks
+    from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan
+
+MODES_OF_KIND: Final = {
+    "streak": ("light", "void", *GAINED, *ADDED),
+    "spots-voids": ("light", "void", *GAINED, *ADDED),
+    "scum": ADDED,
+    "ghost-smear": ADDED,
+    "missing-content": ("void",),
+    "missing-plane": GAINED,
+    "density": (*GAINED, "gain-all"),
+}
+"""Modes of which a kind of place is stated in amounts."""
+CORE: Final = 0.5
+"""Share of a place's sides, about its middle, that is measured: its edges are soft."""
+LEAST_CORE: Final = 3
+"""Least side of what is measured. [binned pixels]"""
+LEAST_EXPLAINED: Final = 0.3
+"""Least share of what is off in a place that an amount explains. assumed"""
+PARTS: Final = 4
+"""Parts of a place, each way, of which amounts are compared."""
+MOST_UNEVEN: Final = 0.25
+"""Greatest standard deviation of an amount, as a share of it. assumed: 20 % is then between 10 and 30 %."""
+MOST_PERCENT: Final = 105.0
+"""Greatest amount that is taken for all of an ink or of the light: more, and something else is off there."""
+CLEARER: Final = 2.0
+"""Factor by which the next ink leaves more unexplained than the one that is named. assumed"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Amount:
+    """What is off in a place."""
+
+    ink: str = ""
+    """Letter of the ink; empty: it is none, or not certain which."""
+    darker_percent: float | None = None
+    """As in ``Region``; None: not certain."""
+
+
+def amount_in(
+    kind: str,
+    rows: slice,
+    columns: slice,
+    placed: PlacedScan,
+    added: AddedInks,
+    fit: Fit,
+    *,
+    distinct: Collection[str],
+    inks: Collection[str],
+) -> Amount:
+    """Return by how much the light of a place is off, and by which ink.
+
+    Parameters
+    ----------
+    kind : of the defect, which decides the modes that are compared.
+    rows, columns : place, in binned pixels.
+    placed, added, fit : of the scan.
+    distinct : letters of the inks that the sensors distinguish from others.
+    inks : letters of the inks that the page has.
+    """
+    rows, columns = _core(rows), _core(columns)
+    off = _off(placed, fit, rows, columns)
+    total = float((off**2).sum())
+    if total <= 0:
+        return Amount()
+    fits = [
+        _Fitted.of(name, mode, off)
+        for name, mode in _modes(MODES_OF_KIND.get(kind, ()), placed, added, rows, columns)
+        if mode.any()
+    ]
+    if not fits:
+        return Amount()
+    best = min(fits, key=lambda one: one.left)
+    letter = best.mode[-1] if best.mode in (*ADDED, *GAINED) else ""
+    others = [one.left for one in fits if one.mode[-1] != best.mode[-1] and one.mode in (*ADDED, *GAINED)]
+    certain = not others or min(others) >= CLEARER * best.left
+    named = letter if letter and (list(inks) == [letter] or (letter in distinct and certain)) else ""
+    if 1 - best.left / total < LEAST_EXPLAINED or best.uneven > MOST_UNEVEN:
+        return Amount(ink=named)
+    percent = 100 * best.amount * (-1 if best.mode in ("light", "void") else 1)
+    possible = abs(percent) <= MOST_PERCENT and bool(named) == bool(letter)
+    return Amount(ink=named, darker_percent=min(max(percent, -100.0), 100.0) if possible else None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fitted:
+    mode: str
+    amount: float
+    left: float
+    """Sum of squares that it leaves."""
+    uneven: float
+    """Standard deviation of the amount from part to part, of their mean, as a share of the amount."""
+
+    @classmethod
+    def of(cls, name: str, mode: NDArray[np.float64], off: NDArray[np.float64]) -> _Fitted:
+        pushes, powers = (_in_parts(one) for one in (mode * off, mode * mode))
+        push, power = pushes.sum(), powers.sum()
+        amount = float(push / power)
+        informed = powers > 0
+        deviations = pushes[informed] / powers[informed] - amount
+        shares = powers[informed] / power
+        sd = np.sqrt((shares**2 * deviations**2).sum()) if informed.sum() > 1 else abs(amount)
+        left = float((off**2).sum() - push * amount)
+        return cls(mode=name, amount=amount, left=left, uneven=float(sd / max(abs(amount), 1e-9)))
+
+
+def _off(placed: PlacedScan, fit: Fit, rows: slice, columns: slice) -> NDArray[np.float64]:
+    """Return measured less expected light of a place, (sensors, lines, pixels), paper white 1."""
+    pixels = placed.where.inside.shape[1]
+    levels = fitted_amounts(fit, placed.colours, pixels)
+    off = np.empty((len(placed.sensors), *placed.where.inside[rows, columns].shape))
+    for index, (sensor, level) in enumerate(zip(placed.sensors, levels, strict=True)):
+        expected = placed.seen.expected_dn[index, rows, columns].astype(np.float64)
+        light = expected - sensor.column_offset_dn[columns]
+        measured = placed.measured_dn[index, rows, columns].astype(np.float64)
+        off[index] = (measured - expected - light * level.columns[columns]) / sensor.white_dn
+        off[index][~placed.inside(index)[rows, columns]] = 0
+    return off
+
+
+def _modes(
+    names: Collection[str], placed: PlacedScan, added: AddedInks, rows: slice, columns: slice
+) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield modes in a place, (sensors, lines, pixels), paper white 1."""
+    sensors, modes = placed.sensors, placed.modes
+    white = np.array([sensor.white_dn for sensor in sensors])[:, None, None]
+    inside = np.stack([placed.inside(index)[rows, columns] for index in range(len(sensors))])
+    offset = np.stack([sensor.column_offset_dn[columns] for sensor in sensors])[:, None]
+    light = (placed.seen.expected_dn[:, rows, columns] - offset) / white
+    ink = None
+    for name in names:
+        if name in ("light", "void"):
+            yield name, inside * (light if name == "light" else 1 - light)
+        elif name == "gain-all":
+            yield name, inside * modes.gain[:, :, rows, columns].sum(axis=1) / white
+        elif name in GAINED:
+            yield name, inside * modes.gain[:, GAINED.index(name), rows, columns] / white
+        else:
+            if ink is None:
+                images = moved(added.images, placed.where)
+                ink = images.reshape(len(sensors), -1, *images.shape[1:])[:, :, rows, columns]
+            yield name, inside * ink[:, ADDED.index(name)] / white
+
+
+def _core(cells: slice) -> slice:
+    extent = cells.stop - cells.start
+    side = min(max(round(CORE * extent), LEAST_CORE), extent)
+    first = cells.start + (extent - side) // 2
+    return slice(first, first + side)
+
+
+def _in_parts(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums of images (sensors, lines, pixels) over ``PARTS`` each way."""
+    sums = image.sum(axis=0)
+    rows, columns = (np.unique(np.linspace(0, extent, PARTS + 1).astype(int))[:-1] for extent in sums.shape)
+    return np.asarray(np.add.reduceat(np.add.reduceat(sums, rows, axis=0), columns, axis=1))

@@ -1,0 +1,31 @@
+"""``prooflight study records``: shipping of many journals into one database, and search there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prooflight.cli import show
+from prooflight.errors import RequestError
+from prooflight_studies.commands.study import Json, Quick, Results, report_results
+
+
+def records(
+    out: Results = Path("docs/results/running"),
+    part: Annotated[str, typer.Option(help="shipping or search; the other stays as measured.")] = "shipping",
+    seed: Annotated[int, typer.Option(help="Of searches.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Ship 40 journals into one PostgreSQL server while all parts fail in turn; search 10 million sheets.
+
+    Writes records.md.
+    """
+    from prooflight_studies.records.study import PARTS, run_records_study
+
+    if part not in PARTS:
+        raise RequestError("part", f"there is no {part!r}", remedy=f"choose {' or '.join(PARTS)}")
+    figures = run_records_study(out, part, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(figures, out / "records.md", json=json)

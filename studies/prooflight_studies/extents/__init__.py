@@ -1,0 +1,1 @@
+"""Reported places of misprints against their true extents."""

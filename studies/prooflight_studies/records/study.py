@@ -1,0 +1,49 @@
+"""The records of many presses measured, in two parts that are stored apart: shipping through faults, and searches."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from prooflight import __version__
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.records.searching import measure_searches
+from prooflight_studies.records.shipping import measure_shipping
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PARTS: Final = ("shipping", "search")
+
+
+def run_records_study(
+    out: Path, part: str, *, seed: int, quick: bool, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measure one part and write ``records.md``; the other stays as it was measured."""
+    if part == "shipping":
+        with tempfile.TemporaryDirectory(prefix="prooflight-records-") as folder:
+            Path(folder).chmod(0o755)  # the server runs as another user
+            figures = measure_shipping(
+                Path(folder),
+                presses=4 if quick else 40,
+                sheets_per_s=5.0,
+                minutes=1.0 if quick else 10.0,
+                progress=progress,
+            )
+    else:
+        sheets, searches = (200_000, 100) if quick else (10_000_000, 2000)
+        figures = measure_searches(sheets=sheets, searches=searches, seed=seed, progress=progress)
+    figures |= {"quick": quick, "version": __version__, "seed": seed}
+    page = out / "records.md"
+    write_page(page, "records", dict.fromkeys(PARTS) | _stored(page) | {part: figures})
+    return figures
+
+
+def _stored(page: Path) -> dict[str, Any]:
+    try:
+        stored = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {name: stored[name] for name in PARTS if name in stored}

@@ -1,0 +1,35 @@
+"""The study of records measures what the product does: searches by its functions, and lags that faults explain."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("psycopg", reason='needs pip install "prooflight-line[records]"')
+pytest.importorskip("alembic", reason='needs pip install "prooflight-line[records]"')
+
+from prooflight_line.testing.postgres import server_programs
+from prooflight_studies.records.presses import sheet
+from prooflight_studies.records.searching import RUNS, measure_searches
+from prooflight_studies.records.shipping import SETTLED_S, _lags
+
+
+@pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")
+def test_searches_find_what_the_database_holds() -> None:
+    figures = measure_searches(sheets=20 * RUNS, searches=40, seed=3, progress=lambda line: None)
+    assert figures["sheets"] == 20 * RUNS
+    counts = {row["role"]: row["count"] for row in figures["rows"] if row["search"] == "all"}
+    # A role of one plant of four gets fewer hits, and so fewer second pages.
+    assert counts["owner"] >= counts["one plant"] >= 40
+    assert any("Limit" in line for line in figures["plan"])
+
+
+def test_lags_near_a_fault_are_stated_apart() -> None:
+    lags = [(10.0, 0.2), (20.0, 0.4), (101.0, 8.0), (100.0 + SETTLED_S, 0.3)]
+    figures = _lags(lags, [(100.0, 103.0, "server killed")])["lags"]
+    assert (figures["all"]["rows"], figures["all"]["greatest_s"]) == (4, 8.0)
+    assert (figures["undisturbed"]["rows"], figures["undisturbed"]["greatest_s"]) == (3, 0.4)
+    assert _lags([], [])["lags"] == {"all": None, "undisturbed": None}
+
+
+def test_one_sheet_in_fifty_is_a_misprint() -> None:
+    assert sum(sheet(number, 0.0).verdict.verdict == "misprint" for number in range(500)) == 10

@@ -270,7 +270,7 @@ def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp
     assert band.index("Inspection cannot keep up") < band.index('class="run"')
     assert "Reduce the press speed." in page
     assert "fewer different pages" in page
-    assert "prooflight rip" in page
+    assert "prooflight job prepare" in page
     assert ">Held<" in page
     assert "Let pass" not in page
     assert "Its verdict would have come too late" in page, "a card says why its sheets were not inspected"

@@ -24,7 +24,13 @@ def running(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option(help="repeated, different, matched_filter, soak, drift, streak, picture; default all."),
+        typer.Option(
+            help="started, repeated, different, matched_filter, soak, drift, streak, picture; default all."
+        ),
+    ] = None,
+    pages: Annotated[
+        Path | None,
+        typer.Option(metavar="JOB", help="Job of different pages, for the part started; default none."),
     ] = None,
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
@@ -54,6 +60,7 @@ def running(
         two=press_two,
         inspectors=threads or os.cpu_count() or 1,
         progress=show.steps(quiet=json),
+        pages=pages,
     )
     results = study.run(tuple(part) if part else PARTS, again=again)
     report_results(results, out / "running.md", json=json)

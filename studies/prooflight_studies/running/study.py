@@ -20,9 +20,11 @@ from prooflight.commissioning.training.train import trained
 from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
+from prooflight.press.pages import job_source
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
+from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
 from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight_line.run.settings import DEADLINE_S
@@ -30,13 +32,16 @@ from prooflight_studies.harness.page import write_page
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row, soak_row
 from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
+from prooflight_studies.running.started import StartedRun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-PARTS: Final = ("repeated", "different", "matched_filter", "soak", "drift", "streak")
+PARTS: Final = ("started", "repeated", "different", "matched_filter", "soak", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
+TWO_SENSORS_PER_S: Final = 4.0
+"""Required rate of the sample job under two sensors, as a user starts it."""
 MATCHED_FILTER_PER_S: Final = 3.0
 """Required rate of the matched filter where all pages differ, or there are two sensors."""
 MATCHED_FILTER_SHARE: Final = 0.8
@@ -116,6 +121,7 @@ def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> di
         "seed": seed,
         "parts": list(measured),
         "deadline_ms": round(1000 * DEADLINE_S),
+        "started": measured.get("started"),
         "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
         "soak": soak,
         "drift": None if drift is None else [{"fringes": None} | row for row in drift],
@@ -137,6 +143,8 @@ class Study:
     """A press with two sensors."""
     inspectors: int
     progress: Callable[[str], None]
+    pages: Path | None = None
+    """Job whose pages are all different, for the part ``started``; None: that run is left out."""
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure the parts that are not in the cache yet; again: all parts named."""
@@ -153,6 +161,46 @@ class Study:
         return self._stored()
 
     # --- parts ---
+
+    def _started(self) -> list[dict[str, Any]]:
+        """Return rows of `prooflight watch` as a user starts it, on presses as `press build` makes them."""
+        one, two = (
+            self._ready_file("one", self.one, "prototype.toml"),
+            self._ready_file("two", self.two, TWO_SENSORS),
+        )
+        folder = self.cache / "running"
+        sample = make_sample_job(folder / "sample-job.pdf")
+        jobs = [
+            ("sample job", sample.path, sample.page_count, one, PAGES_PER_S),
+            ("sample job", sample.path, sample.page_count, two, TWO_SENSORS_PER_S),
+        ]
+        if self.pages is None:
+            self.progress("all pages different: left out, since no job was given by --pages")
+        else:
+            with job_source(self.pages, Press.load(one)).open() as opened:
+                different = len(opened)
+            jobs.append(("all pages different", self.pages, different, one, MATCHED_FILTER_PER_S))
+        rows = []
+        for name, job, pages, press, rate in jobs:
+            alone = job == self.pages
+            most = pages if alone else self.plan.live_sheets
+            started = StartedRun(
+                name=name,
+                job=job,
+                press=press,
+                sensors=len(Press.load(press).sensors),
+                pages=pages,
+                pages_per_s=rate,
+                prepared=alone,
+            )
+            rows += started.rows(
+                folder,
+                sheets=min(self.plan.live_sheets, most),
+                trial_sheets=min(self.plan.fast_sheets, most),
+                seed=self.seed,
+                progress=self.progress,
+            )
+        return rows
 
     def _repeated(self) -> list[dict[str, Any]]:
         press = self._press("two", self.two, TWO_SENSORS)
@@ -311,15 +359,19 @@ class Study:
 
     def _ready(self, name: str, given: Path | None, preset: str) -> Press:
         """Return a press trained as by `press build`, once, unless it was given trained."""
+        return Press.load(self._ready_file(name, given, preset))
+
+    def _ready_file(self, name: str, given: Path | None, preset: str) -> Path:
+        """Return the file of the press that ``_ready`` returns."""
         press = self._press(name, given, preset)
-        if "matched_filter" in press.detectors:
-            return press
+        if given is not None and "matched_filter" in press.detectors:
+            return given
         path = self.cache / "running" / f"{name}-taught-{self.plan.training_pages}.press"
         if not path.exists():
             self.progress(f"making a press ready by {self.plan.training_pages} designs")
             designs = Corpus(seed=self.seed, dpi=press.dpi)
             trained(press, designs, designs=self.plan.training_pages, seed=self.seed).save(path)
-        return Press.load(path)
+        return path
 
     def _small(self) -> Press:
         """Return the prototype with a line of 400 pixels, trained on pieces of designs, once."""

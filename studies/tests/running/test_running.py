@@ -17,6 +17,7 @@ from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.running.drift import streaked
 from prooflight_studies.running.live import _alarms, _caught, _in_step, _named, memory_mb, soak_faults
 from prooflight_studies.running.rig import Ring
+from prooflight_studies.running.started import Installation, counted, highest_sustained, sustained
 from prooflight_studies.running.study import Plan, Study, running_results
 
 PAGES = Path(__file__).parents[1] / "harness" / "pages"
@@ -192,3 +193,47 @@ def test_a_part_that_is_known_is_measured_again_only_where_asked(
     assert measured == [0]
     study.run(("streak",), again=True)
     assert "streak 2" in (tmp_path / "running.md").read_text()
+
+
+def sheet(verdict: str, *, late: bool = False, reason: str = "") -> dict[str, Any]:
+    """The fields that are counted of the line that `watch --json` prints of a sheet."""
+    return {"verdict": verdict, "late": late, "reason": reason, "latency_ms": 100.0 + 50 * late}
+
+
+def test_sheets_of_which_nothing_was_reported_are_not_inspected() -> None:
+    slow = [sheet("not-inspected", reason="too many sheets waited")] * 2
+    row = counted([sheet("good"), sheet("misprint", late=True), *slow], sheets=5)
+    assert row["reasons"] == {"too many sheets waited": 2, "no verdict": 1}
+    assert (row["sheets"], row["late"], row["not_inspected"]) == (5, 1, 3)
+    assert not sustained(row)
+    assert not sustained(counted([sheet("good", late=True)], sheets=1))
+    assert sustained(counted([sheet("good"), sheet("misprint")], sheets=2))
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.5, 5.5, 7.9, 16.0, 99.0])
+def test_bisection_finds_the_highest_sustained_rate(limit: float) -> None:
+    tried: list[float] = []
+
+    def sustains(rate: float) -> bool:
+        tried.append(rate)
+        return rate <= limit
+
+    assert highest_sustained(sustains) == min(limit // 0.5 * 0.5, 16.0)
+    assert len(tried) <= 6  # 32 steps are halved five times, and the greatest is one more
+
+
+def test_a_run_that_cannot_start_ends_the_study_with_its_reason(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match=r"no\.press"):
+        Installation(folder=tmp_path).watch(
+            tmp_path / "no.pdf", tmp_path / "no.press", pages_per_s=5, sheets=1, seed=1
+        )
+
+
+def test_the_page_states_each_run_that_a_user_starts() -> None:
+    row = counted([sheet("good"), sheet("not-inspected", reason="too late")], sheets=2) | {
+        "name": "sample job", "sensors": 1, "pages": 30, "prepared": False, "caches": "cold", "ready_s": 12.3,
+        "asked_pages_per_s": 5.0, "highest_pages_per_s": 4.5,
+    }  # fmt: skip
+    assert "| sample job | 30 | 1 | cold | 12 | 5.0 | 2 | 0 | 1 | too late: 1 | 100, 100 | 4.5 |" in page_of(
+        {"started": [row]}, cores=2
+    )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -83,7 +85,6 @@ def demo(
     from prooflight.pages.parallel import in_order
     from prooflight.press.pages import job_source
     from prooflight.reporting.report import RunSummary, write_report
-    from prooflight.reporting.visibility_picture import VisibleOnPage
     from prooflight.simulation.worlds import world_named
 
     into = world_named(world)
@@ -92,52 +93,58 @@ def demo(
         remedy = "leave --job and --world out, or draw zones of your own: docs/how-to/zones.md"
         raise RequestError("demo --zones", what, remedy=remedy)
     say = show.steps(quiet=json)
-    titles: tuple[str, ...] = ()
-    if job is None:
-        job = out / "sample-job.pdf"
-        say("composing the sample job")
-        titles = _sample_job(job, seed=seed)
-    source = JobSource(path=job, dpi=1.0, profile=profile)
-    with source.open() as opened:
-        sizes, name = opened.page_sizes_mm, opened.name
-    press = demonstration.demo_press(
-        sizes,
-        world=into,
-        seed=seed,
-        progress=say,
-        shown=lambda days, total, what: _shown(days, total, what, quiet=json),
-    )
+    with ThreadPoolExecutor(max_workers=1) as composer:
+        if job is None:
+            import_module(
+                "prooflight.simulation.corpus.sample_job.sample_job"
+            )  # it names a missing extra at once
+            job = out / "sample-job.pdf"
+            say("composing the sample job")
+            composed = composer.submit(demonstration.sample_job, job, seed=seed)
+            sizes: Sequence[tuple[float, float]] = [demonstration.SAMPLE_SIZE_MM]
+        else:
+            composed = None
+            with JobSource(path=job, dpi=1.0, profile=profile).open() as opened:
+                sizes = opened.page_sizes_mm
+        press = demonstration.demo_press(
+            sizes,
+            world=into,
+            seed=seed,
+            progress=say,
+            shown=lambda days, total, what: _shown(days, total, what, quiet=json),
+        )
+    titles = () if composed is None else composed.result()
     artefact = out / f"{press.name}.press"
     press.save(artefact)
     source = job_source(job, press, profile=profile)
+    with source.open() as opened:
+        sizes, name = opened.page_sizes_mm, opened.name
     sheets = demonstration.plan(len(sizes), pages, seed=seed)
     work = demonstration.PrintAndInspect(job=source, press=press, world=into, seed=seed, titles=titles)
     started = time.perf_counter()
-    done = _shown(
-        in_order(work.with_worlds(sheets), sheets), len(sheets), "printing and inspecting", quiet=json
+    done = list(
+        _shown(
+            in_order(work.with_pictures(sheets), sheets), len(sheets), "printing and inspecting", quiet=json
+        )
     )
-    entries, compared = zip(*done, strict=True)
+    entries = [one.entry for one in done]
     pages_per_s = len(entries) / (time.perf_counter() - started)
     inspector = Inspector.of(press, demonstration.DETECTOR[into])
     summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
     at_work = _zones_at_work(source, press, titles, sizes, seed=seed, json=json) if zones else None
-    with source.open() as opened:
-        visible = VisibleOnPage.of(inspector, press.geometry.lay(opened.page(1)))
     write_report(
-        report, entries, summary, worlds=next(filter(None, compared), None), zones=at_work, visible=visible
+        report,
+        entries,
+        summary,
+        worlds=next((one.worlds for one in done if one.worlds), None),
+        zones=at_work,
+        visible=done[0].visible,
     )
     _print_totals(entries, title=f"{name} on press {press.name}", pages_per_s=pages_per_s, json=json)
     if not json:
         show.people.print("Open", show.strong(report))
-
-
-def _sample_job(path: Path, *, seed: int) -> tuple[str, ...]:
-    """Write the sample job, and return the titles of its pages; it needs the extra [demo]."""
-    from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
-
-    return make_sample_job(path, seed=seed).titles
 
 
 def _zones_at_work(

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+import shutil
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.training.cache import trained_once
+from prooflight.commissioning.training.cache import preset_once
 from prooflight.errors import RequestError
+from prooflight.files.atomic import whole_file
+from prooflight.files.program import program_digest
+from prooflight.files.user_folders import user_folder
 from prooflight.inspection.inspector import Inspector
 from prooflight.pages.job import opened
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.reporting.report import PageEntry, page_entry
 from prooflight.reporting.two_worlds import two_worlds
+from prooflight.reporting.visibility_picture import VisibleOnPage
 from prooflight.rng import stream
 from prooflight.scans.scan import Scan
 from prooflight.simulation.misprints.kinds import KINDS
@@ -23,6 +32,7 @@ from prooflight.simulation.worlds import Gate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from prooflight.commissioning.training.train import Shown
     from prooflight.pages.job import JobSource
@@ -103,10 +113,37 @@ def demo_press(
     if not geometry.sees(widest_mm):
         pixels = math.ceil((widest_mm + 2 * MARGIN_MM) / geometry.pixel_pitch_mm)
         progress(f"widening the line to {pixels} pixels for pages {widest_mm:.0f} mm wide")
-    press = build_press(press_file, seed=seed, pixels=pixels, progress=progress)
     if world == "ideal":
-        return press
-    return trained_once(press, designs=DESIGNS, seed=seed, progress=progress, shown=shown)
+        return build_press(press_file, seed=seed, pixels=pixels, progress=progress)
+    return preset_once(press_file, pixels=pixels, designs=DESIGNS, seed=seed, progress=progress, shown=shown)
+
+
+SAMPLE_SIZE_MM: Final = (210.0, 297.0)
+"""Width and height of the pages of the sample job."""
+
+
+def sample_job(path: Path, *, seed: int) -> tuple[str, ...]:
+    """Write the sample job, and return the titles of its pages; the last that was composed is cached.
+
+    It needs the extra [demo].
+    """
+    from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
+
+    key = f"{seed} {version('reportlab')} {program_digest()}"
+    stored = user_folder("cache") / "sample-job" / f"{hashlib.sha256(key.encode()).hexdigest()}.pdf"
+    with suppress(OSError, ValueError):
+        titles = tuple(json.loads(stored.with_suffix(".json").read_text(encoding="utf-8")))
+        with whole_file(path) as unfinished:
+            shutil.copyfile(stored, unfinished)
+        return titles
+    titles = make_sample_job(path, seed=seed).titles
+    with suppress(OSError):  # where nothing can be written, each run composes it
+        shutil.rmtree(stored.parent, ignore_errors=True)
+        with whole_file(stored) as unfinished:
+            shutil.copyfile(path, unfinished)
+        with whole_file(stored.with_suffix(".json")) as unfinished:
+            unfinished.write_text(json.dumps(titles), encoding="utf-8")
+    return titles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,10 +183,17 @@ class PrintAndInspect:
             press=self.press,
         )
 
-    def with_worlds(self, sheets: Sequence[Print]) -> _WithWorlds:
-        """Return the same work, which also compares the two worlds for the first good print."""
+    def visible(self) -> VisibleOnPage | None:
+        """Return the marks that would be caught on the job's first page."""
+        return VisibleOnPage.of(Inspector.of(self.press, DETECTOR[self.world]), self._placed(1))
+
+    def with_pictures(self, sheets: Sequence[Print]) -> _WithPictures:
+        """Return the same work, which also makes the pictures of the report as a whole.
+
+        Its first sheet brings the marks that would be caught; the first good print brings the two worlds.
+        """
         first = next((sheet.index for sheet in sheets if sheet.first_kind is None), None)
-        return _WithWorlds(work=self, compared=first if self.world == "press" else None)
+        return _WithPictures(work=self, compared=first if self.world == "press" else None)
 
     def _placed(self, number: int) -> Page:
         return self.press.geometry.lay(opened(self.job).page(number))
@@ -182,10 +226,23 @@ class PrintAndInspect:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _WithWorlds:
+class PrintShown:
+    """Part of the report that comes with one sheet."""
+
+    entry: PageEntry
+    worlds: TwoWorlds | None
+    visible: VisibleOnPage | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _WithPictures:
     work: PrintAndInspect
     compared: int | None
     """Number, in the run, of the print that is shown in both worlds."""
 
-    def __call__(self, sheet: Print) -> tuple[PageEntry, TwoWorlds | None]:
-        return self.work(sheet), self.work.worlds(sheet) if sheet.index == self.compared else None
+    def __call__(self, sheet: Print) -> PrintShown:
+        return PrintShown(
+            entry=self.work(sheet),
+            worlds=self.work.worlds(sheet) if sheet.index == self.compared else None,
+            visible=self.work.visible() if sheet.index == 0 else None,
+        )

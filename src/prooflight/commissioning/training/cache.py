@@ -13,6 +13,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training.train import DEFAULT_RATE, trained
 from prooflight.errors import ProoflightError
 from prooflight.files.program import program_digest
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.training.train import Shown
     from prooflight.detectors.entry import TrainedModel, Training
+    from prooflight.press.press_file import PressFile
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +79,45 @@ def trained_once(
 
     plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
     return cached_press(f"{press.digest} {plan}", build, progress=progress)
+
+
+def preset_once(
+    press_file: PressFile,
+    *,
+    pixels: int | None,
+    designs: int,
+    seed: int,
+    progress: Callable[[str], None] = lambda _step: None,
+    shown: Shown = lambda items, _total, _what: iter(items),
+) -> Press:
+    """Return a preset's press, built and trained on composed designs; from the cache it is not even built.
+
+    A preset's text names no other file, so it determines the press.
+
+    Parameters
+    ----------
+    press_file
+        The preset.
+    pixels
+        See ``build_press``.
+    designs, seed, shown
+        See ``train.trained``.
+    progress
+        Called with a message at each step.
+
+    Raises
+    ------
+    RequestError
+        If there are too few designs.
+    """
+
+    def build() -> Press:
+        press = build_press(press_file, seed=seed, pixels=pixels, progress=progress)
+        return trained(
+            press, Corpus(seed=COMPOSED_SEED + seed, dpi=press.dpi), designs=designs, seed=seed, shown=shown
+        )
+
+    return cached_press(f"{press_file.text} {pixels} {designs} {seed}", build, progress=progress)
 
 
 def trained_models(press: Press, names: Sequence[str], training: Training) -> Mapping[str, TrainedModel]:

@@ -52,16 +52,14 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
 
 
 def _prepare(job: Path, press: Path) -> None:
-    from prooflight.cli.jobs.demonstration import demo_press
+    from prooflight.cli.jobs.demonstration import demo_press, sample_job
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
 
     say = show.steps(quiet=False)
     if not job.exists():
-        from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
-
         say("composing the sample job")
-        make_sample_job(job, seed=SEED)
+        sample_job(job, seed=SEED)
     try:
         Press.load(press)
     except (OSError, ProoflightError):

@@ -1,0 +1,155 @@
+"""Runs of ``prooflight watch`` as a user starts it: in a process of its own, all options at their defaults."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from prooflight_line.run.status import Phase
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+STEP_PER_S: Final = 0.5
+"""Difference of rates to which the highest sustained rate is found. [pages/s]"""
+FASTEST_PER_S: Final = 16.0
+"""Highest rate that is tried. [pages/s]"""
+CACHES: Final = {"XDG_CACHE_HOME": "cache", "XDG_STATE_HOME": "state", "NUMBA_CACHE_DIR": "kernels"}
+"""Variables that name the folders of what runs leave for later ones, and these folders."""
+COMPLETED: Final = (0, 1, 3, 5)
+"""Exit codes of a run that went on to its end: good, a misprint, sheets not inspected, overload."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Installation:
+    """The program with caches of its own, which are empty where nothing was run yet."""
+
+    folder: Path
+
+    def run(self, *arguments: str | Path) -> Iterable[Mapping[str, Any]]:
+        """Run a command of the program, and yield what it prints as JSON; RuntimeError if it fails."""
+        environment = os.environ | {name: str(self.folder / each) for name, each in CACHES.items()}
+        command = [sys.executable, "-m", "prooflight", *map(str, arguments)]
+        with tempfile.TemporaryFile("w+") as errors:
+            with subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
+            ) as process:
+                assert process.stdout is not None
+                for line in process.stdout:
+                    if line.startswith("{"):
+                        yield json.loads(line)
+            if process.returncode not in COMPLETED:
+                errors.seek(0)
+                raise RuntimeError(f"{' '.join(command)} exits {process.returncode}: {errors.read()[-2000:]}")
+
+    def prepare(self, job: Path, press: Path) -> None:
+        """Prepare a job, as `prooflight job prepare` does."""
+        for _ in self.run("job", "prepare", job, "--press", press):
+            pass
+
+    def watch(self, job: Path, press: Path, *, pages_per_s: float, sheets: int, seed: int) -> dict[str, Any]:
+        """Return the figures of one run of `prooflight watch` on the simulated drum."""
+        begun_s = time.perf_counter()
+        source = ("--source", f"drum:{pages_per_s:g}", "--sheets", str(sheets), "--seed", str(seed))
+        ready_s, lines = math.nan, []
+        for line in self.run("watch", job, "--press", press, *source, "--json"):
+            if line.get("phase") == Phase.INSPECTING:
+                ready_s = time.perf_counter() - begun_s
+            if "verdict" in line:
+                lines.append(line)
+        return {
+            "asked_pages_per_s": pages_per_s,
+            "ready_s": round(ready_s, 1),
+            **counted(lines, sheets=sheets),
+        }
+
+
+def counted(lines: Iterable[Mapping[str, Any]], *, sheets: int) -> dict[str, Any]:
+    """Count what the lines of a run, one a sheet, report of ``sheets`` sheets that should pass.
+
+    Sheets of which nothing was reported are not inspected either, for the reason "no verdict".
+    """
+    lines = list(lines)
+    reasons = Counter(str(line["reason"]) for line in lines if line["verdict"] == "not-inspected")
+    if lacking := sheets - len(lines):
+        reasons["no verdict"] = lacking
+    latencies = [line["latency_ms"] for line in lines if line.get("latency_ms") is not None]
+    return {
+        "sheets": sheets,
+        "late": sum(bool(line["late"]) for line in lines),
+        "not_inspected": reasons.total(),
+        "reasons": dict(reasons.most_common()),
+        "median_ms": round(float(np.median(latencies))) if latencies else None,
+        "greatest_ms": round(max(latencies)) if latencies else None,
+    }
+
+
+def sustained(row: Mapping[str, Any]) -> bool:
+    """Return whether each sheet of a run was inspected, and in time."""
+    return not row["late"] and not row["not_inspected"]
+
+
+def highest_sustained(
+    sustains: Callable[[float], bool], *, step: float = STEP_PER_S, most: float = FASTEST_PER_S
+) -> float:
+    """Return the highest rate that ``sustains`` confirms, by bisection in steps; 0 if not even one step. [pages/s]"""
+    low, high = 0, round(most / step) + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if sustains(middle * step) else (low, middle)
+    return low * step
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartedRun:
+    """One job on one press, as a user starts it."""
+
+    name: str
+    job: Path
+    press: Path
+    sensors: int
+    pages: int
+    """Number of the job's pages."""
+    pages_per_s: float
+    """Required rate."""
+    prepared: bool = False
+    """Whether `job prepare` precedes the first run."""
+
+    def rows(
+        self, folder: Path, *, sheets: int, trial_sheets: int, seed: int, progress: Callable[[str], None]
+    ) -> list[dict[str, Any]]:
+        """Return a row of the first run after installation, and one of the next, with the highest sustained rate.
+
+        sheets: of either; trial_sheets: of each run of the bisection.
+        """
+        facts = {"name": self.name, "sensors": self.sensors, "pages": self.pages, "prepared": self.prepared}
+        rows = []
+        with tempfile.TemporaryDirectory(dir=folder) as empty:
+            installation = Installation(folder=Path(empty))
+
+            def run(rate: float, count: int) -> dict[str, Any]:
+                row = installation.watch(self.job, self.press, pages_per_s=rate, sheets=count, seed=seed)
+                progress(f"{self.name}: {json.dumps(row)}")
+                return row
+
+            if self.prepared:
+                installation.prepare(self.job, self.press)
+            for caches in ("cold", "warm"):
+                rows.append(
+                    facts | {"caches": caches, "highest_pages_per_s": None} | run(self.pages_per_s, sheets)
+                )
+            rows[-1]["highest_pages_per_s"] = highest_sustained(
+                lambda rate: sustained(run(rate, trial_sheets))
+            )
+        return rows

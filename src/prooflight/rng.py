@@ -135,7 +135,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "misprint-rounding": Purpose("rounding of a misprint's tints; seeded by its print", (SEED,)),
         "piece-places": Purpose("where small pages are cut from a design", (SEED, "design", 1)),
         "pilot-print": Purpose("a good print and its scan, to learn variation from", (SEED, "design", 0)),
-        "plant-defect": Purpose("one simulated defect of a run, and its sheets", (SEED, FREE + 101, "defect")),
+        "plant-defect": Purpose(
+            "one simulated defect of a run, and its sheets", (SEED, FREE + 101, "defect")
+        ),
         "plant-loop": Purpose("a press that drifts, with and without corrections", (SEED, FREE + 103, "run")),
         "plant-null": Purpose("marks of a run without a cause", (SEED, FREE + 102, "run")),
         "plant-prints": Purpose("prints with a defect at a known place", (SEED, FREE + 100, "design")),

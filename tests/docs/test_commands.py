@@ -69,6 +69,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "services": (),
     "journal": ("job.pdf", "my.press"),
     "evidence": ("short job.pdf", "my.press"),
+    "records": (),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),
     "zones": ("my.press", "short job.pdf", "scans"),

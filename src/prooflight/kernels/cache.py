@@ -12,14 +12,12 @@ overloads.
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import stat
 import sys
 import tempfile
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,7 +29,7 @@ if sys.platform != "win32":
     import fcntl
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 _log = logging.getLogger(__name__)
 PRIVATE: Final = 0o700
@@ -112,26 +110,13 @@ def keep(compiled: Any, function: Callable[..., Any]) -> None:
     cache, compiles = cache_of(function), compiled.compile
 
     def compiles_in_turn(signature: Any) -> Any:
-        # The compiler's lock is the process's: its threads must not release each other's.
-        with global_compiler_lock, uncollected():
+        with global_compiler_lock:  # the lock is the process's: its threads must not release each other's
             try:
                 return compiles(signature)
             finally:
                 cache.end_turn()
 
     compiled._cache, compiled.compile = cache, compiles_in_turn  # noqa: SLF001 - numba has no other way in
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Collect no garbage meanwhile: of all that numba makes most stays, and looking through it takes a tenth"""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def cache_of(function: Callable[..., Any]) -> KernelCache:

@@ -26,7 +26,7 @@ from inspect import signature
 from types import CodeType
 from typing import Any, Final, Self
 
-from numba import config, njit
+from numba import njit
 
 from prooflight.kernels.cache import keep
 
@@ -40,11 +40,13 @@ again and again."""
 BUILT_IN: Final = {"__builtins__": {"max": max, "min": min}}
 
 
-def inner_kernel(**options: Any) -> Callable[[Function], InnerKernel]:
+def inner_kernel(**options: Any) -> Callable[[Function], Function]:
     """Compile a loop that only compiled loops call; options: numba's."""
 
-    def decorate(function: Function) -> InnerKernel:
-        return InnerKernel(_compiled(function, from_python=False, **options), function)
+    def decorate(function: Function) -> Function:
+        compiled: Function = njit(nogil=True, **options)(function)
+        keep(compiled, function)
+        return compiled
 
     return decorate
 
@@ -53,35 +55,24 @@ def kernel(shapes: str, *, where: str = "", **options: Any) -> Callable[[Functio
     """Compile a loop that Python calls, with the shapes that it takes; where: see above; options: numba's."""
 
     def decorate(function: Function) -> Kernel:
-        compiled = _compiled(function, from_python=True, **options)
-        return Kernel(compiled, function, Contract.of(function, shapes, where))
+        return Kernel(inner_kernel(**options)(function), function, Contract.of(function, shapes, where))
 
     return decorate
 
 
-def _compiled(function: Function, *, from_python: bool, **options: Any) -> Function:
-    """Return numba's form of a loop, without the ways in that nobody takes.
+class Kernel:
+    """A compiled loop that checks its contract; other compiled loops call it without the check."""
 
-    For each way in, Python's and C's, numba compiles a copy of the loop and of all that it calls.
-    """
-    ways_in = {"no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
-    compiled: Function = njit(nogil=True, **ways_in, **options)(function)
-    keep(compiled, function)
-    return compiled
-
-
-class InnerKernel:
-    """A compiled loop that other compiled loops call; Python cannot."""
-
-    def __init__(self, compiled: Function, function: Function) -> None:
+    def __init__(self, compiled: Function, function: Function, contract: Contract) -> None:
         update_wrapper(self, function)
-        self.compiled, self.py_func = compiled, function
+        self.compiled, self.py_func, self.contract = compiled, function, contract
+        self._seen = contract.reader()
+        self._fits = lru_cache(maxsize=CACHED_CALLS)(contract.check)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Run the loop where nothing is compiled; TypeError otherwise."""
-        if config.DISABLE_JIT:
-            return self.py_func(*arguments, **named)
-        raise TypeError(f"{self.py_func.__name__} is called by compiled loops only")
+        """Run the loop; ValueError, before any memory is touched, where shapes do not fit."""
+        self._fits(self._seen(*arguments, **named))
+        return self.compiled(*arguments, **named)
 
     def __reduce__(self) -> str:
         return self.py_func.__qualname__
@@ -90,21 +81,6 @@ class InnerKernel:
     def _numba_type_(self) -> Any:
         """Numba's type of the compiled loop, by which other loops can call it."""
         return self.compiled._numba_type_  # type: ignore[attr-defined]
-
-
-class Kernel(InnerKernel):
-    """A compiled loop that checks its contract; other compiled loops call it without the check."""
-
-    def __init__(self, compiled: Function, function: Function, contract: Contract) -> None:
-        super().__init__(compiled, function)
-        self.contract = contract
-        self._seen = contract.reader()
-        self._fits = lru_cache(maxsize=CACHED_CALLS)(contract.check)
-
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Run the loop; ValueError, before any memory is touched, where shapes do not fit."""
-        self._fits(self._seen(*arguments, **named))
-        return self.compiled(*arguments, **named)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

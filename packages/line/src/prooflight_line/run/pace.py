@@ -23,7 +23,9 @@ RECENT: Final = 100
 ALARM_FROM: Final = 5
 """Number of the recent sheets out of time that raises the alarm. assumed: one burst of another process costs
 three or four."""
-REMEDY: Final = "run the press slower; where designs were not ready, prepare the job before the run: `prooflight job prepare`"
+REMEDY: Final = (
+    "run the press slower; where designs were not ready, prepare the job with `prooflight job prepare`"
+)
 
 
 def out_of_time(record: PageRecord) -> bool:

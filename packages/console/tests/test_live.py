@@ -269,7 +269,7 @@ def test_inspection_that_does_not_keep_pace_leads_the_page_before_a_misprint(tmp
     band = page[page.index('class="band overload') :]
     assert band.index("Inspection cannot keep up") < band.index('class="run"')
     assert "Reduce the press speed." in page
-    assert "fewer different pages" in page
+    assert "pages were not ready in time" in page
     assert "prooflight job prepare" in page
     assert ">Held<" in page
     assert "Let pass" not in page

@@ -175,7 +175,7 @@ def test_inspection_that_does_not_keep_pace_is_said_first_and_ends_with_exit_cod
     }
     last = said.splitlines()[-1]
     assert last.startswith("prooflight: inspection could not keep up with the press, and 9 sheets passed")
-    for help_ in ("slower", "fewer designs", "prepare the job"):
+    for help_ in ("slower", "designs were not ready", "job prepare"):
         assert help_ in last
     with Journal.open(str(journal), read_only=True) as opened:
         [facts] = opened.runs()

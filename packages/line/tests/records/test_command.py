@@ -11,6 +11,7 @@ from packages.line.tests.journal.journals import facts, record
 from packages.line.tests.records.conftest import misprint
 from tests.cli.calls import call
 
+from prooflight.cli import show
 from prooflight_line.journal.journal import Journal
 
 
@@ -28,6 +29,7 @@ def test_from_an_empty_database_to_a_hit(
         for sheet in range(4):
             journal.record(number, misprint(record(sheet)) if sheet == 2 else record(sheet))
     monkeypatch.setenv("PROOFLIGHT_RECORDS", database)
+    monkeypatch.setattr(show.people, "width", 200)
     assert "schema none -> 0001" in run("upgrade")
     ship = ("ship", "--press", "one", "--plant", "north", "--journal", str(path), "--once")
     assert "4 sheets and 0 labels shipped" in run(*ship)

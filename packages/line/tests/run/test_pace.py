@@ -23,7 +23,7 @@ def test_it_is_said_once_when_it_begins_and_once_when_it_is_over(reason: str) ->
     assert first.text.startswith(
         f"inspection cannot keep up: {ALARM_FROM} of the last {ALARM_FROM} sheets not inspected"
     )
-    for help_ in ("slower", "fewer designs", "prepare the job"):
+    for help_ in ("slower", "designs were not ready", "job prepare"):
         assert help_ in first.text
     assert pace.overloaded
     after = [pace.add(record(sheet, GOOD)) for sheet in range(89, 89 + RECENT)]

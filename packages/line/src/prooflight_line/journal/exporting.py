@@ -107,7 +107,7 @@ def csv_row(page: PageRecord) -> dict[str, Any]:
         | {name: "\n".join(facts[name]) for name in ("faults", "notes")}
         | {"nuisance": json_text(facts["nuisance"])}
     )
-    return {name: row[name] for name in CSV_COLUMNS}
+    return {name: row.get(name) for name in CSV_COLUMNS}
 
 
 def _time(unix_s: float) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import shutil
+import sqlite3
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -140,6 +142,23 @@ def test_a_step_that_is_cut_off_has_not_happened_and_happens_again(
         (0, 0)
     ]
     assert shipped(opened) == 3
+
+
+def test_a_damaged_row_is_named_once_and_holds_up_nothing(path: Path, shipper: Open, records: str) -> None:
+    write(path, *(record(sheet) for sheet in range(4)))
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE pages SET whole_verdict = '{}' WHERE sheet IN (1, 3)")
+    opened = shipper()
+    lines: list[str] = []
+    opened.announce = lines.append
+    assert shipped(opened) == 2
+    assert [line.count("sheet 1") + 2 * line.count("sheet 3") for line in lines] == [1, 2]
+    assert not opened.step().more
+    write(path, record(4))
+    assert shipped(opened) == 1
+    assert len(lines) == 2
+    assert opened.waiting_rows == 0
+    assert rows_of(records, "SELECT sheet FROM sheets ORDER BY 1") == [(0,), (2,), (4,)]
 
 
 def test_one_press_is_shipped_by_one_process(path: Path, shipper: Open) -> None:

@@ -133,8 +133,8 @@ class Reading:
 
     def first_time_s(self, run: RunRow) -> float:
         """Return the time of a run's first sheet, by the source's clock; 0 if there is none. [s]"""
-        rows = self.sheets(PageQuery(run_id=run.id), after=-1, limit=1, damaged=lambda _: None)
-        return rows[0].page.time_s if rows else 0.0
+        follower = self.follower
+        return 0.0 if follower is None else follower.first_time_s(run.id) or 0.0
 
     def last_time_s(self, run: RunRow) -> float:
         """Return the time of a run's last sheet, by the source's clock; 0 if there is none. [s]"""

@@ -249,6 +249,14 @@ class JournalFollower(JournalReader):
                 files[row.rowid] = packs.inside(self._folder, row.file)
         return files
 
+    def row_after(self, row: int, *, count: int) -> int:
+        """Return the row that lies so many rows after one, damaged rows included, or the last if there are fewer."""
+        following = select(ROW).select_from(stored_pages).where(_row() > row).order_by(_row()).limit(count)
+        query = select(func.max(following.subquery().c.rowid))
+        with self._reading("pages"), self._engine.begin() as connection:
+            last = connection.execute(query).scalar()
+        return last if isinstance(last, int) else row
+
     def written_after(
         self, row: int, *, run_id: int | None = None, limit: int = 500, damaged: Damaged = refuse
     ) -> list[Written]:

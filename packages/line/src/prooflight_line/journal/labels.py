@@ -97,7 +97,12 @@ class Label:
 
 def run_key(run: RunRow) -> str:
     """Return the key by which labels identify a run, distinct even if a journal restarts with run 1."""
-    return f"{run.id}@{run.facts.started_s:.0f}"
+    return key_of(run.id, run.facts.started_s)
+
+
+def key_of(run_id: int, started_s: float) -> str:
+    """Return ``run_key`` of a run with this number and start, in Unix time. [s]"""
+    return f"{run_id}@{started_s:.0f}"
 
 
 def labels_path(journal: Path) -> Path:

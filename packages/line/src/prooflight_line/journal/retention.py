@@ -12,6 +12,7 @@ from sqlalchemy import case, delete, func, select, update
 
 from prooflight_line.journal import packs
 from prooflight_line.journal.columns import MOST_PACK_BYTES, PackColumns, RunColumns, complaint
+from prooflight_line.journal.labels import key_of
 from prooflight_line.journal.records import SECONDS_A_DAY
 from prooflight_line.journal.schema import (
     JournalError,
@@ -105,7 +106,7 @@ def _ids(engine: Engine, keys: Collection[str]) -> list[int]:
     return sorted(
         row.id
         for row in rows
-        if not isinstance(row.started_s, int | float) or f"{row.id}@{row.started_s:.0f}" in wanted
+        if not isinstance(row.started_s, int | float) or key_of(row.id, row.started_s) in wanted
     )
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight_line.journal.labels import LabelStore
+from prooflight_line.journal.labels import LabelStore, key_of
 from prooflight_line.records.database import RecordsError, UnreachableError, connect, first_line, shown
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from prooflight_line.journal.columns import RunColumns
     from prooflight_line.journal.following import JournalFollower, Written
     from prooflight_line.journal.labels import Label
+    from prooflight_line.journal.schema import JournalError
     from prooflight_line.records.pictures import ObjectStore
 
 ROWS_A_STEP: Final = 1000
@@ -160,13 +161,14 @@ class Shipper:
 
         RecordsError: the server refuses what no repetition would change. JournalError: the journal cannot be read.
         """
-        written = self.journal.written_after(
-            self._row, limit=ROWS_A_STEP, damaged=lambda error: self.announce(str(error))
-        )
+        upto = self.journal.row_after(self._row, count=ROWS_A_STEP)
+        damaged: list[JournalError] = []
+        written = self.journal.written_after(self._row, limit=ROWS_A_STEP, damaged=damaged.append)
+        written = [one for one in written if one.row <= upto]  # not what was written since the line before
         labels = LabelStore(self.journal.path).written_after(self._label, limit=ROWS_A_STEP)
         runs = self.journal.run_rows(after=max(self._runs, default=0), also=self._open_runs)
         runs = [run for run in runs if self._changed(run)]
-        if not (written or labels or runs):
+        if upto == self._row and not (labels or runs):
             return Step()
         evidence = self._stored_evidence(written)
         before = dict(self._runs), set(self._open_runs)
@@ -176,29 +178,32 @@ class Shipper:
                 self._write_sheets(written, evidence)
                 for label in labels:
                     self.connection.execute(_LABEL, self._label_row(label))
-                row = written[-1].row if written else self._row
-                page = self._page_of(written[-1]) if written else None
+                # At a damaged row there is no page to compare with: a later shipper ships all again.
+                whole = bool(written) and written[-1].row == upto
+                page = None if upto == self._row else self._page_of(written[-1]) if whole else ""
                 last = labels[-1].id if labels else self._label
                 self.connection.execute(
                     "UPDATE presses SET shipped_row = %s, shipped_page = coalesce(%s, shipped_page),"
                     " shipped_label = %s, shipped_at = now() WHERE id = %s",
-                    (row, page, last, self.press_id),
+                    (upto, page, last, self.press_id),
                 )
         except BaseException:
             self._runs, self._open_runs = before
             raise
-        self._row, self._label = row, last
+        self._row, self._label = upto, last
+        for error in damaged:
+            self.announce(str(error))
         return Step(
             sheets=len(written),
             labels=len(labels),
-            more=len(written) == ROWS_A_STEP or len(labels) == ROWS_A_STEP,
+            more=len(written) + len(damaged) == ROWS_A_STEP or len(labels) == ROWS_A_STEP,
         )
 
     # --- inside ---
 
     def _read_runs(self) -> None:
         """Read which runs of this journal the database knows, and which of them had not ended."""
-        keys = {_key(run): run for run in self.journal.run_rows(after=0)}
+        keys = {key_of(run.id, run.started_s): run for run in self.journal.run_rows(after=0)}
         query = "SELECT id, key, ended IS NULL, first_time_s FROM runs WHERE press_id = %s"
         with _link(self.url):
             for number, key, unfinished, first_time_s in self.connection.execute(query, (self.press_id,)):
@@ -219,7 +224,7 @@ class Shipper:
         for run in runs:
             row = run.model_dump() | {
                 "press_id": self.press_id,
-                "key": _key(run),
+                "key": key_of(run.id, run.started_s),
                 "started": moment(run.started_s),
                 "settings": json_text(run.settings),
                 "ended": None if run.ended_s is None else moment(run.ended_s),
@@ -281,7 +286,8 @@ class Shipper:
 
     def _page_of(self, one: Written) -> str:
         runs = self.journal.run_rows(after=one.run_id - 1)[:1]
-        return f"{''.join(map(_key, runs))}/{one.page.sheet}/{one.page.time_s!r}"
+        keys = [key_of(run.id, run.started_s) for run in runs]
+        return f"{''.join(keys)}/{one.page.sheet}/{one.page.time_s!r}"
 
 
 def moment(unix_s: float) -> datetime:
@@ -319,10 +325,6 @@ def _details(one: Written) -> str | None:
     from prooflight_line.journal.schema import plain
 
     return json_text(plain(one.page.verdict))
-
-
-def _key(run: RunColumns) -> str:
-    return f"{run.id}@{run.started_s:.0f}"
 
 
 def _position(connection: psycopg.Connection[Any], press: str, plant: str) -> tuple[int, int, str, int]:

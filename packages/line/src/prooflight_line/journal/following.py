@@ -7,18 +7,17 @@ either process.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import case, func, literal_column, select
 
 from prooflight.files.lock import writer_lives
-from prooflight_line.journal import packs, rows
+from prooflight_line.journal import rows
 from prooflight_line.journal.columns import RunColumns
 from prooflight_line.journal.reading import JournalReader, refuse
 from prooflight_line.journal.records import COUNTED
-from prooflight_line.journal.schema import JournalError, stored_packs, stored_pages, stored_runs
+from prooflight_line.journal.schema import JournalError, stored_pages, stored_runs
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -235,19 +234,10 @@ class JournalFollower(JournalReader):
 
     def evidence_files(self, *, after: int, upto: int) -> dict[int, Path]:
         """Return the file of evidence of each row above one and up to another that names a valid file."""
-        page, pack = stored_pages.c, stored_packs.c
-        query = (
-            select(ROW, pack.file)
-            .select_from(stored_pages.join(stored_packs, pack.id == page.pack_id))
-            .where(_row() > after, _row() <= upto)
-        )
-        with self._reading("evidence"), self._engine.begin() as connection:
-            raw = connection.execute(query).all()
-        files = {}
-        for row in raw:
-            with suppress(JournalError):  # a name that no journal gives: nothing is read
-                files[row.rowid] = packs.inside(self._folder, row.file)
-        return files
+        rows_between = (_row() > after) & (_row() <= upto)
+        return self._evidence_files(
+            _row(), rows_between, lambda _: None
+        )  # of an invalid name nothing is read
 
     def row_after(self, row: int, *, count: int) -> int:
         """Return the row that lies so many rows after one, damaged rows included, or the last if there are fewer."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
-    from sqlalchemy import Engine
+    from sqlalchemy import ColumnElement, Engine
 
     from prooflight_line.journal.records import PageRecord, RunRow
 
@@ -131,23 +131,24 @@ class JournalReader:
 
     def evidence_of_run(self, run_id: int) -> dict[int, Path]:
         """Return the file of evidence of each sheet of a run that has one, by sheet; a file may be missing."""
+        page = stored_pages.c
+        return self._evidence_files(page.sheet, page.run_id == run_id, refuse)
+
+    def _evidence_files(self, key: Any, condition: ColumnElement[bool], damaged: Damaged) -> dict[int, Path]:
+        """Return the files of evidence of the pages that meet a condition, by a number of the page, in its order."""
         page, pack = stored_pages.c, stored_packs.c
-        query = (
-            select(page.sheet, stored_packs)
-            .join(stored_packs, pack.id == page.pack_id)
-            .where(page.run_id == run_id)
-            .order_by(page.sheet)
-        )
-        with self._reading(f"evidence of run {run_id}"), self._engine.begin() as connection:
+        pages = stored_pages.join(stored_packs, pack.id == page.pack_id)
+        query = select(key.label("of"), stored_packs).select_from(pages).where(condition).order_by(key)
+        with self._reading("evidence"), self._engine.begin() as connection:
             raw = connection.execute(query).all()
         files = {}
         for row in raw:
             try:
-                files[row.sheet] = packs.inside(self._folder, PackColumns(**row._asdict()).file)
-            except JournalError:
-                raise
+                files[row.of] = packs.inside(self._folder, PackColumns(**row._asdict()).file)
+            except JournalError as error:
+                damaged(error)
             except ValueError as error:
-                raise self._bad_row(f"evidence {row.id}", error) from error
+                damaged(self._bad_row(f"evidence {row.id}", error))
         return files
 
     @property

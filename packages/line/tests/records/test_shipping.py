@@ -20,6 +20,7 @@ from packages.line.tests.records.conftest import misprint
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore, run_key
 from prooflight_line.journal.records import PageRecord, Retention, RunEnd
+from prooflight_line.records import service as service_module
 from prooflight_line.records.database import RecordsError, connect
 from prooflight_line.records.pictures import ObjectStore
 from prooflight_line.records.service import ShippingService
@@ -257,6 +258,21 @@ def test_the_service_waits_for_a_server_that_is_killed_and_loses_nothing(path: P
     assert len(lines) == 2
     assert "the journal keeps all" in lines[0]
     assert lines[1].startswith("ships again")
+
+
+def test_a_press_that_prints_nothing_is_still_within_reach(
+    path: Path, records: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(path, record(0))
+    monkeypatch.setattr(service_module, "SEEN_EVERY_S", 0.0)
+    service = ShippingService(
+        url=records, press="one", plant="north", journal=path, pictures=None, announce=lambda line: None
+    )
+    service.once()
+    ((first,),) = rows_of(records, "SELECT shipped_at FROM presses")
+    service.once()
+    service.close()
+    assert rows_of(records, f"SELECT shipped_at > '{first.isoformat()}' FROM presses") == [(True,)]
 
 
 def test_a_journal_that_is_being_created_is_waited_for(path: Path, records: str) -> None:

@@ -105,7 +105,7 @@ class PressState:
     press: str
     plant: str
     shipped_at: datetime | None
-    """Time at which its journal was last shipped."""
+    """Time at which its shipper was last heard of, with something to ship or without."""
     running: str | None
     """Job of its latest run, if that has not ended."""
     sheets: int

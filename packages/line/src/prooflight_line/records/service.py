@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 POLL_S: Final = 0.25
 """Time between two looks at the journal."""
+SEEN_EVERY_S: Final = 10.0
+"""Time after which a press whose journal does not grow is noted as within reach all the same."""
 FIRST_WAIT_S: Final = 0.5
 LONGEST_WAIT_S: Final = 30.0
 """Time between two tries when the server has been away for long."""
@@ -45,6 +49,7 @@ class ShippingService:
     _shipper: Shipper | None = None
     _file: tuple[int, int] | None = None
     _trouble: str | None = field(default=None, init=False)
+    _seen_s: float = field(default=-math.inf, init=False)
 
     def run(self, stop: Event) -> None:
         """Ship until ``stop`` is set. RecordsError: what no waiting would mend.
@@ -78,6 +83,10 @@ class ShippingService:
             self._trouble = None
         if step.sheets or step.labels:
             self.passed(step, shipper)
+            self._seen_s = time.monotonic()
+        elif time.monotonic() - self._seen_s >= SEEN_EVERY_S:
+            shipper.note_reach()
+            self._seen_s = time.monotonic()
         return step.more
 
     def close(self) -> None:

@@ -199,6 +199,11 @@ class Shipper:
             more=len(written) + len(damaged) == ROWS_A_STEP or len(labels) == ROWS_A_STEP,
         )
 
+    def note_reach(self) -> None:
+        """Note that the press is within reach, though there is nothing to ship. LinkDownError: it is not."""
+        with _link(self.url):
+            self.connection.execute("UPDATE presses SET shipped_at = now() WHERE id = %s", (self.press_id,))
+
     # --- inside ---
 
     def _read_runs(self) -> None:

@@ -115,15 +115,15 @@ class Runs:
         rng = stream(self._seed, "plant-defect", number)
         begins = int(rng.integers(BEGINS))
         rows = self._good(rng)
-        made = Defect(cause=cause, records=(), begins=begins)
+        defect = Defect(cause=cause, records=(), begins=begins)
         if cause in ROLLERS_MM or cause in BEYOND:
             nominal = ROLLERS_MM.get(cause) or float(self._unlisted(rng))
             distance = nominal * (1 + SLIP * rng.standard_normal())
             self._roll(rows, distance, begins, rng)
-            made = replace(made, name=cause if cause in ROLLERS_MM else "", distance_mm=distance)
+            defect = replace(defect, name=cause if cause in ROLLERS_MM else "", distance_mm=distance)
         elif cause == "nozzle":
             head, nozzle = self._streak(rows, begins, rng)
-            made = replace(made, name=head, nozzle=nozzle)
+            defect = replace(defect, name=head, nozzle=nozzle)
         elif cause == "spot":
             for sheet in rng.choice(SHEETS, int(rng.integers(1, 4)), replace=False).tolist():
                 at = float(rng.uniform(5, PAGE_MM[0] - 5)), float(rng.uniform(5, PAGE_MM[1] - 5))
@@ -139,8 +139,8 @@ class Runs:
                     turned_mm=float(rng.uniform(0, PAGE_MM[1])),
                 )
         else:
-            made = replace(made, name=self._trend(rows, cause, begins, rng))
-        return replace(made, records=tuple(rows))
+            defect = replace(defect, name=self._trend(rows, cause, begins, rng))
+        return replace(defect, records=tuple(rows))
 
     def null(self, number: int, marks: int) -> tuple[PageRecord, ...]:
         """Return a run of which marks lie anywhere, half of them in one column of 3 mm, without a cause."""

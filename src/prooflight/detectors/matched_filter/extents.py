@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.statistics.local_evidence import BASELINE_MM, SEGMENTS
 
 if TYPE_CHECKING:
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
     from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
 
-ADDED: Final = ("add-C", "add-M", "add-Y", "add-K")
-GAINED: Final = ("gain-C", "gain-M", "gain-Y", "gain-K")
+ADDED, GAINED = (tuple(f"{way}-{ink}" for ink in INK_LETTERS) for way in ("add", "gain"))
 MODES_OF_KIND: Final = {
     "streak": ("light", "void", *ADDED, *GAINED),
     "spots-voids": ("light", "void"),

@@ -1,4 +1,4 @@
-"""What labels of an incident changed: sheets to print again, false alarms beside the guarantee, and the threshold."""
+"""Effects of an incident's labels: sheets to print again, false alarms beside the guarantee, and the threshold."""
 
 from __future__ import annotations
 

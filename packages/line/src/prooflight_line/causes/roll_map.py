@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MM_PER_M: Final = 1000.0
 DECIMALS: Final = 4
-"""Of metres: a tenth of a millimetre, the pitch of lines."""
+"""Number of decimals of metres: a tenth of a millimetre is the pitch of lines."""
 COLOURS: Final = {"misprint": "#c9302c", "not-inspected": "#f0ad4e"}
 
 

@@ -40,7 +40,7 @@ class Cut:
     region: int | None = None
     """Index of the verdict's region that it shows; None: it shows the whole sheet."""
     moved_mm: tuple[float, float] = (0.0, 0.0)
-    """By how much ``aligned`` has moved it."""
+    """Displacement by ``aligned``. [mm]"""
 
 
 def cuts_of(

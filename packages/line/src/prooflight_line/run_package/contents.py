@@ -1,4 +1,4 @@
-"""What a package holds of a run: rows, evidence, pictures, labels, the gate's log, the audit, press and report."""
+"""Contents of a run's package: rows, evidence, pictures, labels, the gate's log, the audit, press and report."""
 
 from __future__ import annotations
 

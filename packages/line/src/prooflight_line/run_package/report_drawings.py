@@ -98,7 +98,7 @@ class Bars(Flowable):  # type: ignore[misc]
 
 
 class Picture(Flowable):  # type: ignore[misc]
-    """What the camera saw of a place, as large as fits into a frame of 5 to 4, with the place and the scale."""
+    """Picture of a place as the camera saw it, as large as fits a frame of 5 to 4, with place and scale."""
 
     def __init__(self, picture: SeenPicture, *, width: float, say: ReportTexts) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What a run's report states, gathered from the journal in passes that hold no more than they show."""
+"""Facts of a run's report, gathered from the journal in passes that hold no more than they show."""
 
 from __future__ import annotations
 

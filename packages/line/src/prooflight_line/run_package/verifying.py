@@ -82,7 +82,7 @@ class Verified:
     """Result of a verification."""
 
     faults: list[str] = field(default_factory=list)
-    """What is wrong, a line each."""
+    """Faults, a line each."""
     more_faults: int = 0
     """Number of faults beyond those."""
     signed_by: str = ""

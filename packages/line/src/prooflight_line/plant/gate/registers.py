@@ -169,7 +169,7 @@ TAGS: Final = (1 << 14) - 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """What a controller shows, read in one request."""
+    """Registers of a controller, read in one request."""
 
     values: Mapping[str, int]
     trays: tuple[int, ...] = ()

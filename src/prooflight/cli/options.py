@@ -33,6 +33,14 @@ Detector = Annotated[
         f"Available: {', '.join(names())}. Default: matched_filter if the press was trained with it, else chi-square.",
     ),
 ]
+ClusterAt = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="local:N|tcp://HOST:PORT",
+        help="Workers that share the work: N processes on this machine, or those of a Dask scheduler.",
+    ),
+]
 OnDevice = Annotated[
     Literal["cpu", "gpu"],  # detectors.base.Device, which would load numpy for --help
     typer.Option(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +13,8 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import rip_model, show, visible_marks
-from prooflight.cli.options import Json
+from prooflight.cli.options import ClusterAt, Json
+from prooflight.cli.workers import workers
 from prooflight.commissioning.training import DESIGNS
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
@@ -74,6 +75,7 @@ def build(
     seed: Annotated[
         int, typer.Option(help="Seed of the simulated camera specimen and its prints.", min=0)
     ] = 1,
+    cluster: ClusterAt = None,
     json: Json = False,
 ) -> None:
     """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
@@ -115,9 +117,10 @@ def build(
         progress=show.steps(quiet=json),
         shown=lambda days, total, what: iter(days) if json else show.progress(days, total=total, what=what),
     )
-    for train, of in functions.items():
-        for name, model in train(press, of, training).items():
-            press = press.with_detector(name, model)
+    with workers(cluster if functions else None) as processes:
+        for train, of in functions.items():
+            for name, model in train(press, of, replace(training, processes=processes)).items():
+                press = press.with_detector(name, model)
     differing = _rip_differences(press, quiet=json)
     digest = press.save(out)
     seconds = round(time.perf_counter() - started, 2)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Detector, PressContext
     from prooflight.detectors.cost import RunningCosts
+    from prooflight.pages.parallel import Processes
 
 Item = TypeVar("Item")
 
@@ -85,6 +86,8 @@ class Training:
     """Called with the name of each step."""
     shown: Callable[[Iterable[Any], int, str], Iterator[Any]] = lambda items, _total, _what: iter(items)
     """Passes items on as they are consumed and shows how many of how many are done."""
+    processes: Processes = None
+    """Processes or workers that print designs."""
 
 
 Train = Callable[[Any, Sequence[str], Training], Mapping[str, TrainedModel]]

@@ -16,7 +16,7 @@ from prooflight.errors import ProoflightError, RequestError, ScanError
 from prooflight.inspection.guarantee import Judged, summary_of
 from prooflight.inspection.reasons import reason_of
 from prooflight.pages.job import opened
-from prooflight.pages.parallel import KILLED
+from prooflight.pages.parallel import KILLED, Files
 from prooflight.scans.recorded import recorded_scans
 from prooflight.scans.scan import Scan
 
@@ -187,6 +187,11 @@ class InspectPage:
         page = self.page(number)
         inspection = self.inspection(page, scan)
         return Judged(inspection.verdict, summary_of(inspection), page.warnings)
+
+    @property
+    def files(self) -> Files[Pair]:
+        """Files of the job, and of each scan."""
+        return Files(of_work=self.job.files, of_item=lambda pair: () if pair[1] is None else (pair[1].path,))
 
     def name(self, pair: Pair) -> str:
         """Return the name of a page, whether it has a scan or not."""

@@ -15,7 +15,6 @@ import os
 import pickle
 import shutil
 from dataclasses import dataclass, is_dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -24,7 +23,7 @@ import numpy as np
 from prooflight.detectors.optional import StoresPages
 from prooflight.files.atomic import whole_file
 from prooflight.files.content import content_digest
-from prooflight.files.program import program_digest
+from prooflight.files.program import READING, installed_version, program_digest
 from prooflight.files.user_folders import user_folder
 from prooflight.inspection.packed_design import PackedDesign
 from prooflight.prediction.tables import SensorModel
@@ -38,13 +37,12 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MAGIC: Final = b"prooflight prepared design 2\n\0\0\0"
-DIGEST_BYTES: Final = 32
+HEAD_BYTES: Final = len(MAGIC) + 32
+"""What precedes the content of a file: the magic, and the content's SHA-256."""
 ALIGNED: Final = 64
 """Arrays begin at multiples of it, as processors read them fastest. [bytes]"""
 MOST_BYTES: Final = 10_000_000_000
 """Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
-READING: Final = ("pymupdf", "zxing-cpp", "pillow", "tifffile")
-"""Libraries whose versions may change what is drawn of a page, or which codes are read on it."""
 OF_NUMPY: Final = frozenset(
     {
         ("numpy", "dtype"),
@@ -81,7 +79,7 @@ class PreparedStore:
         parts = [
             program_digest(),
             program_digest("prooflight_line"),
-            *(f"{name} {_version(name)}" for name in READING),
+            *(f"{name} {installed_version(name)}" for name in READING),
             inspector.press.digest,
             inspector.detector.name,
             content_digest(job.path),
@@ -115,11 +113,32 @@ class PreparedStore:
     def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
         with whole_file(self._path(design)) as unfinished, unfinished.open("wb") as file:
-            pieces = self._encoded(packed)
-            digest = hashlib.sha256()
-            for piece in pieces:
-                digest.update(piece)
-            file.writelines([MAGIC, digest.digest(), *pieces])
+            file.writelines(self._content(packed))
+
+    def content(self, packed: PackedDesign) -> bytes:
+        """Return the file of a prepared design, which ``put`` stores on another machine."""
+        return b"".join(self._content(packed))
+
+    def put(self, design: int, content: bytes) -> None:
+        """Store what ``content`` returned; OSError: it cannot be written. ValueError: it was damaged on the way."""
+        _checked(memoryview(content))
+        with whole_file(self._path(design)) as unfinished:
+            unfinished.write_bytes(content)
+
+    def holds(self, design: int) -> bool:
+        """Return whether a design is stored, by the length of its file alone: a job may have 100,000 of them.
+
+        A file that is damaged inside is found when it is loaded.
+        """
+        try:
+            with self._path(design).open("rb") as file:
+                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            last = _places(data[HEAD_BYTES:])[-1][1]
+            return bytes(data[: len(MAGIC)]) == MAGIC and HEAD_BYTES + -(-last // ALIGNED) * ALIGNED == len(
+                data
+            )
+        except (OSError, ValueError):
+            return False
 
     @property
     def _detector(self) -> StoresPages:
@@ -129,6 +148,12 @@ class PreparedStore:
 
     def _path(self, design: int) -> Path:
         return self.folder / f"{design:06d}.design"
+
+    def _content(self, packed: PackedDesign) -> list[bytes | memoryview]:
+        pieces, digest = self._encoded(packed), hashlib.sha256()
+        for piece in pieces:
+            digest.update(piece)
+        return [MAGIC, digest.digest(), *pieces]
 
     def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:
         file, arrays = io.BytesIO(), list[bytes | memoryview]()
@@ -141,15 +166,8 @@ class PreparedStore:
         return [part for one in (sizes, *pieces) for part in (one, bytes(-_size(one) % ALIGNED))]
 
     def _decoded(self, data: memoryview) -> PackedDesign:
-        head = len(MAGIC) + DIGEST_BYTES
-        content = data[head:]
-        if bytes(data[:head]) != MAGIC + hashlib.sha256(content).digest():
-            raise ValueError("its digest does not match its content")
-        count = int(np.frombuffer(content[:8], "<u8")[0])
-        sizes = np.frombuffer(content[8 : 8 + 8 * count], "<u8").astype(np.int64)
-        room = -(-np.array([8 + 8 * count, *sizes]) // ALIGNED) * ALIGNED
-        begins = np.cumsum(room)[:-1].tolist()
-        pieces = [content[begin : begin + size] for begin, size in zip(begins, sizes.tolist(), strict=True)]
+        content = _checked(data)
+        pieces = [content[begin:end] for begin, end in _places(content)]
         parts = {**self._detector.shared_sensors(), "own": self.inspector.detector.press_context.sensors}
         package = type(self.inspector.detector).__module__.partition(".")[0]
         unpickler = _Unpickler(io.BytesIO(pieces[0]), parts, pieces[1:], package)
@@ -158,16 +176,25 @@ class PreparedStore:
         return PackedDesign(bare=replace(bare, prepared_page=page), arrays=arrays, additional=additional)
 
 
+def _checked(data: memoryview) -> memoryview:
+    """Return what a file holds after its digest; ValueError: the digest does not match."""
+    content = data[HEAD_BYTES:]
+    if bytes(data[:HEAD_BYTES]) != MAGIC + hashlib.sha256(content).digest():
+        raise ValueError("its digest does not match its content")
+    return content
+
+
+def _places(content: memoryview) -> list[tuple[int, int]]:
+    """Return where each piece of a file's content begins and ends; ValueError: the content ends before it says so."""
+    count = int(np.frombuffer(content[:8], "<u8")[0])
+    sizes = np.frombuffer(content[8 : 8 + 8 * count], "<u8").astype(np.int64)
+    room = -(-np.array([8 + 8 * count, *sizes]) // ALIGNED) * ALIGNED
+    begins = np.cumsum(room)[:-1].tolist()
+    return [(begin, begin + size) for begin, size in zip(begins, sizes.tolist(), strict=True)]
+
+
 def _size(piece: bytes | memoryview) -> int:
     return memoryview(piece).nbytes
-
-
-def _version(library: str) -> str:
-    """Return the version of a library; empty if it is not installed."""
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return ""
 
 
 def prepared_folder() -> Path:

@@ -70,6 +70,11 @@ class JobSource:
         """Return the name of page ``number``, from 1, without opening the job."""
         return files.page_name(number) if self.layout is None else self.layout.side_name(number)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """File or folder of the job, and its profile."""
+        return (self.path,) if self.profile is None else (self.path, self.profile)
+
     def open(self) -> Job:
         """Open the job; errors as ``open_job``."""
         return Job(self)

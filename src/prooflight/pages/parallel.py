@@ -11,20 +11,60 @@ from collections import deque
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache, partial
 from heapq import heappop, heappush
 from itertools import count, pairwise
 from multiprocessing.connection import wait
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 from prooflight.errors import ProoflightError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Files(Generic[Item]):
+    """Files and folders that work reads, which travel to workers on other machines."""
+
+    of_work: Sequence[Path] = ()
+    """Read for all items."""
+    of_item: Callable[[Item], Sequence[Path]] = lambda _item: ()
+    """Read for one item."""
+
+
+NO_FILES: Final[Files[Any]] = Files()
+
+
+class Workers(Protocol):
+    """Worker processes that may be on other machines (``prooflight.cluster``)."""
+
+    def in_order(
+        self,
+        work: Callable[[Item], Result],
+        items: Iterable[Item],
+        *,
+        killed: Callable[[Item], Result] | None = None,
+        files: Files[Item] = NO_FILES,
+    ) -> Iterator[Result]:
+        """Apply ``work`` to each item, as the function ``in_order`` does; the files of an item travel with it."""
+        ...
+
+    def as_finished(
+        self, work: Callable[[Item], Result], items: Iterable[Item], *, files: Files[Item] = NO_FILES
+    ) -> Iterator[tuple[int, Result]]:
+        """Apply ``work`` to each item, and yield place and result of each as it finishes."""
+        ...
+
+
+Processes = int | Workers | None
+"""Number of worker processes on this machine, or workers; None: as many as this machine has cores."""
 
 FEWEST_FOR_PROCESSES = 6
 """Fewest items for which processes are started; starting a process costs about as much as a few pages."""
@@ -163,21 +203,25 @@ def in_order(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     *,
-    processes: int | None = None,
+    processes: Processes = None,
     fewest: int = FEWEST_FOR_PROCESSES,
     killed: Callable[[Item], Result] | None = None,
+    files: Files[Item] = NO_FILES,
 ) -> Iterator[Result]:
     """Apply ``work`` to each item, in the order of the items, in as many processes as there are cores.
 
     Processes, not threads, because MuPDF may not be used from several threads. ``work`` must be picklable; it
     is sent once to each process, since it may hold a press. The first error is raised where its result would
     have come; work not begun by then is dropped. ``fewest`` is the number of items from which processes are
-    started.
+    started. ``files`` names what ``work`` reads, for workers on other machines.
 
     If a process is killed, the work under way is repeated in half as many processes, and the item that is
     next in order runs alone first. ``killed`` returns the result of an item that kills its process even so;
     None: ProoflightError.
     """
+    if not (processes is None or isinstance(processes, int)):
+        yield from processes.in_order(work, items, killed=killed, files=files)
+        return
     waiting = list(items)
     processes = processes or os.cpu_count() or 1
     if processes == 1 or len(waiting) < fewest:
@@ -239,6 +283,11 @@ def _settle() -> None:
 def _hold(work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    settle_worker(work)
+
+
+def settle_worker(work: Callable[[Any], Any]) -> None:
+    """Settle a process that does nothing but this work: parts of a page then run one after the other."""
     _settle()
     _stored[:] = [work]
 

@@ -15,6 +15,7 @@ import typer
 
 from prooflight.cli import faults, imposition, show
 from prooflight.cli.options import (
+    ClusterAt,
     Detector,
     JobPath,
     Json,
@@ -26,6 +27,7 @@ from prooflight.cli.options import (
     Seed,
     Zones,
 )
+from prooflight.cli.workers import workers
 from prooflight.errors import RequestError
 from prooflight.reporting.wording import count
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.pages.check import EarlyWarnings
     from prooflight.pages.job import JobSource
+    from prooflight.pages.parallel import Processes
     from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press
     from prooflight.reporting.report import PageEntry
@@ -314,6 +317,7 @@ def inspect(
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write DIR/report.html.")] = None,
     zones: Zones = None,
     profile: Profile = None,
+    cluster: ClusterAt = None,
     json: Json = False,
 ) -> None:
     """Compare scans with the job, and give one verdict a page in job order.
@@ -328,6 +332,7 @@ def inspect(
             "--layout": layout,
             "--scanner": scanner or None,
             "--device": None if device == "cpu" else device,
+            "--cluster": cluster,
         }
         _refuse_with_golden(raster_only)
         from prooflight.cli.jobs.golden import inspect_golden
@@ -358,11 +363,15 @@ def inspect(
     options = Options(
         layout=layout, detector=detector, device=device, zones=zones, profile=profile, json=json
     )
+    if cluster is not None and device != "cpu":
+        raise RequestError("--device", "does not go with --cluster", remedy="leave one of them out")
     if press is None or scanner:
         comparison = on_scanner(job, scans, press, options, tone=tone, scan_dpi=scan_dpi)
     else:
         comparison = on_press(job, scans, press, options)
-    _leave(_compared(comparison, report, device=device, json=json))
+    with workers(cluster) as processes:
+        done = _compared(comparison, report, device=device, processes=processes, json=json)
+    _leave(done)
 
 
 def _refuse_with_golden(options: dict[str, object]) -> None:
@@ -373,7 +382,9 @@ def _refuse_with_golden(options: dict[str, object]) -> None:
             raise RequestError(option, "does not go with --golden", remedy=remedy)
 
 
-def _compared(comparison: Comparison, report: Path | None, *, device: str, json: bool) -> Inspected[Any]:
+def _compared(
+    comparison: Comparison, report: Path | None, *, device: str, processes: Processes, json: bool
+) -> Inspected[Any]:
     """Inspect every pair, and show verdicts, warnings and, where it is asked for, the report."""
     from prooflight.cli.jobs.check import tell_warnings
     from prooflight.inspection.guarantee import GuaranteeMonitor
@@ -381,7 +392,8 @@ def _compared(comparison: Comparison, report: Path | None, *, device: str, json:
 
     # Each process compiles for a card, and needs its memory; and a process takes longer to start than a few pages.
     few = sum(scan is not None for _, scan in comparison.pairs) < FEWEST_FOR_PROCESSES
-    processes = 1 if few or device != "cpu" else None
+    if processes is None and (few or device != "cpu"):
+        processes = 1
     guarantee = GuaranteeMonitor.of(comparison.work.inspector.detector)
     if report is None:
         done: Inspected[Any] = _tried(comparison, guarantee, processes=processes, json=json)
@@ -430,7 +442,7 @@ def _leave(done: Inspected[Any]) -> None:
 
 
 def _tried(
-    comparison: Comparison, guarantee: GuaranteeMonitor, *, processes: int | None, json: bool
+    comparison: Comparison, guarantee: GuaranteeMonitor, *, processes: Processes, json: bool
 ) -> Inspected[Judged]:
     """Inspect, and keep the verdicts."""
     from prooflight.cli.jobs.inspected import inspected
@@ -441,7 +453,9 @@ def _tried(
     work, pairs = comparison.work, comparison.pairs
     tried = Tried(work, work.name, Judged)
     return inspected(
-        _in_run(in_order(tried, pairs, processes=processes, killed=tried.killed), guarantee),
+        _in_run(
+            in_order(tried, pairs, processes=processes, killed=tried.killed, files=work.files), guarantee
+        ),
         attrgetter("verdict"),
         names=[work.name(pair) for pair in pairs],
         unseen=lambda _place, verdict: Judged(guarantee.marked(verdict)),
@@ -450,7 +464,7 @@ def _tried(
 
 
 def _reported(
-    comparison: Comparison, report: Path, guarantee: GuaranteeMonitor, *, processes: int | None, json: bool
+    comparison: Comparison, report: Path, guarantee: GuaranteeMonitor, *, processes: Processes, json: bool
 ) -> Inspected[PageEntry]:
     """Inspect, and write ``report.html`` into the folder."""
     from prooflight.cli.jobs.inspected import inspected
@@ -463,7 +477,10 @@ def _reported(
     work, pairs, early = comparison.work, comparison.pairs, comparison.early
     started, pictured = time.perf_counter(), PicturedPage(work)
     done = inspected(
-        _in_run(in_order(pictured, pairs, processes=processes, killed=pictured.killed), guarantee),
+        _in_run(
+            in_order(pictured, pairs, processes=processes, killed=pictured.killed, files=work.files),
+            guarantee,
+        ),
         attrgetter("verdict"),
         names=[work.name(pair) for pair in pairs],
         unseen=lambda place, verdict: unpictured_entry(pairs[place][0], guarantee.marked(verdict)),

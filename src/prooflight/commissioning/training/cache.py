@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.training.train import Shown
     from prooflight.detectors.entry import TrainedModel, Training
+    from prooflight.pages.parallel import Processes
     from prooflight.press.press_file import PressFile
 
 _log = logging.getLogger(__name__)
@@ -48,6 +49,7 @@ def trained_once(
     paper: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
     shown: Shown = lambda items, _total, _what: iter(items),
+    processes: Processes = None,
 ) -> Press:
     """Return the press as ``train.trained`` makes it on composed designs, from the cache where it holds it.
 
@@ -55,7 +57,7 @@ def trained_once(
     ----------
     press
         The press as ``build_press`` makes it.
-    designs, seed, false_alarm_rate, paper, shown
+    designs, seed, false_alarm_rate, paper, shown, processes
         See ``train.trained``.
     progress
         Called with a message when the cache held the press.
@@ -75,6 +77,7 @@ def trained_once(
             false_alarm_rate=false_alarm_rate,
             paper=paper,
             shown=shown,
+            processes=processes,
         )
 
     plan = f"{designs} {seed} {false_alarm_rate!r} {paper}"
@@ -130,6 +133,7 @@ def trained_models(press: Press, names: Sequence[str], training: Training) -> Ma
         paper="bayes" in names,
         progress=training.progress,
         shown=training.shown,
+        processes=training.processes,
     )
     return {name: whole.detectors[name] for name in names}
 

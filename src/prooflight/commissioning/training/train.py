@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from prooflight.commissioning.training.simulated_days import Rows
     from prooflight.detectors.entry import TrainedModel
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
 
@@ -73,7 +74,7 @@ def trained(
     seed: int,
     false_alarm_rate: float = DEFAULT_RATE,
     paper: bool = False,
-    processes: int | None = None,
+    processes: Processes = None,
     shown: Shown = lambda items, _total, _what: iter(items),
 ) -> Press:
     """Train a press with the matched-filter detector, the shipped ranking adapted to it.

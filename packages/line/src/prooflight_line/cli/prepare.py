@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import JobPath, PressArtefact, Profile
+from prooflight.cli.options import ClusterAt, JobPath, PressArtefact, Profile
+from prooflight.cli.workers import workers
 from prooflight.errors import RequestError
 
 DISK_GB = 10.0
@@ -20,17 +21,20 @@ def prepare(
     disk: Annotated[
         float, typer.Option("--disk", metavar="GB", help="Most that all prepared jobs take.", min=0.1)
     ] = DISK_GB,
+    cluster: ClusterAt = None,
 ) -> None:
     """Prepare the pages of a job for a press, so that `watch` of both begins at once.
 
     What was prepared is found again by the content of job and press, and by this version of the program. The least
-    recently used jobs are removed where all take more than --disk.
+    recently used jobs are removed where all take more than --disk. Pages that are stored already are left, so that a
+    command that was stopped goes on where it ended.
     """
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.prepared_store import PreparedStore, clean
+    from prooflight.pages.parallel import Files
     from prooflight.press.artefact import Press
-    from prooflight.press.pages import PressJob, job_source
-    from prooflight_line.run.sheet_inspector import SheetInspector
+    from prooflight.press.pages import job_source
+    from prooflight_line.run.prepared_designs import PrepareDesign
 
     loaded = Press.load(press)
     inspector = Inspector(loaded)
@@ -39,11 +43,12 @@ def prepare(
     if store is None:
         what = f"press {loaded.name} is not trained, or its own RIP draws, and nothing can be stored for it"
         raise RequestError(press, what, remedy="leave `job prepare` out: each run prepares the job")
-    sheets = SheetInspector(inspector=inspector)
-    with PressJob(source, loaded) as opened:
-        numbers = range(1, len(opened) + 1)
-        for number in show.progress(numbers, total=len(opened), what="preparing"):
-            if store.load(number) is None:
-                store.save(number, sheets.prepare(opened.page(number)))
+    with source.open() as opened:
+        lacking = [number for number in range(1, len(opened) + 1) if not store.holds(number)]
+    work, files = PrepareDesign(source=source, store=store), Files[int](of_work=source.files)
+    with workers(cluster) as on:
+        done = enumerate(map(work, lacking)) if on is None else on.as_finished(work, lacking, files=files)
+        for place, content in show.progress(done, total=len(lacking), what="preparing"):
+            store.put(lacking[place], content)
     clean(store.folder.parent, most_bytes=round(disk * 1e9), keep=store.folder)
     show.written(store.folder)

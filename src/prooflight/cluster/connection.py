@@ -1,0 +1,136 @@
+"""Connection to the workers of ``--cluster``: those of a scheduler, or some that are started here.
+
+Needs the extra ``cluster``.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import socket
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, Final
+
+from distributed import Client, LocalCluster
+from llvmlite import binding  # type: ignore[import-untyped]
+
+from prooflight.cluster.cluster import Cluster
+from prooflight.cluster.worker import describe, refuse_other_program
+from prooflight.errors import RequestError
+from prooflight.files.program import program_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+CONNECT_S: Final = 5
+START_S: Final = 120
+"""Longest start of workers on this machine; assumed: each loads Python and its libraries in some seconds."""
+MOST_LOCAL: Final = 512
+PACKAGES: Final = ("prooflight",)
+"""Packages that every worker needs; that of the work is checked with its first item."""
+REMEDY: Final = (
+    "start `dask scheduler` and `dask worker --nthreads 1` there, and give tcp://HOST:PORT, or local:N"
+)
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def connected(where: str) -> Iterator[Cluster]:
+    """Connect to the workers of a cluster, which run the same program as this process.
+
+    where: ``local:N``, so many worker processes on this machine for this time, or the address of a Dask scheduler.
+
+    Raises
+    ------
+    RequestError
+        Nothing answers there, there are no workers, they have several threads, or another version of the program.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        number = _local(where)
+        if number is not None:
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=number,
+                    threads_per_worker=1,
+                    memory_limit=0,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+            client.wait_for_workers(number, timeout=START_S)
+        else:
+            _refuse_silent(where)
+            try:
+                client = stack.enter_context(Client(where, timeout=CONNECT_S, set_as_default=False))
+            except (OSError, ValueError, TypeError) as error:
+                raise _no_answer(where) from error
+        _check(client, where)
+        yield Cluster(client=client, where=where)
+
+
+def _local(where: str) -> int | None:
+    """Return the number of workers that are started here; None: it is the address of a scheduler."""
+    if not where.startswith("local"):
+        return None
+    match = re.fullmatch(r"local:([0-9]{1,4})", where)
+    if match is None or not 1 <= int(match[1]) <= MOST_LOCAL:
+        remedy = f"write local:N, with 1 to {MOST_LOCAL} workers on this machine, or tcp://HOST:PORT"
+        raise RequestError("cluster", f"{where[:40]!r} names no workers", remedy=remedy)
+    return int(match[1])
+
+
+def _refuse_silent(where: str) -> None:
+    """Raise RequestError if nothing listens at an address: Dask's client would leave a thread that reports it late."""
+    match = re.fullmatch(r"(?:tcp|tls)://\[?([^/]+?)\]?:([0-9]{1,5})", where)
+    if match is None:
+        raise RequestError("cluster", f"{where[:40]!r} names no workers", remedy=REMEDY)
+    try:
+        socket.create_connection((match[1], int(match[2])), timeout=CONNECT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise _no_answer(where) from error
+
+
+def _no_answer(where: str) -> RequestError:
+    return RequestError(f"cluster {where}", "no Dask cluster answers", remedy=REMEDY)
+
+
+def _check(client: Client, where: str) -> None:
+    """Raise RequestError unless all workers can do the work of this program; warn of other processors."""
+    threads: Mapping[str, int] = client.nthreads()
+    if not threads:
+        raise RequestError(f"cluster {where}", "its scheduler has no workers", remedy=REMEDY)
+    for worker, number in threads.items():
+        if number != 1:  # PDFs must not be drawn by several threads of a process (decision 7)
+            remedy = "start workers with `dask worker --nthreads 1 --nworkers auto`"
+            raise RequestError(f"worker {worker}", f"has {number} threads", remedy=remedy)
+    answers: Mapping[str, Any] = client.run(describe, PACKAGES, on_error="return")
+    own = str(binding.get_host_cpu_name())
+    for worker, answer in answers.items():
+        if isinstance(answer, Exception):
+            what, remedy = f"cannot run Prooflight: {answer}", "install this version of Prooflight there"
+            raise RequestError(f"worker {worker}", what, remedy=remedy)
+        program, processor = answer
+        refuse_other_program(worker, program, program_parts(*PACKAGES))
+        if processor != own:
+            _log.warning(
+                "worker %s computes on another processor (%s, here %s): last digits may differ",
+                worker,
+                processor,
+                own,
+            )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let Dask log errors alone: what concerns the user, such as a lost cluster, is raised."""
+    logger = logging.getLogger("distributed")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

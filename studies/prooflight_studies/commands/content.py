@@ -5,12 +5,24 @@ from __future__ import annotations
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
+from prooflight.cli.options import ClusterAt
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    Json,
+    Quick,
+    Results,
+    processes_of,
+    report_results,
+)
+
+if TYPE_CHECKING:
+    from prooflight.pages.parallel import Processes
 
 
 class Part(StrEnum):
@@ -31,12 +43,22 @@ def content(
         list[float] | None, typer.Option(help="Of the camera, for numbers; default 0.254 and 0.127. [mm]")
     ] = None,
     cache: Cache = CACHE,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
     """Print codes of eight symbologies, or numbers of 6 to 10 pt, and count what is caught; writes content.md."""
     if part is Part.TEXT:
-        _text(out, seed=seed, sheets=sheets, pitches_mm=pitch, cache=cache, quick=quick, json=json)
+        _text(
+            out,
+            seed=seed,
+            sheets=sheets,
+            pitches_mm=pitch,
+            cache=cache,
+            processes=processes_of(cluster),
+            quick=quick,
+            json=json,
+        )
         return
     from prooflight_studies.content.study import run_content_study
 
@@ -45,7 +67,15 @@ def content(
 
 
 def _text(
-    out: Path, *, seed: int, sheets: int, pitches_mm: list[float] | None, cache: Path, quick: bool, json: bool
+    out: Path,
+    *,
+    seed: int,
+    sheets: int,
+    pitches_mm: list[float] | None,
+    cache: Path,
+    processes: Processes,
+    quick: bool,
+    json: bool,
 ) -> None:
     from prooflight_studies.content.numbers import PITCHES_MM, run_text_study
     from prooflight_studies.content.study import write_text
@@ -55,6 +85,7 @@ def _text(
         seed=seed,
         sheets=sheets,
         pitches_mm=pitches_mm or PITCHES_MM,
+        processes=processes,
         quick=quick,
         progress=show.steps(quiet=json),
     )

@@ -9,13 +9,15 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
+from prooflight.cli.options import ClusterAt
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, processes_of, report_results
 
 
 def feedback(
     out: Results = Path("docs/results/running"),
     cache: Cache = CACHE,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and weeks.", min=0)] = 23,
     quick: Quick = False,
     json: Json = False,
@@ -29,7 +31,7 @@ def feedback(
         cache=cache / "feedback",
         plan=PoolPlan.quick(seed) if quick else PoolPlan(seed=seed),
         quick=quick,
-        processes=processes,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(asdict(results), out / "feedback.md", json=json)

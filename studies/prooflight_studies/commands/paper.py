@@ -11,7 +11,17 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, report_results
+from prooflight.cli.options import ClusterAt
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    Json,
+    PressFileAt,
+    Quick,
+    Results,
+    processes_of,
+    report_results,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -19,9 +29,6 @@ if TYPE_CHECKING:
     from prooflight_studies.design.results import DesignRow
 
 Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
-Cluster = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
-]
 
 PUBLISHED_SEED = 3
 """Seed of ``paper.md``; it played no part in choosing the settings that are measured."""
@@ -36,7 +43,7 @@ def paper(
     cache: Cache = CACHE,
     seed: Seed = PUBLISHED_SEED,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -54,8 +61,7 @@ def paper(
         cache=cache,
         seed=seed,
         quick=quick,
-        processes=processes,
-        cluster=cluster,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "paper.md", json=json)
@@ -67,7 +73,7 @@ def robustness(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -83,7 +89,7 @@ def robustness(
         seed=seed,
         quick=quick,
         world=world,
-        cluster=cluster,
+        processes=processes_of(cluster),
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "robustness.md", json=json)
@@ -129,7 +135,7 @@ def design(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -160,7 +166,7 @@ def design(
         world=world,
         more=more,
         command=_as_typed(),
-        cluster=cluster,
+        processes=processes_of(cluster),
         progress=show.steps(quiet=json),
     )
     if json:

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.options import ClusterAt
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, processes_of, report_results
 
 
 def plant(
@@ -21,6 +22,7 @@ def plant(
     cache: Cache = CACHE,
     part: Annotated[list[str] | None, typer.Option(metavar="PART", help="causes; all if not given.")] = None,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     seed: Annotated[int, typer.Option(help="Of designs, prints, defects and drifts.", min=0)] = 499,
     quick: Quick = False,
     json: Json = False,
@@ -38,7 +40,7 @@ def plant(
         press=press,
         plan=CausesPlan.quick(seed) if quick else CausesPlan(seed=seed),
         cache=cache / "plant",
-        processes=processes,
+        processes=processes_of(cluster, processes),
         quick=quick,
         progress=show.steps(quiet=json),
     )

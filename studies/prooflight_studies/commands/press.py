@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.options import ClusterAt
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
@@ -16,6 +17,7 @@ from prooflight_studies.commands.study import (
     PressFileAt,
     Quick,
     Results,
+    processes_of,
     report_results,
 )
 
@@ -42,6 +44,7 @@ def press(
         bool, typer.Option(help="Judge by the matched filter without each of its parts as well.")
     ] = True,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
@@ -72,7 +75,7 @@ def press(
         out,
         cache=cache / "press",
         plan=plan,
-        processes=processes,
+        processes=processes_of(cluster, processes),
         real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
         progress=show.steps(quiet=json),
     )
@@ -91,6 +94,7 @@ def ranking(
         bool, typer.Option(help="Judge each kind also by a ranking that it did not teach.")
     ] = True,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -106,7 +110,7 @@ def ranking(
         plan=RankingPlan.quick() if quick else RankingPlan(),
         ship=Path(shipped.__file__).with_name(shipped.FILE) if ship else None,
         left_out=left_out,
-        processes=processes,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(results, out / "ranking.md", json=json)
@@ -133,6 +137,7 @@ def stress(
     pages: PagesDir = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 53,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -155,7 +160,7 @@ def stress(
         cache=cache / "stress",
         plan=plan,
         real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
-        processes=processes,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(results, out / "stress.md", json=json)

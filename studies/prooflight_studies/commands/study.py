@@ -7,13 +7,17 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import click
 import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.workers import workers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+    from prooflight.pages.parallel import Processes
 
 app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
 
@@ -31,6 +35,13 @@ PagesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
 ]
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
+
+
+def processes_of(cluster: str | None, processes: int | None = None) -> Processes:
+    """Return the workers of ``--cluster``, which are left when the command ends; None: so many processes."""
+    if cluster is None:
+        return processes
+    return click.get_current_context().with_resource(workers(cluster))
 
 
 def report_results(results: object, path: Path, *, json: bool) -> None:

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
+from prooflight.cli.options import ClusterAt
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, processes_of, report_results
 
 
 def visible(
@@ -21,6 +22,7 @@ def visible(
         typer.Option(metavar="PART", help="marks, one-sensor, curves or fine-curves; all if not given."),
     ] = None,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    cluster: ClusterAt = None,
     seed: Annotated[int, typer.Option(help="Of presses, designs, days, prints and marks.", min=0)] = 235,
     quick: Quick = False,
     json: Json = False,
@@ -37,7 +39,7 @@ def visible(
         plan=VisiblePlan.quick(seed) if quick else VisiblePlan(seed=seed),
         parts=part or PARTS,
         quick=quick,
-        processes=processes,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(asdict(results), out / "visible.md", json=json)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.simulation.corpus.corpus import Designs
 
@@ -104,7 +105,7 @@ def run_corpus_study(
     pages: Path | None = None,
     seed: int = 2,
     quick: bool = False,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
     """Measure the designs of a seed and, if given, a folder of real pages; write ``corpus.md`` and its pictures.

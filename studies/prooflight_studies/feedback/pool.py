@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Detector
+    from prooflight.pages.parallel import Processes
 
 TARGET_RATE: Final = 0.01
 TIMES: Final = 1.5
@@ -131,7 +132,7 @@ def printed_pool(
     plan: PoolPlan,
     cache: Path,
     *,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Pool:
     """Train the press, print sheets unlike its training set, and score them; cache: folder of presses and rows."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.parallel import Processes
     from prooflight_studies.feedback.pool import Pool
 
 WEEKS: Final = 20
@@ -114,7 +115,7 @@ def run_feedback_study(
     cache: Path,
     plan: PoolPlan,
     quick: bool = False,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> FeedbackResults:
     """Print the pool, simulate the weeks, and write feedback.md."""

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from prooflight.pages.parallel import Processes
     from prooflight.scans.geometry import ScanGeometry
     from prooflight_line.causes.naming import Cause
     from prooflight_studies.plant.defects import Defect
@@ -110,7 +111,7 @@ def run_plant_study(
     press: Path,
     plan: CausesPlan,
     cache: Path,
-    processes: int | None = None,
+    processes: Processes = None,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PlantResults:

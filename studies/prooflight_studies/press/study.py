@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.harness.folder import Folder
@@ -65,7 +66,7 @@ def run_press_study(
     cache: Path,
     seed: int = 1,
     quick: bool = False,
-    processes: int | None = None,
+    processes: Processes = None,
     plan: PressPlan | None = None,
     real: Folder | None = None,
     pitch_mm: float = REDUCED_PITCH_MM,
@@ -121,7 +122,7 @@ class _Bench:
     press: Press
     cache: Path
     plan: PressPlan
-    processes: int | None
+    processes: Processes
     progress: Callable[[str], None]
     minutes: list[float] = field(default_factory=list)
     """Minutes of one process that each scene's rows took, whenever they were computed."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight_studies.harness.result_cache import Rows
 
@@ -71,7 +72,7 @@ def lessons(
     plan: RankingPlan,
     cache: Path,
     *,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Lesson]:
     """Return the rows of every press of the plan; cache: folder of the rows, so that an interrupted study resumes."""
@@ -87,7 +88,7 @@ def lessons(
 class _Bench:
     plan: RankingPlan
     cache: Path
-    processes: int | None
+    processes: Processes
     progress: Callable[[str], None]
 
     def lesson(self, name: str, press_file: PressFile, number: int, *sets: tuple[int, int]) -> Lesson:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight_studies.harness.result_cache import Rows
 
@@ -298,7 +299,7 @@ def run_register_study(
     designs: int = DESIGNS,
     prints: int = PRINTS,
     crop_designs: int = 200,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
     """Register prints of ``designs`` designs and crops of ``crop_designs``; writes ``registration.md`` and returns it.

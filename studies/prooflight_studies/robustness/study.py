@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight.simulation.corpus.corpus import Designs
@@ -54,24 +55,20 @@ def run_robustness_study(
     seed: int = 1,
     quick: bool = False,
     world: str | None = None,
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     plans: Sequence[Plan] | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[RobustnessPart]:
     """Run every plan and write ``robustness.md`` with a picture for each world into ``results``.
 
-    world: one alone; None: both. cache: folder of rows, so that an interrupted study resumes. cluster: address of a
-    Dask scheduler.
+    world: one alone; None: both. cache: folder of rows, so that an interrupted study resumes.
     """
     plans = plans or robustness_plans(seed=seed, quick=quick, world=world)
     press = build_press(at_pitch(press_file, PITCH_MM), seed=SPECIMEN_SEED)
     designs = Corpus(seed=seed, dpi=press.dpi)
     parts = []
     for plan in plans:
-        result = run_plan(
-            press, designs, plan, cache, processes=processes, cluster=cluster, progress=progress
-        )
+        result = run_plan(press, designs, plan, cache, processes=processes, progress=progress)
         draw_robustness(results / f"robustness-{plan.world}.png", result)
         parts.append(RobustnessPart(press_digest=press.digest, pitch_mm=PITCH_MM, result=result))
     options = f" --world {world}" if world else ""
@@ -87,8 +84,7 @@ def run_plan(
     plan: Plan,
     cache: Path,
     *,
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> RobustnessResult:
     """Run one world: train on good copies, measure rows, and evaluate."""
@@ -104,7 +100,6 @@ def run_plan(
         cache / "robustness-pilot",
         digest=digest,
         processes=processes,
-        cluster=cluster,
         progress=progress_of("pilot"),
     )
     rows = run_pieces(
@@ -113,7 +108,6 @@ def run_plan(
         cache / "robustness",
         digest=digest,
         processes=processes,
-        cluster=cluster,
         progress=progress_of("scans under every belief"),
     )
     progress(f"{plan.world} world: judging")

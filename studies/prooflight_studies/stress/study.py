@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
@@ -105,7 +106,7 @@ def run_stress_study(
     cache: Path,
     plan: StressPlan | None = None,
     real: Folder | None = None,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
     """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: folder of rows.
@@ -163,7 +164,7 @@ class _Bench:
     stress: Stress
     plan: StressPlan
     cache: Path
-    processes: int | None
+    processes: Processes
     progress: Callable[[str], None]
 
     def rows(self) -> dict[str, Rows]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Prepared
+    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
 
 BUILD_SEED: Final = 90_000
@@ -64,7 +65,7 @@ def built(
     designs: int,
     seed: int,
     folder: Path,
-    processes: int | None,
+    processes: Processes,
     progress: Callable[[str], None],
 ) -> Path:
     """Build the press as `press build` does from a camera's press file, once, and store it in ``folder``."""

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.parallel import Processes
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.visible.rows import PlacedMark
 
@@ -160,7 +161,7 @@ def run_visible_study(
     plan: VisiblePlan,
     parts: Sequence[str] = PARTS,
     quick: bool = False,
-    processes: int | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> VisibleResults:
     """Build presses, print, judge; writes visible.md, its JSON, and its picture where there are curves.
@@ -209,7 +210,7 @@ class _Bench:
 
     plan: VisiblePlan
     cache: Path
-    processes: int | None
+    processes: Processes
     progress: Callable[[str], None]
     minutes: float = 0.0
 

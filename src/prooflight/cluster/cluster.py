@@ -37,8 +37,8 @@ FETCH_S: Final = 60.0
 """Longest time for one result to be fetched; assumed: 20 MB by a slow network take a tenth of it."""
 DEATHS: Final = 3
 """Number of workers that are lost with an item before it counts as the cause."""
-PATIENCE_S: Final = 60.0
-"""Time without any worker after which work ends; assumed: a worker that is restarted takes some seconds."""
+PATIENCE_S: Final = 300.0
+"""Time without any worker after which work ends; assumed: a restart takes seconds, on a machine under load a minute."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

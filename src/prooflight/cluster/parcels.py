@@ -38,9 +38,13 @@ class FileAt:
     digest: str
     """SHA-256 of its content."""
 
+    def digest_there(self) -> str:
+        """Return the digest of what lies at its path on this machine; "": nothing."""
+        return _digest_of(self.path)
+
     def local(self, folder: Path) -> Path | None:
         """Return its path on this machine; None: it is not here. folder: of the parcels of this worker."""
-        if _digest_of(self.path) == self.digest:
+        if self.digest_there() == self.digest:
             return self.path
         sent = folder / self.digest / self.path.name
         return sent if sent.exists() else None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from prooflight_studies.commands import (
     bench,
     cameras,
+    cluster,
     console,
     content,
     detectability,
@@ -47,7 +48,7 @@ def register(app: typer.Typer) -> None:
         *(detectability.detectability, running.running, soak.soak),
         *(gate.gate, cameras.cameras, console.console, feedback.feedback),
         *(content.content, rip.rip, zones.zones, visible.visible),
-        *(real.real, plant.plant, records.records),
+        *(real.real, plant.plant, records.records, cluster.cluster),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

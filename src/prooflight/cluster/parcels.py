@@ -21,7 +21,7 @@ import cloudpickle
 from prooflight.files.content import content_digest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 PIECE_BYTES: Final = 16 << 20
 """Size of the pieces in which a parcel travels, so that neither side holds a file in memory."""
@@ -126,7 +126,7 @@ ITEM: Final = ".item"
 
 def unpacked(pickled: bytes, local: Mapping[str, Path]) -> Any:
     """Return a pickled object on a worker, with the paths that its files have there; local: by digest."""
-    return _Unpickler(io.BytesIO(pickled), lambda file: local[file.digest]).load()
+    return _Unpickler(io.BytesIO(pickled), local).load()
 
 
 def _parts(file: io.BufferedIOBase) -> Iterator[tuple[int, bytes]]:
@@ -157,16 +157,17 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
         self._files = files
 
-    def persistent_id(self, one: Any) -> FileAt | None:
-        """Return the file that a path names; None: it is no path, or of no file that travels."""
-        return self._files.get(one) if isinstance(one, Path) else None
+    def persistent_id(self, one: Any) -> str | None:
+        """Return the digest of the file that a path names; None: it is no path, or of no file that travels."""
+        file = self._files.get(one) if isinstance(one, Path) else None
+        return None if file is None else file.digest
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, local: Callable[[FileAt], Path]) -> None:
+    def __init__(self, file: io.BytesIO, local: Mapping[str, Path]) -> None:
         super().__init__(file)
         self._local = local
 
-    def persistent_load(self, file: Any) -> Path:
+    def persistent_load(self, digest: Any) -> Path:
         """Return the path of a file on this machine."""
-        return self._local(file)
+        return self._local[digest]

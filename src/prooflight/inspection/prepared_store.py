@@ -137,7 +137,7 @@ class PreparedStore:
             return bytes(data[: len(MAGIC)]) == MAGIC and HEAD_BYTES + -(-last // ALIGNED) * ALIGNED == len(
                 data
             )
-        except (OSError, ValueError):
+        except (OSError, ValueError, IndexError):  # IndexError: it ends before the number of its pieces
             return False
 
     @property

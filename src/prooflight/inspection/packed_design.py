@@ -92,7 +92,7 @@ def _cells(array: NDArray[Any]) -> NDArray[np.uint32]:
     return each.view(np.uint32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class PackedDesign:
     """A prepared design whose large arrays are packed; another detector's design is as it was prepared."""
 

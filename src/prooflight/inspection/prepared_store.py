@@ -93,7 +93,7 @@ class PreparedStore:
 
     def load(self, design: int) -> PackedDesign | None:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
-        path = self._path(design)
+        path = self.path(design)
         try:
             with path.open("rb") as file:
                 # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
@@ -114,7 +114,7 @@ class PreparedStore:
 
     def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
-        with whole_file(self._path(design)) as unfinished, unfinished.open("wb") as file:
+        with whole_file(self.path(design)) as unfinished, unfinished.open("wb") as file:
             pieces = self._encoded(packed)
             digest = hashlib.sha256()
             for piece in pieces:
@@ -127,7 +127,8 @@ class PreparedStore:
         assert isinstance(detector, StoresPages)  # see ``of``
         return detector
 
-    def _path(self, design: int) -> Path:
+    def path(self, design: int) -> Path:
+        """Return the file of a design, whether or not it is there."""
         return self.folder / f"{design:06d}.design"
 
     def _encoded(self, packed: PackedDesign) -> list[bytes | memoryview]:

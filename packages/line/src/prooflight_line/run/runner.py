@@ -223,6 +223,7 @@ class Running:
             for thread in inspectors:
                 if thread.ident is not None:
                     thread.join()
+            self._inspector.close()
             self._source.close()
             self._prefetcher.close()
             self._done.put(None)

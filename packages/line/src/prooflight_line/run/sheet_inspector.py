@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import Unseen
+    from prooflight_line.run.inspection_workers import InspectionWorkers
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
@@ -44,7 +45,7 @@ class SheetResult:
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class SheetInspector:
     """Inspector of sheets; safe to call from several threads at once."""
 
@@ -52,6 +53,8 @@ class SheetInspector:
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     sampling: Sampling = field(default_factory=Sampling)
+    workers: InspectionWorkers | None = None
+    """Processes that inspect; None: the calling thread does."""
 
     def prepare(self, page: Page) -> PackedDesign:
         """Prepare a design ahead of its sheets.
@@ -95,6 +98,9 @@ class SheetInspector:
         ScanError
             The scan does not fit the press or the page.
         """
+        if self.workers is not None:
+            arguments = {"name": name, "seed": seed, "unseen": unseen, "sheet": sheet}
+            return self.workers.inspect(self, ready, scan, **arguments)
         threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
         prepared, press = ready.unpacked(threads=threads), self.inspector.press
         inspection = inspect_where_seen(
@@ -135,6 +141,11 @@ class SheetInspector:
             scan[:, lines, pixels] = hole
             self.inspect(ready, scan, name="warm-up", seed=0)
         self.prepare(page)
+
+    def close(self) -> None:
+        """End the processes that inspect."""
+        if self.workers is not None:
+            self.workers.close()
 
     def following(self, press: Press) -> Self:
         """Return the same inspector for a press whose light has changed a little."""

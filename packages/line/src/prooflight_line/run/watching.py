@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.following import Adapting
+from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
 from prooflight_line.run.monitor.evidence import columns_mm
 from prooflight_line.run.monitor.run import RunMonitor
 from prooflight_line.run.outcomes import RunWatch
@@ -54,15 +56,20 @@ def watched(
         costs=press.costs,
         false_alarms=false_alarms,
     )
+    workers = worker_count(settings.inspectors, inspector)
+    if workers:
+        settings = replace(settings, inspectors=workers)
+    threads = THREADS_A_WORKER if workers else threads_a_sheet(settings)
     return Running(
         press=press,
         source=source,
         pager=pager,
         page_store=page_store,
         inspector=SheetInspector(
-            inspector=inspector.with_threads(threads_a_sheet(settings)),
+            inspector=inspector.with_threads(threads),
             keep=keep,
             sampling=Sampling(sample=settings.sample, seed=settings.seed),
+            workers=InspectionWorkers(workers) if workers else None,
         ),
         watch=RunWatch(
             monitor=monitor,

@@ -101,6 +101,8 @@ class PackedDesign:
     arrays: Mapping[str, PackedArray] = field(default_factory=dict)
     additional: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """What its user keeps with it, by name."""
+    origin: PackedDesign | None = None
+    """Design as it was prepared, of which this one is an adaptation to other light; None: it is as prepared."""
 
     @classmethod
     def of(cls, prepared: Prepared, additional: Mapping[str, NDArray[Any]]) -> Self:

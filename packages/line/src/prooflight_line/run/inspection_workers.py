@@ -7,6 +7,7 @@ processes share; designs and the press travel as files, written once and mapped 
 from __future__ import annotations
 
 import gc
+import io
 import itertools
 import logging
 import multiprocessing
@@ -16,7 +17,7 @@ import shutil
 import signal
 import threading
 import weakref
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from multiprocessing.shared_memory import SharedMemory
 from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
@@ -75,9 +76,10 @@ class InspectionWorkers:
         self._workers = [_Worker() for _ in range(count)]
         for worker in self._workers:
             self._free.put(worker)
-        self._numbers, self._guard = itertools.count(), threading.Lock()
+        self._numbers, self._writing = itertools.count(), threading.RLock()
+        self._first: SheetInspector | None = None
         self._inspectors: weakref.WeakKeyDictionary[SheetInspector, Path] = weakref.WeakKeyDictionary()
-        self._designs: weakref.WeakKeyDictionary[PackedDesign, int] = weakref.WeakKeyDictionary()
+        self._designs: weakref.WeakKeyDictionary[PackedDesign, Path] = weakref.WeakKeyDictionary()
 
     def inspect(
         self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
@@ -86,12 +88,48 @@ class InspectionWorkers:
 
         arguments: as of ``SheetInspector.inspect``. ProoflightError: the worker was killed; another takes its place.
         """
-        folder, design = self._written(inspector, ready)
+        files = self.provide(inspector, ready)
         worker = self._free.get()
         try:
-            return worker.inspect(folder, design, scan, arguments)
+            return worker.inspect(*files, scan, arguments)
         finally:
             self._free.put(worker)
+
+    def provide(self, inspector: SheetInspector, ready: PackedDesign) -> tuple[Path, Path]:
+        """Return an inspector's folder and a design's file, written unless they are there.
+
+        The file is of the design as it was prepared: workers adapt it to the light of an inspector themselves.
+        """
+        folder, prepared = self._folder_of(inspector), ready.origin or ready
+        file = self._designs.get(prepared)
+        if file is not None:
+            return folder, file
+        with self._writing:
+            file = self._designs.get(prepared)
+            if file is None:
+                number = next(self._numbers)
+                store = PreparedStore(folder=folder, inspector=inspector.inspector)
+                store.save(number, ready)
+                self._designs[prepared] = file = store.path(number)
+                # A worker that has mapped the file goes on using it.
+                weakref.finalize(prepared, file.unlink, missing_ok=True)
+        return folder, file
+
+    def _folder_of(self, inspector: SheetInspector) -> Path:
+        """Return an inspector's folder; it holds what the inspector does not share with the first of the run."""
+        folder = self._inspectors.get(inspector)
+        if folder is not None:
+            return folder
+        with self._writing:
+            folder = self._inspectors.get(inspector)
+            if folder is None:
+                folder = self._folder / f"{next(self._numbers):06d}"
+                folder.mkdir()
+                alone = replace(inspector, workers=None)
+                (folder / INSPECTOR_FILE).write_bytes(_pickled(alone, self._first))
+                self._first = self._first or alone
+                self._inspectors[inspector] = folder
+            return folder
 
     @property
     def processes(self) -> list[int]:
@@ -106,25 +144,31 @@ class InspectionWorkers:
         self._folder.with_suffix(".lock").unlink(missing_ok=True)
         self._lock.release()
 
-    def _written(self, inspector: SheetInspector, ready: PackedDesign) -> tuple[Path, int]:
-        """Return the folder of an inspector and the number of a design in it, written if they are new."""
-        with self._guard:
-            folder = self._inspectors.get(inspector)
-            if folder is None:
-                folder = self._folder / str(next(self._numbers))
-                folder.mkdir()
-                (folder / INSPECTOR_FILE).write_bytes(pickle.dumps(replace(inspector, workers=None)))
-                self._inspectors[inspector] = folder
-                weakref.finalize(inspector, shutil.rmtree, folder, ignore_errors=True)
-            store = PreparedStore(folder=folder, inspector=inspector.inspector)
-            number = self._designs.get(ready)
-            if number is None:
-                number = next(self._numbers)
-                store.save(number, ready)
-                self._designs[ready] = number
-                # A worker that has mapped the file goes on using it.
-                weakref.finalize(ready, store.path(number).unlink, missing_ok=True)
-        return folder, number
+
+def _parts(inspector: Inspector) -> list[object]:
+    """Return the parts of an inspector that one on the same press in other light may share."""
+    owners: tuple[Any, ...] = (inspector.press, inspector.detector, *inspector.press.sensors)
+    parts = [getattr(one, part.name) for one in owners if is_dataclass(one) for part in fields(one)]
+    return [part for part in parts if not isinstance(part, (int, float, str, type(None)))]
+
+
+def _pickled(inspector: SheetInspector, first: SheetInspector | None) -> bytes:
+    """Return an inspector pickled without what it shares with the first of the run."""
+    file = io.BytesIO()
+    pickler = pickle.Pickler(file, protocol=pickle.HIGHEST_PROTOCOL)
+    if first is not None:
+        places = {id(part): at for at, part in enumerate(_parts(first.inspector))}
+        pickler.persistent_id = lambda one: places.get(id(one))  # type: ignore[method-assign]
+    pickler.dump(inspector)
+    return file.getvalue()
+
+
+def _unpickled(data: bytes, first: SheetInspector | None) -> SheetInspector:
+    unpickler = pickle.Unpickler(io.BytesIO(data))
+    if first is not None:
+        unpickler.persistent_load = _parts(first.inspector).__getitem__  # type: ignore[method-assign]
+    loaded: SheetInspector = unpickler.load()
+    return loaded
 
 
 def _own_folder(base: Path) -> tuple[Path, WriterLock]:
@@ -149,7 +193,7 @@ class _Worker:
         self.process: SpawnProcess | None = None
 
     def inspect(
-        self, folder: Path, design: int, scan: NDArray[np.uint16], arguments: dict[str, Any]
+        self, folder: Path, design: Path, scan: NDArray[np.uint16], arguments: dict[str, Any]
     ) -> SheetResult:
         if self.process is None:
             self._start()
@@ -221,31 +265,37 @@ class _Designs:
 
     def __init__(self) -> None:
         self._inspectors: dict[Path, SheetInspector] = {}
-        self._designs: dict[tuple[Path, int], PackedDesign] = {}
+        self._designs: dict[Path, PackedDesign] = {}
+        self._adapted: dict[Path, tuple[Path, PackedDesign]] = {}
+        """By the file of each design the last inspector that used it, and the design in that one's light."""
 
-    def get(self, folder: Path, design: int) -> tuple[SheetInspector, PackedDesign]:
-        """Return an inspector and a design that it has prepared."""
-        if folder not in self._inspectors:
-            self._inspectors[folder] = pickle.loads((folder / INSPECTOR_FILE).read_bytes())
-        inspector = self._inspectors[folder]
-        if (folder, design) not in self._designs:
-            self._forget()
-            ready = PreparedStore(folder=folder, inspector=inspector.inspector).load(design)
-            if ready is None:
-                raise ProoflightError(f"{folder}: design {design} cannot be read")
-            self._designs[folder, design] = ready
+    def get(self, folder: Path, file: Path) -> tuple[SheetInspector, PackedDesign]:
+        """Return an inspector, and a design in its light."""
+        inspector = self._inspector(folder)
+        if file not in self._designs:
+            for old in [one for one in self._designs if not one.exists()]:  # the run uses them no more
+                del self._designs[old], self._adapted[old]
+            self._designs[file] = _loaded(file, self._inspector(file.parent))
+            self._adapted[file] = file.parent, self._designs[file]
             gc.freeze()  # or each cyclic collection would visit all designs
-        return inspector, self._designs[folder, design]
+        light, ready = self._adapted[file]
+        if light != folder:
+            ready = inspector.renewed(self._designs[file])
+            self._adapted[file] = folder, ready
+        return inspector, ready
 
-    def _forget(self) -> None:
-        """Drop the designs and inspectors that the run uses no more."""
-        for folder, design in list(self._designs):
-            store = PreparedStore(folder=folder, inspector=self._inspectors[folder].inspector)
-            if not store.path(design).exists():
-                del self._designs[folder, design]
-        used = {folder for folder, _ in self._designs}
-        self._inspectors = {
-            folder: one
-            for folder, one in self._inspectors.items()
-            if folder in used or (folder / INSPECTOR_FILE).exists()
-        }
+    def _inspector(self, folder: Path) -> SheetInspector:
+        if folder not in self._inspectors:
+            first = min(folder.parent.iterdir())
+            of_run = self._inspector(first) if folder != first else None
+            self._inspectors[folder] = _unpickled((folder / INSPECTOR_FILE).read_bytes(), of_run)
+        return self._inspectors[folder]
+
+
+def _loaded(file: Path, inspector: SheetInspector) -> PackedDesign:
+    """Return the design in a file; ProoflightError: it cannot be read."""
+    store = PreparedStore(folder=file.parent, inspector=inspector.inspector)
+    ready = store.load(int(file.stem))
+    if ready is None:
+        raise ProoflightError(f"{file}: the design cannot be read")
+    return ready

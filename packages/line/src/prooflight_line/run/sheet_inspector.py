@@ -64,7 +64,7 @@ class SheetInspector:
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
-        return PackedDesign.of(prepared, thumbnail.arrays)
+        return self._provided(PackedDesign.of(prepared, thumbnail.arrays))
 
     def inspect(
         self,
@@ -157,4 +157,11 @@ class SheetInspector:
         adapted = ready.bare.prepared_page.under(context)
         if adapted is None:
             return self.prepare(ready.unpacked().page)
-        return replace(ready, bare=replace(ready.bare, prepared_page=adapted))
+        bare = replace(ready.bare, prepared_page=adapted)
+        return self._provided(replace(ready, bare=bare, origin=ready.origin or ready))
+
+    def _provided(self, ready: PackedDesign) -> PackedDesign:
+        """Return a design that the workers can read, so that its first sheet need not wait for that."""
+        if self.workers is not None:
+            self.workers.provide(self, ready)
+        return ready

@@ -61,10 +61,13 @@ class SheetInspector:
 
         It runs in this thread alone, since it must not delay the sheets that come meanwhile.
         """
+        return self._provided(self._packed(page))
+
+    def _packed(self, page: Page) -> PackedDesign:
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
-        return self._provided(PackedDesign.of(prepared, thumbnail.arrays))
+        return PackedDesign.of(prepared, thumbnail.arrays)
 
     def inspect(
         self,
@@ -140,7 +143,7 @@ class SheetInspector:
             scan = np.roll(expected, off, axis=(1, 2))
             scan[:, lines, pixels] = hole
             self.inspect(ready, scan, name="warm-up", seed=0)
-        self.prepare(page)
+        self._packed(page)
 
     def close(self) -> None:
         """End the processes that inspect."""

@@ -78,7 +78,11 @@ PlantOption = Annotated[
 ]
 ThreadsOption = Annotated[
     int | None,
-    typer.Option(help="Number of inspecting threads; default one a core.", min=1, max=MOST_THREADS),
+    typer.Option(
+        help="Number of inspecting threads; default one a core. From four on, each two have a process of their own.",
+        min=1,
+        max=MOST_THREADS,
+    ),
 ]
 StartAtOnceOption = Annotated[
     bool,

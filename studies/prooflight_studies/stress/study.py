@@ -210,7 +210,7 @@ class _Bench:
             "stress": self.stress.digest,
             "worlds": worlds_digest(),
             "press": self.press.digest,
-            "build": (BUILD_SEED, DESIGNS),  # the scatter's own last digits differ from run to run
+            "build": (BUILD_SEED, DESIGNS),  # how the press was trained
             "seed": self.plan.seed,
         }
         if isinstance(work, StressWork) and work.marks:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -194,9 +195,9 @@ def row_beats(
             for tint in chosen
         ]
     )
-    without = np.zeros((1, INKS))  # bare paper has none
+    without = np.array(list(product((0.0, 1.0), repeat=INKS)))  # bare paper and solids have none
     areas = np.concatenate([without, chosen / STEPS]).astype(np.float32)
-    wave, sd = np.concatenate([np.zeros((1, 2)), seen]).astype(np.float32).T
+    wave, sd = np.concatenate([np.zeros((len(without), 2)), seen]).astype(np.float32).T
     return RowBeats(tints=areas, wave=wave, sd=sd)
 
 

@@ -199,15 +199,15 @@ def test_waves_rise_above_their_neighbours() -> None:
 
 
 def test_a_screens_own_wave_is_expected_and_a_stronger_one_is_not() -> None:
-    """A tint's light waves by 2 %: as much is no banding where the screen is known, ten times as much is."""
-    void, beat = MODES.index("void"), 0.02
+    """A tint's light waves by 5 %: as much is no banding where the screen is known, ten times as much is."""
+    void, beat = MODES.index("void"), 0.05
     tint = np.full((1, 4), 0.5, np.float32)
     known = RowBeats(tints=tint, wave=np.array([beat], np.float32), sd=np.array([beat / 2**0.5], np.float32))
 
     def greatest(times: float, of: RowBeats | None) -> float:
         sums = drawn(5)
-        sums.tiles[2, void] = 0.5 * POWER
-        sums.tiles[1, 0] = 1e4 * POWER  # so that little of it is light as a whole
+        sums.tiles[2, void], sums.cover[:] = 0.5 * POWER, 0.5
+        sums.tiles[1, 0] = 1.0  # so little that light as a whole takes nothing of it
         wave = times * beat * np.sin(2 * np.pi * np.arange(ROWS) * TILE_MM / 6.0)
         sums.tiles[0, void] += 0.5 * POWER * wave[:, None].astype(np.float32)
         waves = waves_of(replace(sums, row_beats=of), Scatter.white())

@@ -292,12 +292,18 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
-class GeometryBlock(_Block):
-    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
+class SideGeometryBlock(_Block):
+    """``[geometry.back]``: how far off the feeder lays the back sides of sheets."""
 
     shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)]
     skew_deg: Annotated[float, Field(strict=True, ge=0, le=1)]
     stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)]
+
+
+class GeometryBlock(SideGeometryBlock):
+    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
+
+    back: SideGeometryBlock | None = None
 
 
 ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]

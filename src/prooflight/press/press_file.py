@@ -200,7 +200,10 @@ class PressFile:
     def feeder(self) -> FeederPrior | None:
         """Return the feeder of ``[geometry]``; None: the press is not seen by an office scanner."""
         block = self._document.geometry
-        return None if block is None else FeederPrior(**block.model_dump())
+        if block is None:
+            return None
+        back = None if block.back is None else FeederPrior(**block.back.model_dump())
+        return FeederPrior(**block.model_dump(exclude={"back"}), back=back)
 
     @property
     def plant(self) -> PlantBlock:

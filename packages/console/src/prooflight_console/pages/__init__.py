@@ -4,6 +4,8 @@ from prooflight_console.pages import (
     alarms,
     assets,
     camera,
+    engineering,
+    history,
     incident,
     now,
     press,
@@ -20,5 +22,6 @@ from prooflight_console.pages import (
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
     *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
+    *(report.router, search.router, press.router, engineering.router, history.router, presses.router),
+    *(setup.router, camera.router, zones.router),
 )

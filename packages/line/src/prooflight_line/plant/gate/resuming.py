@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.verdict import Verdict
 from prooflight_line.journal.records import PageRecord
@@ -19,7 +19,6 @@ from prooflight_line.plant.gate.registers import Code, Result
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-    from typing import Any
 
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.press.gate import GateSettings

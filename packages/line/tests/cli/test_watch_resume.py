@@ -269,7 +269,6 @@ def test_the_gate_goes_on_with_the_tags_of_the_run(
     [
         ([], "there is nothing to resume"),
         (["--sheets", 13], "another: the number of sheets"),
-        (["--detector", "chi-square"], "another: the detector"),
         (["--layout", "sides=2"], "the layout"),
         (["--source", "replay:x"], "recorded scans begin with the first again"),
         (["--journal", "none"], "resumed from its journal"),

@@ -154,7 +154,6 @@ kiosk_sessions_table = Table(
     tables,
     Column("digest", ForeignKey("sessions.digest", ondelete="CASCADE"), primary_key=True),
     Column("kiosk_id", ForeignKey("kiosks.id"), nullable=False),
-    *_filled(Float, "seen_s"),
     *_filled(Boolean, "full"),
 )
 kiosk_salt_table = Table("kiosk_salt", tables, Column("salt", String, primary_key=True))

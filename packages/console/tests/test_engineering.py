@@ -102,7 +102,7 @@ def test_good_pages_are_learned_in_four_clicks_from_the_page_of_the_press(
 ) -> None:
     """Engineering, the confirmation that the pages are good, Learn, and Use this version."""
     job, scans = tmp_path / "job", tmp_path / "scans"
-    write_word_job(job, pages=PAGES, rng=np.random.default_rng(11), tinted=True)
+    write_word_job(job, pages=PAGES, rng=np.random.default_rng(11), tinted=False)
     press = console.console.settings.presses[0]
     made = ["simulate", str(job), "--press", str(press), "-o", str(scans), "--seed", "3", "--json"]
     assert run(made) == 0

@@ -200,7 +200,7 @@ def picture_of(lines: NDArray[np.uint16], top_code_dn: int) -> str:
     if not rows or not columns:
         return ""
     parts = lines[:rows, :columns].reshape(rows // step, step, columns // step, step)
-    grey = (parts.mean(axis=(1, 3)) * (255 / top_code_dn)).clip(0, 255).astype(np.uint8)
+    grey = np.rint(parts.mean(axis=(1, 3)) * (255 / top_code_dn)).clip(0, 255).astype(np.uint8)
     picture = np.repeat(grey[:, :, None], 3, axis=2)
     picture[(parts >= top_code_dn).any(axis=(1, 3))] = RED
     _, encoded = cv2.imencode(".png", picture)

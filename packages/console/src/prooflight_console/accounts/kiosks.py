@@ -12,7 +12,7 @@ import re
 import secrets
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from sqlalchemy import delete, func, insert, select, update
 
@@ -30,9 +30,10 @@ from prooflight_console.accounts.database import (
 from prooflight_console.accounts.names import MOST_NAME
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    from collections.abc import Callable
 
-    from prooflight_console.accounts.account_store import Accounts
+    from sqlalchemy import Connection, Engine
+
     from prooflight_console.accounts.passwords import Passwords
     from prooflight_console.accounts.roles import Who
 
@@ -72,10 +73,44 @@ class KioskKeys:
     """Whether the PIN is taken no more after too many wrong ones."""
 
 
+class People(Protocol):
+    """The accounts of a console, as kiosks need them: ``account_store.Accounts``."""
+
+    clock: Callable[[], float]
+    """Unix time. [s]"""
+
+    @property
+    def engine(self) -> Engine:
+        """Engine of the console's file."""
+        ...
+
+    def person(self, name: str) -> Person:
+        """Return the person of this name; raises RequestError if there is none."""
+        ...
+
+    def begin(self, name: str, *, how: str) -> str:
+        """Begin a session for a known person and return its secret."""
+        ...
+
+
+class Person(Protocol):
+    """A person, as kiosks need them."""
+
+    @property
+    def id(self) -> int:
+        """Number of the person."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name of the person."""
+        ...
+
+
 class Kiosks:
     """Kiosks of one console; thread-safe, and the audit records each change."""
 
-    def __init__(self, accounts: Accounts, passwords: Passwords) -> None:
+    def __init__(self, accounts: People, passwords: Passwords) -> None:
         self._accounts, self._passwords, self._engine = accounts, passwords, accounts.engine
 
     # --- devices ---
@@ -161,16 +196,16 @@ class Kiosks:
 
     def remove(self, person: str, *, by: str) -> None:
         """Remove a person's PIN and badge, and end their sessions at kiosks."""
-        found = self._accounts.person(person)
+        owner = self._accounts.person(person)
         with writing(self._engine).begin() as connection:
-            connection.execute(delete(kiosk_keys_table).where(kiosk_keys_table.c.person_id == found.id))
+            connection.execute(delete(kiosk_keys_table).where(kiosk_keys_table.c.person_id == owner.id))
             at_kiosks = select(kiosk_sessions_table.c.digest)
             connection.execute(
                 delete(sessions_table).where(
-                    sessions_table.c.person_id == found.id, sessions_table.c.digest.in_(at_kiosks)
+                    sessions_table.c.person_id == owner.id, sessions_table.c.digest.in_(at_kiosks)
                 )
             )
-            self._record(connection, by, "kiosk.remove", found.name)
+            self._record(connection, by, "kiosk.remove", owner.name)
 
     # --- sessions ---
 
@@ -239,16 +274,16 @@ class Kiosks:
         return secret
 
     def _set(self, person: str, what: str, by: str, **values: Any) -> None:
-        found = self._accounts.person(person)
+        owner = self._accounts.person(person)
         key = kiosk_keys_table.c.person_id
         with writing(self._engine).begin() as connection:
             if not connection.execute(
-                update(kiosk_keys_table).where(key == found.id).values(**values)
+                update(kiosk_keys_table).where(key == owner.id).values(**values)
             ).rowcount:
                 connection.execute(
-                    insert(kiosk_keys_table).values(**{"person_id": found.id, "failed": 0} | values)
+                    insert(kiosk_keys_table).values(**{"person_id": owner.id, "failed": 0} | values)
                 )
-            self._record(connection, by, what, found.name)
+            self._record(connection, by, what, owner.name)
 
     def _failed(self, person_id: int, name: str) -> None:
         key = kiosk_keys_table.c

@@ -124,8 +124,8 @@ def judged_sheets(
             if verdict.detector != detector or verdict.score is None or verdict.threshold is None:
                 continue
             record = reader.page(run.id, page.sheet) if page.sheet in with_evidence else page
-            told = SampledSheet(record=page, label=labels.of(page.sheet, incident_of.get(page.sheet)))
-            yield JudgedSheet(run=run.id, record=record, state=told.state, same_scale=same)
+            labelled = SampledSheet(record=page, label=labels.of(page.sheet, incident_of.get(page.sheet)))
+            yield JudgedSheet(run=run.id, record=record, state=labelled.state, same_scale=same)
 
 
 def of_version(sheets: Iterable[JudgedSheet], press: Press, detector: str) -> Effect:

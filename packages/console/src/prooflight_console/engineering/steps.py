@@ -59,14 +59,14 @@ class StepRequest:
     journal: Path
     folder: Path
     """Folder of the versions, in which the new artefact is written."""
-    promise: float | None = None
+    guaranteed_pages: float | None = None
     """One good page in so many may alarm; None: the rate of the press."""
     job: Path | None = None
     scans: Path | None = None
     """Recorded scans of the job's good pages, for ``learn``."""
     press_file: Path | None = None
     """For ``build``."""
-    known: frozenset[str] = field(default_factory=frozenset)
+    digests: frozenset[str] = field(default_factory=frozenset)
     """Digests of all versions of the press, whose runs are looked at."""
 
 
@@ -80,7 +80,7 @@ class StepProgress:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StepMade:
+class StepResult:
     """Result of a step: an artefact that nothing uses yet."""
 
     path: Path | None
@@ -97,7 +97,7 @@ class StepRefused:
 
 
 def step_aside(request: StepRequest, sender: Connection) -> None:
-    """Do a step in a process of its own: sends ``StepProgress``, then ``StepMade`` or ``StepRefused``.
+    """Do a step in a process of its own: sends ``StepProgress``, then ``StepResult`` or ``StepRefused``.
 
     Ends when nobody receives any more.
     """
@@ -124,7 +124,7 @@ class _Reports:
             self.sender.send(StepProgress(what=what, done=done, total=total))
 
 
-def _done(request: StepRequest, reports: _Reports) -> StepMade | StepRefused:
+def _done(request: StepRequest, reports: _Reports) -> StepResult | StepRefused:
     try:
         return {"learn": _learn, "recalibrate": _recalibrate, "build": _build}[request.step](request, reports)
     except ProoflightError as error:
@@ -140,7 +140,7 @@ def _done(request: StepRequest, reports: _Reports) -> StepMade | StepRefused:
         return StepRefused(why=FAULT)
 
 
-def _learn(request: StepRequest, reports: _Reports) -> StepMade:
+def _learn(request: StepRequest, reports: _Reports) -> StepResult:
     if request.job is None or request.scans is None:
         raise RequestError("learn", "there are no scans", remedy="start the console with --job and --scans")
     press, target = Press.load(request.press), _target(request)
@@ -158,9 +158,9 @@ def _learn(request: StepRequest, reports: _Reports) -> StepMade:
                 for number, scan in paired(opened, request.scans, sensors=len(press.sensors))
                 if scan is not None
             ]
-        look = ScanPage(InspectPage(job=source, inspector=Inspector.of(press)))
-        seen = list(reports.shown(map(look, pairs), len(pairs), "pages"))
-        rate = 1 / request.promise if request.promise else None
+        inspect = ScanPage(InspectPage(job=source, inspector=Inspector.of(press)))
+        seen = list(reports.shown(map(inspect, pairs), len(pairs), "pages"))
+        rate = 1 / request.guaranteed_pages if request.guaranteed_pages else None
         done = learn_pages(request.press, press, seen, false_alarm_rate=rate, out=target)
     finally:
         lock.release()
@@ -171,11 +171,11 @@ def _learn(request: StepRequest, reports: _Reports) -> StepMade:
         "support": done.sentence,
     }
     if done.waiting:
-        return StepMade(path=None, digest="", facts=facts | {"waiting": True})
-    return _made(request, reports, target, done.press, facts)
+        return StepResult(path=None, digest="", facts=facts | {"waiting": True})
+    return _result(request, reports, target, done.press, facts)
 
 
-def _recalibrate(request: StepRequest, reports: _Reports) -> StepMade:
+def _recalibrate(request: StepRequest, reports: _Reports) -> StepResult:
     press, target = Press.load(request.press), _target(request)
     reports.say("labels")
     with Journal.open(str(request.journal), read_only=True) as opened:
@@ -183,7 +183,7 @@ def _recalibrate(request: StepRequest, reports: _Reports) -> StepMade:
             press,
             [opened],
             detector=None,
-            promise=request.promise,
+            guaranteed_pages=request.guaranteed_pages,
             half_life_days=None,
             replay=0,
             now_s=time.time(),
@@ -195,10 +195,10 @@ def _recalibrate(request: StepRequest, reports: _Reports) -> StepMade:
         "sampled": int(done.labelled.passed.sum()),
         "false_alarms": int((~done.labelled.passed).sum()),
     }
-    return _made(request, reports, target, done.press, facts)
+    return _result(request, reports, target, done.press, facts)
 
 
-def _build(request: StepRequest, reports: _Reports) -> StepMade:
+def _build(request: StepRequest, reports: _Reports) -> StepResult:
     if request.press_file is None:
         what = "there is no press file"
         raise RequestError("build", what, remedy="start the console with --press-file PRESS.toml")
@@ -208,7 +208,7 @@ def _build(request: StepRequest, reports: _Reports) -> StepMade:
     training = Training(
         designs=DESIGNS,
         seed=1,
-        false_alarm_rate=1 / request.promise if request.promise else rate,
+        false_alarm_rate=1 / request.guaranteed_pages if request.guaranteed_pages else rate,
         progress=reports.say,
         shown=reports.shown,
     )
@@ -216,7 +216,7 @@ def _build(request: StepRequest, reports: _Reports) -> StepMade:
         for name, model in train(press, of, training).items():
             press = press.with_detector(name, model)
     press.save(target)
-    return _made(request, reports, target, press, {"press_file": request.press_file.name})
+    return _result(request, reports, target, press, {"press_file": request.press_file.name})
 
 
 def _target(request: StepRequest) -> Path:
@@ -224,9 +224,9 @@ def _target(request: StepRequest) -> Path:
     return request.folder / f".{secrets.token_hex(8)}.part"
 
 
-def _made(
+def _result(
     request: StepRequest, reports: _Reports, path: Path, press: Press, facts: dict[str, Any]
-) -> StepMade:
+) -> StepResult:
     """Return the result with what this version would have done in the last runs."""
     reports.say("replay")
     name = default_name(press)
@@ -236,17 +236,17 @@ def _made(
     if request.journal.exists():
         with Journal.open(str(request.journal), read_only=True) as opened:
             facts = facts | {"effect": asdict(_effect(request, opened, press, name))}
-    return StepMade(path=path, digest=press.digest, facts=facts)
+    return StepResult(path=path, digest=press.digest, facts=facts)
 
 
 def _effect(request: StepRequest, opened: JournalReader, press: Press, name: str) -> Any:
     runs = recent_runs(
-        (run for run in opened.runs() if run.facts.press_digest in request.known), now_s=time.time()
+        (run for run in opened.runs() if run.facts.press_digest in request.digests), now_s=time.time()
     )
     model = press.detectors.get(name)
     # A recalibration changes the threshold alone: scores of the press that it replaces are its own.
-    told = model.told if isinstance(model, Recalibrates) else ()
-    same = press.digests | {labelled.replaces for labelled in told}
+    recalibrations = model.told if isinstance(model, Recalibrates) else ()
+    same = press.digests | {labelled.replaces for labelled in recalibrations}
     sheets = judged_sheets(
         opened, LabelStore(opened.path), runs, detector=name, same_scale=same, evidence=True
     )

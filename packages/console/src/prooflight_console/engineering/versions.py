@@ -42,7 +42,7 @@ class Version:
     digest: str
     kind: Kind
     """How it was made; ``before``: it was in use before the first one was made here."""
-    made_s: float
+    created_s: float
     """Unix time. [s]"""
     by: str
     facts: Mapping[str, Any]
@@ -82,7 +82,7 @@ class PressVersions:
         """Return the versions, the latest first."""
         files = self.folder.glob("*.json") if self.folder.is_dir() else ()
         versions = [one for file in files if (one := Version.read(file)) is not None]
-        return sorted(versions, key=lambda one: (one.made_s, one.digest), reverse=True)
+        return sorted(versions, key=lambda one: (one.created_s, one.digest), reverse=True)
 
     def file_of(self, digest: str) -> Path:
         """Return the artefact of a version, which may not exist."""
@@ -92,10 +92,10 @@ class PressVersions:
         """Return the artefacts of all versions."""
         return [file for one in self.listed() if (file := self.file_of(one.digest)).exists()]
 
-    def add(self, made: Path, version: Version) -> Version:
+    def add(self, artefact: Path, version: Version) -> Version:
         """Move an artefact that was made to the versions; an equal version is replaced."""
         with self._guard:
-            made.replace(self.file_of(version.digest))
+            artefact.replace(self.file_of(version.digest))
             self._state(version)
             self._drop_oldest()
         return version
@@ -136,8 +136,10 @@ class PressVersions:
         self.folder.mkdir(parents=True, exist_ok=True)
         with whole_file(self.file_of(digest)) as unfinished:
             shutil.copyfile(self.press, unfinished)
-        made_s = self.press.stat().st_mtime
-        self._state(Version(digest=digest, kind="before", made_s=made_s, by="", facts={"press": press.name}))
+        created_s = self.press.stat().st_mtime
+        self._state(
+            Version(digest=digest, kind="before", created_s=created_s, by="", facts={"press": press.name})
+        )
 
     def _state(self, version: Version) -> None:
         with whole_file(self.folder / f"{version.name}.json") as unfinished:

@@ -8,7 +8,7 @@ import threading
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from prooflight_console.engineering.steps import StepMade, StepProgress, StepRefused, step_aside
+from prooflight_console.engineering.steps import StepProgress, StepRefused, StepResult, step_aside
 from prooflight_console.engineering.versions import Version
 from prooflight_console.problems import Problem, not_found
 
@@ -128,7 +128,7 @@ class Work:
             _ended(process)
 
     def _follow(self, task_id: str, process: BaseProcess, receiver: Connection) -> None:
-        last: StepMade | StepRefused = StepRefused(why=PROCESS_ENDED)
+        last: StepResult | StepRefused = StepRefused(why=PROCESS_ENDED)
         while True:
             try:
                 message = receiver.recv()
@@ -145,32 +145,32 @@ class Work:
             self._guard.notify_all()
             task = self._task
         if task is None or task.id != task_id or task.state != "running":
-            if isinstance(last, StepMade) and last.path is not None:
+            if isinstance(last, StepResult) and last.path is not None:
                 last.path.unlink(missing_ok=True)
         elif isinstance(last, StepRefused):
             self._now(task_id, state="failed", why=last.why)
         else:
             self._keep(task, last)
 
-    def _keep(self, task: Task, made: StepMade) -> None:
+    def _keep(self, task: Task, result: StepResult) -> None:
         """Store the artefact that was made as a version."""
-        if made.path is not None and self.versions is not None:
+        if result.path is not None and self.versions is not None:
             version = Version(
-                digest=made.digest,
+                digest=result.digest,
                 kind=task.step,
-                made_s=self._accounts.clock(),
+                created_s=self._accounts.clock(),
                 by=task.by,
-                facts=made.facts,
+                facts=result.facts,
             )
             try:
-                self.versions.add(made.path, version)
+                self.versions.add(result.path, version)
             except OSError as error:
                 why = f"the version cannot be stored ({error.strerror})"
                 self._now(task.id, state="failed", why=why)
                 return
-            after = {"step": task.step, "digest": made.digest}
+            after = {"step": task.step, "digest": result.digest}
             self._accounts.note(task.by, "press.made", self.versions.press.name, after=after)
-        self._now(task.id, state="done", digest=made.digest, facts=made.facts)
+        self._now(task.id, state="done", digest=result.digest, facts=result.facts)
 
     def _now(self, task_id: str, **changes: Any) -> None:
         with self._guard:

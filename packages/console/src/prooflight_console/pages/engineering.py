@@ -103,7 +103,7 @@ def begin(
     request: Request,
     who: EngineerPage,
     step: Annotated[Literal["learn", "recalibrate", "build"], Form()],
-    promise: Annotated[float | None, Form(ge=2, le=1e6)] = None,
+    guaranteed_pages: Annotated[float | None, Form(alias="promise", ge=2, le=1e6)] = None,
     job: Annotated[int, Form(ge=1, le=1000)] = 1,
     good: Annotated[bool, Form()] = False,
 ) -> Response:
@@ -116,17 +116,17 @@ def begin(
     if step == "learn" and job not in learnable:
         raise Problem(422, "scans", "there are no scans of this job: start the console with --scans")
     job_path, scans = learnable[job] if step == "learn" else (None, None)
-    known = {digest for one in versions.listed() for digest in (one.digest,)} | versions.in_use()[0].digests
+    digests = {digest for one in versions.listed() for digest in (one.digest,)} | versions.in_use()[0].digests
     request_ = StepRequest(
         step=step,
         press=versions.press,
         journal=state.settings.journal,
         folder=versions.folder,
-        promise=promise,
+        guaranteed_pages=guaranteed_pages,
         job=job_path,
         scans=scans,
         press_file=state.settings.press_file,
-        known=frozenset(known),
+        digests=frozenset(digests),
     )
     state.work.begin(request_, by=who.name)
     return work_part(request, who)
@@ -186,7 +186,7 @@ def _threshold_effects(
                 press,
                 [opened],
                 detector=None,
-                promise=None,
+                guaranteed_pages=None,
                 half_life_days=None,
                 replay=0,
                 now_s=time.time(),

@@ -67,8 +67,8 @@ def recalibratable(press: Press, detector: str | None, *, where: object) -> tupl
 def sampled_runs(press: Press, name: str, journals: Sequence[JournalReader]) -> Iterator[SampledRun]:
     """Yield the runs that a press, or one whose threshold it replaces, judged by its detector ``name``."""
     model = press.detectors[name]
-    told = model.told if isinstance(model, Recalibrates) else ()
-    digests = press.digests | {labelled.replaces for labelled in told}
+    recalibrations = model.told if isinstance(model, Recalibrates) else ()
+    digests = press.digests | {labelled.replaces for labelled in recalibrations}
     for opened in journals:
         for run in opened.runs():
             if run.facts.detector == name and run.facts.press_digest in digests:
@@ -82,7 +82,7 @@ def recalibrated(
     journals: Sequence[JournalReader],
     *,
     detector: str | None,
-    promise: float | None,
+    guaranteed_pages: float | None,
     half_life_days: float | None,
     replay: int,
     now_s: float,
@@ -92,7 +92,7 @@ def recalibrated(
 
     Parameters
     ----------
-    promise
+    guaranteed_pages
         One good page in so many may alarm; None: the rate of the press.
     half_life_days
         Age at which pages count half; None: all count equally.
@@ -111,7 +111,7 @@ def recalibrated(
     labelled = labelled_pages(
         [(one.run, one.sheets) for one in runs],
         replaces=press.digest,
-        rate=1 / promise if promise else model.guarantee.rate,
+        rate=1 / guaranteed_pages if guaranteed_pages else model.guarantee.rate,
         now_s=now_s,
         journals=[opened.path.name for opened in journals],
         half_life_days=half_life_days,

@@ -77,8 +77,8 @@ class Past:
         self._move(record)
         self._count(record)
         if record.verdict.promise_suspended and not self.promise_suspended:
-            said = (note for note in record.notes if "promise" in note)
-            self.promise_suspended = next(said, "the promised false-alarm rate does not hold")
+            messages = (note for note in record.notes if "promise" in note)
+            self.promise_suspended = next(messages, "the promised false-alarm rate does not hold")
 
     def readings(self, pages: int) -> Readings:
         """Return the hypotheses about the run's position; an unknown number of its ``pages`` has passed since."""
@@ -118,6 +118,6 @@ class Past:
         counts["late"] += record.late
         counts["out_of_time"] += out_of_time(record)
         counts["promise_suspended"] += verdict.promise_suspended
-        held = verdict.verdict == "good" and without_gate(verdict, record.faults)[0] == "hold"
-        counts["unvouched"] += held
+        unvouched = verdict.verdict == "good" and without_gate(verdict, record.faults)[0] == "hold"
+        counts["unvouched"] += unvouched
         self.faults.update(record.faults)

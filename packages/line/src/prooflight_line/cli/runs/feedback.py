@@ -273,7 +273,7 @@ def recalibrate(
             press,
             [stack.enter_context(reading(one)) for one in given],
             detector=detector,
-            promise=promise,
+            guaranteed_pages=promise,
             half_life_days=half_life,
             replay=replay,
             now_s=time.time(),

@@ -160,7 +160,7 @@ def watch(
         if source.startswith("replay:"):
             what = "recorded scans begin with the first again"
             raise RequestError("--resume", what, remedy="leave out --resume to inspect them all")
-        resumption = Resumption.found(
+        resumption = Resumption.last_of(
             journal,
             facts,
             gate=read.plant.gate,

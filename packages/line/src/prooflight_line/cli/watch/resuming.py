@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from prooflight.press.gate import GateSettings
     from prooflight_line.journal.records import PageRecord, RunFacts, RunRow
 
-ANEW: Final = "leave out --resume to begin a new run"
+NEW_RUN: Final = "leave out --resume to begin a new run"
 OPEN_SIDES: Final = 4096
 """Number of last rows among which sides may wait for the other side of their sheet: more than a roll that is printed
 on its front first has sheets on their way."""
@@ -42,7 +42,7 @@ class Resumption:
     """Rows of sides whose sheets the gate has not decided."""
 
     @classmethod
-    def found(
+    def last_of(
         cls,
         journal: str | None,
         facts: RunFacts,
@@ -70,7 +70,7 @@ class Resumption:
             log = log_path(path, run.id)
             if log.exists() != (gate is not None):
                 had = "had a gate" if gate is None else "had no gate"
-                remedy = f"resume {'with' if gate is None else 'without'} --plant, or {ANEW}"
+                remedy = f"resume {'with' if gate is None else 'without'} --plant, or {NEW_RUN}"
                 raise RequestError(path, f"run {run.id} {had}", remedy=remedy)
             if gate is None:
                 return cls(run_id=run.id, past=past, lost=(), gate=None, open_sides=())
@@ -87,7 +87,7 @@ class Resumption:
         """Record what the journal lacks, once this process writes it; RequestError: another one went on with it."""
         last = journal.last_run()
         if last.id != self.run_id or last.end is not None:
-            raise RequestError(journal.path, f"run {self.run_id} was resumed meanwhile", remedy=ANEW)
+            raise RequestError(journal.path, f"run {self.run_id} was resumed meanwhile", remedy=NEW_RUN)
         if self.gate is not None:
             cut_torn_line(log_path(journal.path, self.run_id))
         for record in self.lost:
@@ -111,7 +111,7 @@ def _refuse_other(journal: Path, run: RunRow, facts: RunFacts) -> None:
     """Raise RequestError if a run has ended, or is not the one that this command describes."""
     if run.end is not None:
         what = f"its last run, {run.id}, has ended ({run.end.ending}), so there is nothing to resume"
-        raise RequestError(journal, what, remedy=ANEW)
+        raise RequestError(journal, what, remedy=NEW_RUN)
     before, now = run.facts, facts
     names = ("layout", "zones", "press_file")
     same = {
@@ -126,5 +126,5 @@ def _refuse_other(journal: Path, run: RunRow, facts: RunFacts) -> None:
     }
     if others := [name for name, is_same in same.items() if not is_same]:
         what = f"run {run.id} was begun with another: {', '.join(others)}"
-        remedy = f"give the command of that run (job {before.job}, press {before.press}), or {ANEW}"
+        remedy = f"give the command of that run (job {before.job}, press {before.press}), or {NEW_RUN}"
         raise RequestError(journal, what, remedy=remedy)

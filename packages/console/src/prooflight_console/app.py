@@ -21,6 +21,10 @@ from prooflight_console.alarms.alarm_store import AlarmStore
 from prooflight_console.api import ROUTERS as API_ROUTERS
 from prooflight_console.bodies import BoundedBodies
 from prooflight_console.console import Console
+from prooflight_console.engineering.notes import ChartNotes
+from prooflight_console.engineering.steps import step_aside
+from prooflight_console.engineering.versions import PressVersions
+from prooflight_console.engineering.work import Work
 from prooflight_console.headers import Headers
 from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
 from prooflight_console.pages.shell import problem_page
@@ -41,7 +45,9 @@ from prooflight_line.journal.labels import LabelStore
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
+    from multiprocessing.connection import Connection
 
+    from prooflight_console.engineering.steps import StepRequest
     from prooflight_console.settings import ConsoleSettings
 
 DESCRIPTION: Final = """Runs of a press: sheets, verdicts, incidents, evidence, pictures, live events.
@@ -57,6 +63,7 @@ def console_app(
     ticking: Callable[[], float] = time.monotonic,
     passwords: Passwords | None = None,
     prices: Prices | None = None,
+    step: Callable[[StepRequest, Connection], None] = step_aside,
 ) -> FastAPI:
     """Return the application with all its services and endpoints.
 
@@ -68,6 +75,8 @@ def console_app(
         Monotonic time. [s]
     prices
         Service that computes prices of zones; None for the usual one.
+    step
+        Function that makes a version of the press, in a process of its own.
 
     Raises
     ------
@@ -83,7 +92,12 @@ def console_app(
     incidents = RunIncidents(reading, label_store, alarm_store)
     gates = Gates(reading, trays=settings.trays)
     reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
-    stations = Stations(presses=settings.presses, jobs=settings.jobs)
+    versions = PressVersions(settings.presses[0], accounts) if settings.presses else None
+    stations = Stations(
+        presses=settings.presses,
+        jobs=settings.jobs,
+        versions=tuple if versions is None else versions.files,
+    )
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
     zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
@@ -107,6 +121,8 @@ def console_app(
         tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
         metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
+        chart_notes=ChartNotes(accounts),
+        work=Work(versions, accounts, work=step),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )
@@ -121,6 +137,7 @@ def console_app(
             looking.cancel()
             await asyncio.gather(looking, return_exceptions=True)
             console.zones.prices.close()
+            console.work.close()
             console.pictures.close()
             reading.close()
             accounts.close()

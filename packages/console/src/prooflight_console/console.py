@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from prooflight_console.accounts.provider import Provider
     from prooflight_console.accounts.roles import Who
     from prooflight_console.alarms.alarm_store import AlarmStore, Handover, Shelving
+    from prooflight_console.engineering.notes import ChartNotes
+    from prooflight_console.engineering.work import Work
     from prooflight_console.pictures.pictures import Pictures
     from prooflight_console.reading.gate import Gates
     from prooflight_console.reading.incidents import RunIncidents
@@ -58,6 +60,9 @@ class Console:
     tolerances: Tolerances
     rasters: Rasters
     metrics: Metrics
+    chart_notes: ChartNotes
+    work: Work
+    """Steps that make versions of the first press."""
     began_s: float
     """Unix time at which the console started. [s]"""
     provider: Provider | None = None

@@ -33,7 +33,11 @@ PAGES: Final = {
     "/report/1": ".heat",
     "/search": "table",
     "/press?run=2&against=1": "#charts[data-ready]",
+    "/press/engineering": "main h1",
+    "/press/history": ".histories",
+    "/kiosk": "main",
     "/setup": ".camera",
+    "/setup/kiosks": "form",
     "/setup/zones": ".empty",
     "/setup/users": "table",
     "/setup/tokens": "form",
@@ -50,6 +54,7 @@ ELSEWHERE: Final = {
 """Pages that need more than runs; zones beside a job are looked at in ``test_zones_page``."""
 PARTS: Final = (
     *("/now/events", "/setup/camera/events", "/press/{run}/course", "/press/figures", "/setup/audit/chain"),
+    *("/press/engineering/thresholds", "/press/engineering/work", "/press/history/charts"),
     *("/runs/{run}/sheets/{sheet}/again", "/runs/{run}/sheets/{sheet}/thumbnail", "/runs/{run}/reprint.csv"),
     *("/runs/{run}/report.pdf", "/search.csv", "/search.json"),
     *("/setup/zones/{job}/picture", "/sign-in/provider/return", "/static/{name:path}"),

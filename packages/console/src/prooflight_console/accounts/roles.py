@@ -56,6 +56,10 @@ class Who:
     """Digest of the session's or the token's secret."""
     scopes: frozenset[Scope] | None = None
     """Scopes of the token; None for a person."""
+    by_key: bool = False
+    """Whether they signed in by badge or PIN."""
+    idle_s: float = 0.0
+    """Time without an action after which the session ends, at a kiosk; 0: it ends at ``ends_s``. [s]"""
     ends_s: float = 0.0
     """Unix time at which the session or token ends. [s]"""
     language: str | None = None

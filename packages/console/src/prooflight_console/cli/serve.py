@@ -78,6 +78,20 @@ TraysOption = Annotated[
 QueueOption = Annotated[
     Path | None, typer.Option("--queue", metavar="FOLDER", help="Hot folder whose jobs /metrics counts.")
 ]
+ScansOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--scans",
+        metavar="SCANS",
+        help="Recorded scans of a --job's good pages, for learning in the console.",
+    ),
+]
+PressFileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--press-file", metavar="PRESS.toml", help="Press file, for building the press again in the console."
+    ),
+]
 RecordsOption = Annotated[
     str | None,
     typer.Option(
@@ -127,6 +141,8 @@ def serve(
     trusted_proxy: TrustedProxyOption = None,
     trays: TraysOption = None,
     queue: QueueOption = None,
+    scans: ScansOption = None,
+    press_file: PressFileOption = None,
     records: RecordsOption = None,
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
@@ -151,7 +167,9 @@ def serve(
     if demo:
         _serve_demo(listening)
         return
-    for path in (*(press or ()), *(job or ())):
+    if len(scans or ()) > len(job or ()):
+        raise RequestError("--scans", "has no job", remedy="give --job and --scans in the same order")
+    for path in (*(press or ()), *(job or ()), *(scans or ()), *((press_file,) if press_file else ())):
         if not path.exists():
             raise RequestError(
                 path, "does not exist", remedy="give the artefact or job of a run, or leave it out"
@@ -167,6 +185,8 @@ def serve(
         tiles_bytes=tiles_mb * 10**6,
         presses=tuple(press or ()),
         jobs=tuple(job or ()),
+        scans=tuple(scans or ()),
+        press_file=press_file,
         secure=certificate is not None or any(one.startswith("https:") for one in addresses),
         origins=addresses,
         trays=None if trays is None else trays.absolute(),

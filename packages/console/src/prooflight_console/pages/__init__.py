@@ -4,7 +4,10 @@ from prooflight_console.pages import (
     alarms,
     assets,
     camera,
+    engineering,
+    history,
     incident,
+    kiosk,
     now,
     press,
     presses,
@@ -18,7 +21,8 @@ from prooflight_console.pages import (
 )
 
 ROUTERS = (
-    *(assets.router, sign_in.router, provider.router),
+    *(assets.router, sign_in.router, kiosk.router, provider.router),
     *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
+    *(report.router, search.router, press.router, engineering.router, history.router, presses.router),
+    *(setup.router, camera.router, zones.router),
 )

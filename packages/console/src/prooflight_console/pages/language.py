@@ -26,7 +26,7 @@ class Language:
         folder = files("prooflight_console.pages") / "languages"
         self._words = {f"kind.{name}": text for name, text in KINDS[code].items()}
         self._words["kind.none"] = KINDS[code]["unknown"]
-        for name in (f"{code}.json", f"{code}-office.json"):
+        for name in (f"{code}.json", f"{code}-office.json", f"{code}-engineering.json", f"{code}-kiosk.json"):
             self._words |= json.loads((folder / name).read_text("utf-8"))
 
     def __call__(self, key: str, **values: Any) -> str:

@@ -14,7 +14,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight_console.access import authenticated, needs
+from prooflight_console.access import authenticated, kiosk_of, needs
 from prooflight_console.accounts.account_store import LANGUAGES
 from prooflight_console.accounts.roles import Role, Scope, Who
 from prooflight_console.pages.defects import incident_text, sheet_text
@@ -116,7 +116,8 @@ def problem_page(
     wants_page = "HX-Request" not in request.headers
     if status == 401 and wants_page and request.method == "GET":
         back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
-        return RedirectResponse(f"/sign-in?next={quote(back[:MOST_LETTERS], safe='')}", 303)
+        where = "/sign-in" if kiosk_of(request) is None else "/kiosk"
+        return RedirectResponse(f"{where}?next={quote(back[:MOST_LETTERS], safe='')}", 303)
     try:
         who = authenticated(request)
     except Problem:

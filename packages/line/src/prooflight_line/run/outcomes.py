@@ -102,7 +102,7 @@ def unknown_sheet(
 
 
 def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
-    """Return the outcome of a page of the job that did not come; name: its own."""
+    """Return the outcome of a page of the job that did not come, or that nothing watched; name: its own."""
     reason = "; ".join(fault.detail for fault in page.faults)
     record = PageRecord(
         sheet=number,
@@ -113,7 +113,7 @@ def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | N
         time_s=time_s,
         faults=kinds_of(page.faults) or ("missing",),
     )
-    return Outcome(record=record, evidence=PageEvidence(), came=False)
+    return Outcome(record=record, evidence=PageEvidence(), came=page.is_unwatched)
 
 
 def lost_lines(seen: SeenPage) -> tuple[str, ...]:
@@ -131,8 +131,9 @@ def kinds_of(faults: Sequence[Fault]) -> tuple[str, ...]:
 class InOrder:
     """Reorder buffer: releases outcomes in the order of their sheets; every sheet has exactly one."""
 
-    def __init__(self) -> None:
-        self._next = 0
+    def __init__(self, first: int = 0) -> None:
+        """Begin with the sheet ``first``."""
+        self._next = first
         self._early: dict[int, Outcome] = {}
 
     def put(self, outcome: Outcome) -> list[Outcome]:

@@ -35,9 +35,10 @@ class Recorder:
     Pages that are ``unrecorded`` after its end will not be recorded by this process.
     """
 
-    def __init__(self, journal: Journal, run_id: int) -> None:
+    def __init__(self, journal: Journal, run_id: int, *, recorded: int = 0) -> None:
+        """``recorded`` is the number of rows that the run has before."""
         self.journal, self.run_id = journal, run_id
-        self._recorded = 0
+        self._recorded = recorded
         self._due, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._commit_all, name="journal", daemon=True)
 

@@ -37,6 +37,7 @@ from prooflight_line.cli.watch.options import (
     MisprintOption,
     PlantOption,
     QueueOption,
+    ResumeOption,
     SampleOption,
     ServeOption,
     ServePortOption,
@@ -101,6 +102,7 @@ def watch(
     serve_port: ServePortOption = 8080,
     trays: TraysOption = None,
     queue: QueueOption = False,
+    resume: ResumeOption = False,
     json: Json = False,
     context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
@@ -115,6 +117,7 @@ def watch(
     from prooflight.inspection.sheets import NEXT, Assembling
     from prooflight.pages.process import settle_process
     from prooflight.press.artefact import Press
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.running import (
         PlannedRun,
         exit_code,
@@ -141,6 +144,30 @@ def watch(
     )
     inspector = replace(inspector, zones=read.zones)
     read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
+    facts = RunFacts(
+        job=read.name,
+        job_digest="" if journal == "none" else content_digest(job),
+        press=loaded.name,
+        press_digest=loaded.digest,
+        detector=inspector.detector.name,
+        source=source,
+        started_s=time.time(),
+        sheets=read.passings,
+        settings=read.facts,
+    )
+    resumption = None
+    if resume:
+        if source.startswith("replay:"):
+            what = "recorded scans begin with the first again"
+            raise RequestError("--resume", what, remedy="leave out --resume to inspect them all")
+        resumption = Resumption.last_of(
+            journal,
+            facts,
+            gate=read.plant.gate,
+            plan=read.plan,
+            press_file=plant,
+            progress=show.steps(quiet=json),
+        )
     given = open_source(
         source,
         press=loaded,
@@ -157,6 +184,7 @@ def watch(
             seed=seed,
             fed=read.plant.simulated,
             plan=read.plan,
+            passed=0 if resumption is None else resumption.past.due,
         ),
         shown=lambda scans, total: (show.logged_progress if json else show.progress)(
             scans, total=total, what="printing for the drum"
@@ -179,20 +207,11 @@ def watch(
         at_once=start_at_once,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
+    if resumption is not None:
+        console.first_passed = resumption.past.first_not_inspected
     settle_process()
-    facts = RunFacts(
-        job=read.name,
-        job_digest="" if journal == "none" else content_digest(job),
-        press=loaded.name,
-        press_digest=loaded.digest,
-        detector=inspector.detector.name,
-        source=source,
-        started_s=time.time(),
-        sheets=read.passings,
-        settings=asdict(settings) | {"engine": inspector.engine} | read.facts,
-    )
     planned = PlannedRun(
-        facts=facts,
+        facts=replace(facts, settings=asdict(settings) | {"engine": inspector.engine} | read.facts),
         inspector=inspector,
         job=read.source,
         pages=read.pages,
@@ -205,10 +224,11 @@ def watch(
         false_alarms=false_alarms,
         plan=read.plan,
         warnings=read.early.warnings,
+        resumption=resumption,
     )
     with (
         console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
-        recorder_of(journal, facts) as recorder,
+        recorder_of(journal, planned.facts, resumption) as recorder,
         lines_shown(planned, journal) as planned,
     ):
         status = run_until_ended(planned, read.plant, recorder, console)
@@ -250,6 +270,10 @@ class _ReadJob:
             facts |= {"zones": self.zones.digest, "zones_alone": self.zones.zones_digest}
         if self.early.warnings:
             facts["warnings"] = self.early.plain
+        if self.plant.file is not None:
+            from prooflight.files.content import content_digest
+
+            facts["press_file"] = content_digest(self.plant.file.path)
         return facts
 
 

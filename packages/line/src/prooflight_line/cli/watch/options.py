@@ -114,6 +114,9 @@ TraysOption = Annotated[
     Path | None,
     typer.Option("--trays", metavar="FILE", help="The controller's log of its trays, for the console."),
 ]
+ResumeOption = Annotated[
+    bool, typer.Option("--resume", help="Continue the journal's last run, which broke off.")
+]
 QueueOption = Annotated[
     bool, typer.Option("--queue", help="JOB is a hot folder: print the next job of its queue, see `queue`.")
 ]

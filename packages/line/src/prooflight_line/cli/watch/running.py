@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
@@ -58,6 +59,8 @@ class PlannedRun:
     """Imposition of the job on sheets; None: one page a sheet."""
     warnings: tuple[PageWarning, ...] = ()
     """Warnings of the job that were printed before the run."""
+    resumption: Resumption | None = None
+    """Run that broke off and is resumed; None: the run is new."""
 
     def position(self, number: int) -> int:
         """Return the position at which page ``number`` of the job, from 1, first passes."""
@@ -115,6 +118,7 @@ def run_until_ended(
         job_pages=planned.pages,
         plan=planned.plan,
         recorder=recorder,
+        resumption=planned.resumption,
         notice=lambda one: notify(one),
         progress=show.steps(quiet=console.json),
     ) as served:
@@ -137,6 +141,9 @@ def run_until_ended(
             keep=planned.keep,
             follow=planned.follow,
             false_alarms=planned.false_alarms,
+            recorded=None
+            if recorder is None or planned.resumption is None
+            else recorder.journal.pages(recorder.run_id),
             tell=_decided_first(
                 served.gate_observer,
                 _each(partial(console.observe, recorder=recorder), served.stream_observer),
@@ -155,6 +162,8 @@ def run_until_ended(
             console.cameras = given.camera.healths
             given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
         notify = running.note  # from now on it stands in the journal too
+        if planned.resumption is not None:
+            notify(Notice(kind="resumed", text=planned.resumption.message))
         stopped = console.until_ended(running)
         notify = console.noticed
         status = running.status()
@@ -237,8 +246,10 @@ def lines_shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun
 
 
 @contextmanager
-def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | None]:
-    """Give the recorder of a new run in the journal of the option; None if there is to be none."""
+def recorder_of(
+    journal: str | None, facts: RunFacts, resumption: Resumption | None = None
+) -> Iterator[Recorder | None]:
+    """Give the recorder of a run in the journal of the option, new or resumed; None if there is to be none."""
     if journal == "none":
         yield None
         return
@@ -247,6 +258,14 @@ def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | Non
     from prooflight_line.plant.gate.log import set_aside
     from prooflight_line.run.recording import Recorder
 
+    if resumption is not None:
+        with Journal.open(journal or str(default_journal())) as opened:
+            resumption.take_over(opened)
+            with Recorder(
+                opened, resumption.run_id, recorded=opened.run(resumption.run_id).pages
+            ) as recorder:
+                yield recorder
+        return
     with (
         Journal.open(journal or str(default_journal())) as opened,
         Recorder(opened, opened.begin_run(facts)) as recorder,

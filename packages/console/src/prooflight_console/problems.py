@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from prooflight.errors import ProoflightError, RequestError
+from prooflight_console.request_log import IN_SCOPE
 from prooflight_line.journal.schema import JournalError
 from prooflight_line.records.database import RecordsError
 
@@ -72,6 +73,8 @@ def not_found(what: str) -> Problem:
 def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
     """Return the response to an exception; ``page`` makes the one that people read."""
     status, kind, detail, headers, errors = _described(error)
+    if status == 500 and (name := request.scope.get(IN_SCOPE)):  # made outside of the middleware that adds it
+        headers["X-Request-ID"] = name
     if not request.url.path.startswith(FOR_PROGRAMS):
         return page(request, status, kind, detail, headers)
     body = ProblemBody(

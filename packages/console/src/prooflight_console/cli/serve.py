@@ -9,7 +9,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 
@@ -131,6 +132,7 @@ def serve(
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
     demo: DemoOption = False,
+    log: LogOption = "text",
 ) -> None:
     """Serve the console: runs, sheets and incidents in a browser, live. Ctrl-C ends it.
 
@@ -139,6 +141,7 @@ def serve(
     """
     if context.invoked_subcommand is not None:
         return
+    event_log.begin(log)
     from prooflight_console.accounts.provider_file import ProviderSettings
     from prooflight_console.running import Listening
     from prooflight_console.running import serve as run
@@ -203,6 +206,8 @@ def _network(text: str) -> str:
 
 def print_address(address: str, link: str | None) -> None:
     """Print the console's address, and the link for its first admin; this link is in no log and works once."""
+    if event_log.write("listening", address=address):
+        return  # `prooflight serve user link` prints one
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
         show.people.print("Nobody can sign in yet. Open this link once to choose the admin's password:")

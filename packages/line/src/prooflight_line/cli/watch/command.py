@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from prooflight.cli import imposition, show
+from prooflight.cli import event_log, imposition, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import (
     Detector,
     JobPath,
@@ -102,6 +103,7 @@ def watch(
     trays: TraysOption = None,
     queue: QueueOption = False,
     json: Json = False,
+    log: LogOption = "text",
     context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
     """Inspect a press while it runs, and say of every misprint where it is.
@@ -128,6 +130,7 @@ def watch(
     from prooflight_line.run.pager import SheetEdge, TriggerCount
     from prooflight_line.run.status import Phase
 
+    event_log.begin(log)
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
     loaded = Press.load(press)

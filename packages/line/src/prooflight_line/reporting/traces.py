@@ -22,6 +22,7 @@ import os
 import time
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from prooflight import __version__
@@ -152,7 +153,7 @@ class RunTraces:
             )
             unix = [to_unix + mark for mark in marks]
             names = ("lines", "placed", "waited", "inspected")
-            parts = dict(zip(names, zip(unix, unix[1:], strict=False), strict=True))
+            parts = dict(zip(names, pairwise(unix), strict=True))
         if (gate := self._gate.pop(outcome.record.sheet, None)) is not None:
             parts["gate"] = gate
         parts["journalled"] = now, now

@@ -235,8 +235,13 @@ class _Total:
             self._traces.shipped(step.ids, (time.time() - step.seconds, time.time()))
         if (now := datetime.now(UTC)) - self._shown >= timedelta(seconds=SHOWN_EVERY_S):
             self._shown = now
-            counts = {"sheets": self._sheets, "labels": self._labels, "rows_behind": shipper.waiting_rows}
-            event_log.write("progress", press=self._press, **counts)
+            event_log.write(
+                "progress",
+                press=self._press,
+                sheets=self._sheets,
+                labels=self._labels,
+                rows_behind=shipper.waiting_rows,
+            )
             show.people.print(f"{self.line()}; {count(shipper.waiting_rows, 'row')} behind")
 
     def close(self) -> None:

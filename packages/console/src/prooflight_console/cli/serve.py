@@ -241,6 +241,26 @@ def link(
     _link(name, accounts.link(name, by=_me()), address, json=json)
 
 
+@user.command("token")
+def token(
+    name: Name,
+    scope: Annotated[
+        list[str] | None, typer.Option("--scope", metavar="SCOPE", help="Scope of the token; default read.")
+    ] = None,
+    journal: JournalUrl = None,
+    data: Data = None,
+) -> None:
+    """Print a new token of a user for a program, as Prometheus; it is shown this once."""
+    from prooflight_console.accounts.roles import Scope
+
+    for one in scope or ():
+        if one not in list(Scope):
+            raise RequestError("scope", f"there is no {one[:40]!r}", remedy=f"choose {', '.join(Scope)}")
+    scopes = [Scope(one) for one in scope or [Scope.READ]]
+    _, secret = _accounts(journal, data).new_token(name, "command line", scopes, by=_me())
+    show.people.print(secret, soft_wrap=True, highlight=False)
+
+
 @user.command("list")
 def users(journal: JournalUrl = None, data: Data = None, json: Json = False) -> None:
     """List all users."""

@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 
 from prooflight.cli import event_log
 from prooflight.errors import ProoflightError
+from prooflight_console.problems import REQUEST_NAME
 from prooflight_line.journal.labels import run_key, sheet_id
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from prooflight_console.reading.runs import Reading
 
 HEADER: Final = b"x-request-id"
-IN_SCOPE: Final = "prooflight.request"
-"""Key of the name in the request's scope."""
 _GIVEN: Final = re.compile(rb"[A-Za-z0-9_.-]{1,64}")
 
 
@@ -39,7 +38,7 @@ class RequestLog:
             return
         given = dict(scope["headers"]).get(HEADER, b"")
         name = given if _GIVEN.fullmatch(given) else secrets.token_hex(8).encode()
-        scope[IN_SCOPE] = name.decode()
+        scope[REQUEST_NAME] = name.decode()
         begun_s, status = time.monotonic(), 500
         failure: Exception | None = None
 

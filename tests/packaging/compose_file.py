@@ -90,11 +90,15 @@ def services(folder: Path, *, ports: dict[int, int], variables: dict[str, str]) 
 
 
 def environment_here(service: Service) -> dict[str, str]:
-    """Return all variables of a service's process: its own, and what finds this checkout's program."""
+    """Return all variables of a service's process: its own, and what finds this checkout's program.
+
+    Kernels are those that this checkout has compiled; to compile all of them takes minutes.
+    """
     programs = Path(sys.executable).parent
     path = f"{programs}:{os.environ['PATH']}"
     mine = {name: os.environ[name] for name in ("PYTHONPATH", "OPENBLAS_CORETYPE") if name in os.environ}
-    return {**mine, **service.environment, "PATH": path}
+    own = {name: value for name, value in service.environment.items() if name != "NUMBA_CACHE_DIR"}
+    return {**mine, **own, "PATH": path}
 
 
 def health_here(ports: dict[int, int]) -> tuple[str, ...]:

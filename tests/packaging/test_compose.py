@@ -197,7 +197,7 @@ def test_each_sheet_has_one_name_in_the_logs_of_all_services(started: Stack) -> 
     assert events("press", "run-ended")
     started.wait("all is shipped", lambda: len(events("shipper", "shipped")) >= SHEETS)
     assert [row["id"] for row in events("shipper", "shipped")] == printed
-    assert events("console", "request")
+    assert events("console", "listening")
     url = started.services["shipper"].environment["PROOFLIGHT_RECORDS"]
     with connect(url) as connection:
         assert connection.execute("SELECT count(*) FROM sheets").fetchall() == [(SHEETS,)]

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from prooflight_console.reading.runs import Reading
 
 HEADER: Final = b"x-request-id"
+PROBES: Final = ("/healthz", "/readyz")
+"""Paths that are asked for every few seconds; in the log they stand only when they fail."""
 _GIVEN: Final = re.compile(rb"[A-Za-z0-9_.-]{1,64}")
 
 
@@ -56,7 +58,7 @@ class RequestLog:
                 failure = error
                 raise
             finally:
-                if event_log.is_on():
+                if event_log.is_on() and not (status == 200 and scope["path"] in PROBES):
                     event_log.write(
                         "request",
                         level=logging.WARNING if status >= 500 else logging.INFO,

@@ -156,7 +156,8 @@ class Stack:
     def run(self, name: str, *, within_s: float, codes: tuple[int, ...] = (0,)) -> None:
         """Run a service that ends by itself."""
         self.begin(name)
-        assert self._running.pop(name).wait(within_s) in codes, self.log(name)
+        assert self._running[name].wait(within_s) in codes, self.log(name)
+        del self._running[name]
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text()

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
@@ -122,6 +123,7 @@ class RunTraces:
     """None: the run is in no journal, and no sheet waits."""
     clock: Callable[[], float] = time.monotonic
     """The clock of the run."""
+    _guard: threading.Lock = field(default_factory=threading.Lock, init=False)
     _waiting: deque[tuple[int, Outcome, dict[str, Interval]]] = field(default_factory=deque, init=False)
     _gate: dict[int, Interval] = field(default_factory=dict, init=False)
     _recorded: int = field(default=0, init=False)
@@ -165,8 +167,11 @@ class RunTraces:
     def committed(self, rows: int) -> None:
         """Hand over the traces of the first ``rows`` sheets of the run, which are on the disk now."""
         now = time.time()
-        while self._waiting and self._waiting[0][0] <= rows:
-            _, outcome, parts = self._waiting.popleft()
+        with self._guard:  # both the thread that writes the journal and that which ends the run come here
+            ready = []
+            while self._waiting and self._waiting[0][0] <= rows:
+                ready.append(self._waiting.popleft())
+        for _, outcome, parts in ready:
             if self.recorder is None:
                 del parts["journalled"]
             else:

@@ -127,12 +127,14 @@ def watch(
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.reporting.traces import Traces
     from prooflight_line.run.pager import SheetEdge, TriggerCount
     from prooflight_line.run.status import Phase
 
     event_log.begin(log)
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    traces = Traces.of_environment()
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
@@ -208,6 +210,7 @@ def watch(
         false_alarms=false_alarms,
         plan=read.plan,
         warnings=read.early.warnings,
+        traces=traces,
     )
     with (
         console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
-    from prooflight_line.reporting.traces import RunTraces
+    from prooflight_line.reporting.traces import RunTraces, Traces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
@@ -59,6 +59,8 @@ class PlannedRun:
     """Imposition of the job on sheets; None: one page a sheet."""
     warnings: tuple[PageWarning, ...] = ()
     """Warnings of the job that were printed before the run."""
+    traces: Traces | None = None
+    """Where traces of the sheets go; None: none are made."""
 
     def position(self, number: int) -> int:
         """Return the position at which page ``number`` of the job, from 1, first passes."""
@@ -104,7 +106,7 @@ def run_until_ended(
 ) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
     from prooflight_line.cli.watch.run_log import RunLog
-    from prooflight_line.reporting.traces import RunTraces, Traces
+    from prooflight_line.reporting.traces import RunTraces
     from prooflight_line.run.notices import Notice, PageWarnings
     from prooflight_line.run.page_store import JobPageStore
     from prooflight_line.run.recording import ending_of
@@ -113,7 +115,7 @@ def run_until_ended(
     press, given, sheets = planned.inspector.press, planned.given, planned.sheets
     console.log = RunLog.of(planned.facts, None if recorder is None else recorder.run_id)
     console.log.began(planned.facts)
-    traces = Traces.of_environment()
+    traces = planned.traces
     traced = None if traces is None else RunTraces(traces=traces, facts=planned.facts, recorder=recorder)
     if traced is not None and recorder is not None:
         recorder.committed = traced.committed

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 DASHBOARD = ROOT / "packages" / "console" / "deploy" / "grafana-dashboard.json"
 MM = 72 / 25.4
-SHEETS = 12
+SHEETS = 5
 PATIENCE_S = 600.0
 """Only a test that fails waits so long."""
 

@@ -48,7 +48,9 @@ def upgrade():
     for one in {statements}:
         op.execute(one)
 """
-COMMIT_SHEETS: Final = 2000
+FIRST_SHEETS: Final = 2000
+"""Sheets of the journal that are recorded as a run does it."""
+SHEET_S: Final = 0.2
 
 
 def measure_migrations(*, sheets: int, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -120,27 +122,34 @@ def _of_journal(path: Path, sheets: int, progress: Callable[[str], None]) -> lis
 
 
 def _write(path: Path, sheets: int, progress: Callable[[str], None]) -> None:
-    begun = time.monotonic()
+    """Write a journal: its first sheets as a run does, and the others as copies of these, which is faster."""
+    first = min(FIRST_SHEETS, sheets)
+    facts = RunFacts(
+        job="made-up",
+        job_digest="",
+        press="made-up",
+        press_digest="0" * 64,
+        detector="matched_filter",
+        source="made-up",
+        started_s=1e9,
+        sheets=sheets,
+    )
+    progress("writing a journal")
     with Journal.open(str(path)) as journal:
-        facts = RunFacts(
-            job="made-up",
-            job_digest="",
-            press="made-up",
-            press_digest="0" * 64,
-            detector="matched_filter",
-            source="made-up",
-            started_s=1e9,
-            sheets=sheets,
-        )
         run = journal.begin_run(facts)
-        for number in range(sheets):
-            journal.record(run, sheet(number, 0.2 * number))
-            if number % COMMIT_SHEETS == COMMIT_SHEETS - 1:
-                journal.commit()
-                if number % (50 * COMMIT_SHEETS) == 50 * COMMIT_SHEETS - 1:
-                    left_s = (time.monotonic() - begun) * (sheets / (number + 1) - 1)
-                    progress(f"writing the journal, {100 * (number + 1) / sheets:.0f} %, {left_s:.0f} s left")
-        journal.end_run(run, RunEnd(ended_s=1e9 + 0.2 * sheets, ending="finished"))
+        for number in range(first):
+            journal.record(run, sheet(number, SHEET_S * number))
+        journal.commit()
+        journal.end_run(run, RunEnd(ended_s=1e9 + SHEET_S * sheets, ending="finished"))
+    with closing(sqlite3.connect(path)) as raw, raw:
+        columns = [row[1] for row in raw.execute("PRAGMA table_info(pages)")]
+        moved = {"sheet": "sheet + :by", "job_page": "job_page + :by", "time_s": f"time_s + {SHEET_S} * :by"}
+        copied = ", ".join(moved.get(name, name) for name in columns)
+        for by in range(first, sheets, first):
+            raw.execute(
+                f"INSERT INTO pages ({', '.join(columns)}) SELECT {copied} FROM pages WHERE sheet < :rest",
+                {"by": by, "rest": min(first, sheets - by)},
+            )
 
 
 def _make_earlier(path: Path) -> None:

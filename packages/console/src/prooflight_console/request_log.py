@@ -67,10 +67,10 @@ class RequestLog:
                         path=scope["path"],
                         status=status,
                         ms=round(1e3 * (time.monotonic() - begun_s), 1),
-                        **await run_in_threadpool(self._asked_for, scope.get("path_params", {})),
+                        **await run_in_threadpool(self._subject, scope.get("path_params", {})),
                     )
 
-    def _asked_for(self, parts: dict[str, Any]) -> dict[str, Any]:
+    def _subject(self, parts: dict[str, Any]) -> dict[str, Any]:
         """Return the run of a request, and the sheet by its name in all logs, where it is about one."""
         if "run" not in parts:
             return {}

@@ -147,7 +147,7 @@ def _write(path: Path, sheets: int, progress: Callable[[str], None]) -> None:
         copied = ", ".join(moved.get(name, name) for name in columns)
         for by in range(first, sheets, first):
             raw.execute(
-                f"INSERT INTO pages ({', '.join(columns)}) SELECT {copied} FROM pages WHERE sheet < :rest",
+                f"INSERT INTO pages ({', '.join(columns)}) SELECT {copied} FROM pages WHERE rowid <= :rest",
                 {"by": by, "rest": min(first, sheets - by)},
             )
 

@@ -37,6 +37,7 @@ from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
 from prooflight_console.reading.trend import Trends
+from prooflight_console.request_log import RequestLog
 from prooflight_console.zones.prices import Prices
 from prooflight_console.zones.rasters import Rasters
 from prooflight_console.zones.service import ZonesService
@@ -157,6 +158,7 @@ def console_app(
     app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
     app.add_middleware(Headers, secure=settings.secure)
+    app.add_middleware(RequestLog, reading=reading)
     if settings.trusted_proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
     refuse_unguarded(app)

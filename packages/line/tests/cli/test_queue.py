@@ -78,6 +78,21 @@ def test_jobs_are_taken_in_prepared_and_listed(
     assert "notes\\x1b.txt" in out
 
 
+def test_the_log_for_programs_names_each_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page(tmp_path / "a.tif")
+    (tmp_path / "notes.txt").write_text("no job")
+    options = ("--settle", 0.1, "--once", "--log", "json")
+    code, out, log = call(capsys, "queue", "fill", tmp_path, *options)
+    assert (code, out) == (0, "")
+    rows = {row["job"]: row for row in map(json.loads, log.splitlines())}
+    assert {row["event"] for row in rows.values()} == {"job"}
+    assert [(rows[name]["stage"], rows[name]["level"]) for name in ("a.tif", "notes.txt")] == [
+        ("queued", "info"),
+        ("rejected", "warning"),
+    ]
+    assert rows["notes.txt"]["reason"]
+
+
 def test_a_page_that_does_not_fit_the_press_is_rejected(
     tmp_path: Path, press_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

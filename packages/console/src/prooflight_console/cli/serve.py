@@ -9,7 +9,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 
@@ -147,6 +148,7 @@ def serve(
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
     demo: DemoOption = False,
+    log: LogOption = "text",
 ) -> None:
     """Serve the console: runs, sheets and incidents in a browser, live. Ctrl-C ends it.
 
@@ -155,6 +157,7 @@ def serve(
     """
     if context.invoked_subcommand is not None:
         return
+    event_log.begin(log)
     from prooflight_console.accounts.provider_file import ProviderSettings
     from prooflight_console.running import Listening
     from prooflight_console.running import serve as run
@@ -223,6 +226,8 @@ def _network(text: str) -> str:
 
 def print_address(address: str, link: str | None) -> None:
     """Print the console's address, and the link for its first admin; this link is in no log and works once."""
+    if event_log.write("listening", address=address):
+        return  # `prooflight serve user link` prints one
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
         show.people.print("Nobody can sign in yet. Open this link once to choose the admin's password:")
@@ -254,6 +259,26 @@ def link(
     """Print a new link for a user who lost theirs, or their password."""
     accounts = _accounts(journal, data)
     _link(name, accounts.link(name, by=_me()), address, json=json)
+
+
+@user.command("token")
+def token(
+    name: Name,
+    scope: Annotated[
+        list[str] | None, typer.Option("--scope", metavar="SCOPE", help="Scope of the token; default read.")
+    ] = None,
+    journal: JournalUrl = None,
+    data: Data = None,
+) -> None:
+    """Print a new token of a user for a program, as Prometheus; it is shown this once."""
+    from prooflight_console.accounts.roles import Scope
+
+    for one in scope or ():
+        if one not in list(Scope):
+            raise RequestError("scope", f"there is no {one[:40]!r}", remedy=f"choose {', '.join(Scope)}")
+    scopes = [Scope(one) for one in scope or [Scope.READ]]
+    _, secret = _accounts(journal, data).new_token(name, "command line", scopes, by=_me())
+    show.people.print(secret, soft_wrap=True, highlight=False)
 
 
 @user.command("list")

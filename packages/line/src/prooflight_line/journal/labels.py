@@ -105,6 +105,11 @@ def key_of(run_id: int, started_s: float) -> str:
     return f"{run_id}@{started_s:.0f}"
 
 
+def sheet_id(key: str, sheet: int) -> str:
+    """Return the name of a sheet of the run with this key, by which logs and traces of all processes know it."""
+    return f"{key}/{sheet}"
+
+
 def labels_path(journal: Path) -> Path:
     """Return the file of the labels of a journal's sheets."""
     return journal.with_name(journal.name + SUFFIX)

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight_line.journal.labels import LabelStore, key_of
+from prooflight_line.journal.labels import LabelStore, key_of, sheet_id
 from prooflight_line.records.database import RecordsError, UnreachableError, connect, first_line, shown
 
 if TYPE_CHECKING:
@@ -80,10 +81,18 @@ class LinkDownError(OSError):
 class Step:
     """Result of one step."""
 
-    sheets: int = 0
+    ids: tuple[str, ...] = ()
+    """The sheets that were shipped, by ``labels.sheet_id``."""
     labels: int = 0
+    seconds: float = 0.0
+    """Time that it took."""
     more: bool = False
     """Whether the journal held more than one step takes."""
+
+    @property
+    def sheets(self) -> int:
+        """Number of sheets that were shipped."""
+        return len(self.ids)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +170,7 @@ class Shipper:
 
         RecordsError: the server refuses what no repetition would change. JournalError: the journal cannot be read.
         """
+        begun_s = time.monotonic()
         upto = self.journal.row_after(self._row, count=ROWS_A_STEP)
         damaged: list[JournalError] = []
         written = self.journal.written_after(self._row, limit=ROWS_A_STEP, damaged=damaged.append)
@@ -194,8 +204,13 @@ class Shipper:
         for error in damaged:
             self.announce(str(error))
         return Step(
-            sheets=len(written),
+            ids=tuple(
+                sheet_id(run.key, one.page.sheet)
+                for one in written
+                if (run := self._runs.get(one.run_id)) is not None
+            ),
             labels=len(labels),
+            seconds=time.monotonic() - begun_s,
             more=len(written) + len(damaged) == ROWS_A_STEP or len(labels) == ROWS_A_STEP,
         )
 

@@ -221,6 +221,7 @@ class Pager:
         seen = SeenPage(
             scan=cut.scan,
             first_line=count - (sheet.start - cut.first),  # lines were lost between them
+            first_line_time_s=self._store.time_at(max(cut.first, 0)),
             last_line_time_s=self._store.time_at(min(cut.first + cut.scan.shape[1], self._store.end) - 1),
             job_page=match.job_page,
             faults=tuple(faults),

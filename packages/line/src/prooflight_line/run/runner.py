@@ -34,6 +34,7 @@ from prooflight_line.run.notices import Notice, Silence, Unusable
 from prooflight_line.run.outcomes import (
     InOrder,
     Outcome,
+    SheetTimes,
     kinds_of,
     lost_lines,
     missing_page,
@@ -373,7 +374,12 @@ class Running:
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(
-            number=number, job_page=page.job_page, seen=page, arrived_s=arrived_s, deadline_s=deadline_s
+            number=number,
+            job_page=page.job_page,
+            seen=page,
+            arrived_s=arrived_s,
+            placed_s=now_s,
+            deadline_s=deadline_s,
         )
         if self._dropping.is_set():
             self._pass(sheet, STOPPED)
@@ -458,7 +464,14 @@ class Running:
                     sheet=sheet.number,
                 )
             decided_s = self._clock()
-            done = self._outcome(sheet, result, used, decided_s)
+            times = SheetTimes(
+                lines_s=sheet.seen.lines_s,
+                last_line_s=sheet.arrived_s,
+                placed_s=sheet.placed_s,
+                begun_s=begun_s,
+                decided_s=decided_s,
+            )
+            done = self._outcome(sheet, result, used, times)
         except Exception as error:
             why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
             return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
@@ -467,7 +480,7 @@ class Running:
         return done
 
     def _outcome(
-        self, sheet: Sheet, result: SheetResult, used: NDArray[np.float64] | None, decided_s: float
+        self, sheet: Sheet, result: SheetResult, used: NDArray[np.float64] | None, times: SheetTimes
     ) -> Outcome:
         evidence, adapting = result.evidence, self._watch.adapting
         if adapting is not None and used is not None:
@@ -476,11 +489,12 @@ class Running:
             sheet.number,
             sheet.seen,
             result.verdict,
-            late=decided_s > sheet.deadline_s,
-            latency_s=decided_s - sheet.arrived_s,
+            late=times.decided_s > sheet.deadline_s,
+            latency_s=times.decided_s - sheet.arrived_s,
             evidence=evidence,
             stored_evidence=result.stored_evidence,
             asked=result.asked,
+            times=times,
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 from rich.text import Text
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import Json, Profile
 from prooflight.errors import visible
 from prooflight.reporting.wording import count
@@ -50,6 +52,7 @@ def fill(
     ] = SETTLE_S,
     once: Annotated[bool, typer.Option("--once", help="Take in what is whole now, and end.")] = False,
     json: Json = False,
+    log: LogOption = "text",
 ) -> None:
     """Take jobs from a hot folder as they come: queue the good ones, reject the others with a reason.
 
@@ -62,6 +65,7 @@ def fill(
     from prooflight_line.job_queue.filling import fill_once
     from prooflight_line.job_queue.hot_folder import HotFolder
 
+    event_log.begin(log)
     inspector = None if press is None else Inspector(Press.load(press))
     opened = HotFolder.open(folder)
 
@@ -111,6 +115,14 @@ def list_jobs(folder: FolderPath, json: Json = False) -> None:
 def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     """Print where a job has ended."""
     entry, examined = taken.entry, taken.examined
+    event_log.write(
+        "job",
+        level=logging.INFO if entry.stage == "queued" else logging.WARNING,
+        **_facts(entry),
+        pages=examined.pages,
+        warnings=examined.warnings,
+        prepared=examined.prepared,
+    )
     if json:
         prepared = {"warnings": examined.warnings, "prepared": examined.prepared, "remark": examined.remark}
         show.print_json(_facts(entry) | {"pages": examined.pages} | prepared)

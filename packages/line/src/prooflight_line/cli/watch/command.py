@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from prooflight.cli import imposition, show
+from prooflight.cli import event_log, imposition, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import (
     Detector,
     JobPath,
@@ -104,6 +105,7 @@ def watch(
     queue: QueueOption = False,
     resume: ResumeOption = False,
     json: Json = False,
+    log: LogOption = "text",
     context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
     """Inspect a press while it runs, and say of every misprint where it is.
@@ -128,11 +130,14 @@ def watch(
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.reporting.traces import Traces
     from prooflight_line.run.pager import SheetEdge, TriggerCount
     from prooflight_line.run.status import Phase
 
+    event_log.begin(log)
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    traces = Traces.of_environment()
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
@@ -225,6 +230,7 @@ def watch(
         plan=read.plan,
         warnings=read.early.warnings,
         resumption=resumption,
+        traces=traces,
     )
     with (
         console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.reporting.traces import RunTraces, Traces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
@@ -61,6 +62,8 @@ class PlannedRun:
     """Warnings of the job that were printed before the run."""
     resumption: Resumption | None = None
     """Run that broke off and is resumed; None: the run is new."""
+    traces: Traces | None = None
+    """Where traces of the sheets go; None: none are made."""
 
     def position(self, number: int) -> int:
         """Return the position at which page ``number`` of the job, from 1, first passes."""
@@ -105,12 +108,20 @@ def run_until_ended(
     planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
 ) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
+    from prooflight_line.cli.watch.run_log import RunLog
+    from prooflight_line.reporting.traces import RunTraces
     from prooflight_line.run.notices import Notice, PageWarnings
     from prooflight_line.run.page_store import JobPageStore
     from prooflight_line.run.recording import ending_of
     from prooflight_line.run.watching import watched
 
     press, given, sheets = planned.inspector.press, planned.given, planned.sheets
+    console.log = RunLog.of(planned.facts, None if recorder is None else recorder.run_id)
+    console.log.began(planned.facts)
+    traces = planned.traces
+    traced = None if traces is None else RunTraces(traces=traces, facts=planned.facts, recorder=recorder)
+    if traced is not None and recorder is not None:
+        recorder.committed = traced.committed
     notify = console.noticed
     with plant.served(
         planned.facts,
@@ -145,8 +156,12 @@ def run_until_ended(
             if recorder is None or planned.resumption is None
             else recorder.journal.pages(recorder.run_id),
             tell=_decided_first(
-                served.gate_observer,
-                _each(partial(console.observe, recorder=recorder), served.stream_observer),
+                _timed(served.gate_observer, traced),
+                _each(
+                    partial(console.observe, recorder=recorder),
+                    None if traced is None else traced.observe,
+                    served.stream_observer,
+                ),
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
@@ -170,8 +185,18 @@ def run_until_ended(
         lacks = console.lacks(status, sheets=sheets)
         if recorder is not None:
             recorder.end(status, stopped=stopped, detail=lacks)
+        if traced is not None:
+            traced.close()
+        console.log.ended(status, ending_of(status, stopped=stopped))
         served.ended(ending_of(status, stopped=stopped), lacks)
     return status
+
+
+def _timed(
+    decide: Callable[[Outcome], Outcome] | None, traced: RunTraces | None
+) -> Callable[[Outcome], Outcome] | None:
+    """Return the gate's function, timed for the traces if there are any."""
+    return decide if decide is None or traced is None else traced.deciding(decide)
 
 
 def _decided_first(

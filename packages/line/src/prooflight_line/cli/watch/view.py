@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 from rich.live import Live
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
 from prooflight.cli.imposition import sheet_facts, sheets_line
 from prooflight.reporting.wording import count, not_inspected
+from prooflight_line.cli.watch.run_log import RunLog
 from prooflight_line.journal.exporting import page_facts
 from prooflight_line.reporting.run_line import alarm_lines, preparation, run_line
 from prooflight_line.run.pace import REMEDY
@@ -60,6 +61,8 @@ class Watching:
     last_phase: Phase | None = None
     phase_s: float = 0.0
     """Time at which a program last received the phase, which is ``last_phase``."""
+    log: RunLog = field(default_factory=RunLog)
+    """The log for programs."""
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the status line is on, above which the notices are printed."""
 
@@ -70,6 +73,7 @@ class Watching:
             self.first_passed = f"{verdict.page}: {verdict.reason}"
         if recorder is not None:
             recorder.record(outcome.record)
+        self.log.sheet(outcome)
         parts = [] if self.sheets is None else self.sheets.add(outcome.record)
         if not self.json:
             for line in alarm_lines(outcome):
@@ -97,7 +101,9 @@ class Watching:
         """Show at once a notice that belongs to no sheet."""
         if self.json:
             show.print_json({"notice": notice.kind, "text": notice.text})
-        if self.live.is_set():
+        if event_log.is_on():
+            self.log.notice(notice)
+        elif self.live.is_set():
             show.people.print(notice.text, style="yellow")
         else:
             faults.report(notice.text)
@@ -121,11 +127,12 @@ class Watching:
         """Print that the run is ready, and for a program, now and then before, how far the preparation is."""
         now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
         begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
-        if begins or (self.json and prepares and now_s - self.phase_s >= TELL_S):
+        if begins or ((self.json or event_log.is_on()) and prepares and now_s - self.phase_s >= TELL_S):
             self.last_phase, self.phase_s = status.phase, now_s
             ready = f"{count(status.ahead, 'design')} ready"
+            detail = preparation(status) if prepares else ready
+            self.log.phase(str(status.phase), detail)
             if self.json:
-                detail = preparation(status) if prepares else ready
                 show.print_json({"phase": str(status.phase), "detail": detail})
             else:
                 rest = "sheets of others are not inspected yet" if self.at_once else "the press may print"
@@ -141,7 +148,7 @@ class Watching:
         """Start the run and wait for its end; return whether a person ended it."""
         with _signals(running) as stops, ExitStack() as stack:
             view = None
-            if not self.json and show.people.is_terminal:
+            if not self.json and show.people.is_terminal and not show.people.quiet:
                 view = stack.enter_context(
                     Live(
                         self._fitted(running.status()),

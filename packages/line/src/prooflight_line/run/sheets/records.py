@@ -58,6 +58,8 @@ class SeenPage:
     """When the scan's last line was read, by the source's clock."""
     job_page: int | None
     """Index in ``expected`` of the page that it shows; None: it shows none of them."""
+    first_line_time_s: float | None = None
+    """When the scan's first line was read, by the same clock; None: it is not known."""
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
     """The page in whose place it came, if its content could not be identified: ``job_page`` is None then."""
@@ -70,6 +72,11 @@ class SeenPage:
     cut_short: bool = False
     """Whether the lines ended before the sheet did, so that it could not be identified; if not, the thumbnail
     of its page was unknown."""
+
+    @property
+    def lines_s(self) -> float:
+        """Time from its first line to its last; 0 where it is not known. [s]"""
+        return 0.0 if self.first_line_time_s is None else self.last_line_time_s - self.first_line_time_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,8 @@ from prooflight_console.pages import (
     press,
     presses,
     provider,
+    quality,
+    recalculation,
     report,
     reprint,
     search,
@@ -20,5 +22,6 @@ from prooflight_console.pages import (
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
     *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
+    *(report.router, search.router, recalculation.router, quality.router),
+    *(press.router, presses.router, setup.router, camera.router, zones.router),
 )

@@ -37,7 +37,7 @@ document.addEventListener("htmx:afterRequest", (event) => {
 // --- on a phone the cells of a long table name themselves, as its head is not shown ---
 
 const name_cells = () => {
-  for (const table of document.querySelectorAll("table.big")) {
+  for (const table of document.querySelectorAll("table.stack")) {
     const heads = [...table.tHead.rows[0].cells].map((head) => (head.querySelector(".unseen") ? "" : head.textContent.trim()));
     for (const cell of table.querySelectorAll("tbody td:not([colspan])")) if (heads[cell.cellIndex]) cell.dataset.label = heads[cell.cellIndex];
   }

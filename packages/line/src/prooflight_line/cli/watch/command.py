@@ -53,7 +53,7 @@ from prooflight_line.cli.watch.sources import DrumWishes, open_source
 from prooflight_line.run.settings import DEADLINE_S, STALL_S, Settings, memory_for_designs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.check import EarlyWarnings
@@ -121,6 +121,7 @@ def watch(
         lines_shown,
         recorder_of,
         run_until_ended,
+        start_file_of,
     )
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
@@ -141,6 +142,13 @@ def watch(
     )
     inspector = replace(inspector, zones=read.zones)
     read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
+    start_file = start_file_of(journal)
+
+    def shown(scans: Iterable[Any], total: int) -> Iterator[Any]:
+        bar = show.logged_progress if json else show.progress
+        noted = scans if start_file is None else start_file.noted(scans, total=total, stage="print")
+        return bar(noted, total=total, what="printing for the drum")
+
     given = open_source(
         source,
         press=loaded,
@@ -158,9 +166,7 @@ def watch(
             fed=read.plant.simulated,
             plan=read.plan,
         ),
-        shown=lambda scans, total: (show.logged_progress if json else show.progress)(
-            scans, total=total, what="printing for the drum"
-        ),
+        shown=shown,
     )
     settings = Settings(
         source_waits=given.waits,
@@ -177,6 +183,7 @@ def watch(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
         at_once=start_at_once,
+        start_file=start_file,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
     settle_process()

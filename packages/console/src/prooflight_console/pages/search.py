@@ -86,6 +86,7 @@ class Search:
 
 
 def _search(
+    request: Request,
     job: Text = "",
     press: Text = "",
     customer: Text = "",
@@ -104,17 +105,13 @@ def _search(
     until: Day = "",
     runs: Runs = "",
     sort: Short = "-time",
+    days: Annotated[int, Query(ge=0, le=3660, description="Until today; 0: as since and until say.")] = 0,
 ) -> Search:
+    if days:
+        today = datetime.fromtimestamp(console(request).accounts.clock()).date()
+        since, until = (today - timedelta(days=days - 1)).isoformat(), ""
     sides = {"x": x, "y": y, "width": width, "height": height, "within": within}
-    mm = {f"{name}_mm": length_mm(text, name) for name, text in sides.items()}
-    defect = DefectConditions(
-        kind=kind.strip() or None,
-        ink={"": None, NO_INK: ""}.get(ink, ink if ink in INK_LETTERS else None),
-        least_mm=length_mm(size, "size"),
-        x_mm=mm["x_mm"],
-        y_mm=mm["y_mm"],
-        **{name: mm[name] or 0.0 for name in ("width_mm", "height_mm", "within_mm")},
-    )
+    defect = conditions_of(kind=kind, ink=ink, size=size, **sides)
     search = SheetSearch(
         verdict=verdict if verdict in VERDICTS else TO_REVIEW,
         defect=defect,
@@ -345,6 +342,22 @@ def _picked(text: str) -> tuple[int, int]:
     if not (run.isascii() and run.isdecimal() and sheet.isascii() and sheet.isdecimal() and len(text) < 40):
         raise Problem(422, "invalid", f"{text[:40]!r} is no sheet")
     return int(run), int(sheet)
+
+
+def conditions_of(*, ink: str, size: str, kind: str = "", **sides: str) -> DefectConditions:
+    """Return the conditions on a defect of a form; sides: ``x``, ``y``, ``width``, ``height`` and ``within``.
+
+    Problem 422: one is no length.
+    """
+    mm = {f"{name}_mm": length_mm(text, name) for name, text in sides.items()}
+    return DefectConditions(
+        kind=kind.strip() or None,
+        ink={"": None, NO_INK: ""}.get(ink, ink if ink in INK_LETTERS else None),
+        least_mm=length_mm(size, "size"),
+        x_mm=mm["x_mm"],
+        y_mm=mm["y_mm"],
+        **{name: mm[name] or 0.0 for name in ("width_mm", "height_mm", "within_mm")},
+    )
 
 
 def length_mm(text: str, name: str) -> float | None:

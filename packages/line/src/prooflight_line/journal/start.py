@@ -25,8 +25,9 @@ SUFFIX: Final = ".start.json"
 STAGES: Final = ("job", "press", "print", "prepare", "rehearse")
 """Stages: composing or reading the job, building the press, printing for the drum, preparing designs, and
 inspections that warm the machine up."""
-MOST_AGE_S: Final = 600.0
-"""Age after which a file is that of a process that died elsewhere. Assumed: no step of a stage takes longer."""
+MOST_AGE_S: Final = 3600.0
+"""Age after which a file is that of a process that died elsewhere. Assumed: no step takes longer, even on a busy
+machine. [s]"""
 EVERY_S: Final = 0.5
 MOST_BYTES: Final = 10_000
 

@@ -26,6 +26,7 @@ from prooflight.errors import RequestError
 from prooflight_line.cli.watch.console import console_alongside
 from prooflight_line.cli.watch.options import (
     CameraOption,
+    CustomerOption,
     DeadlineMsOption,
     EveryOption,
     FalseAlarmsOption,
@@ -82,6 +83,7 @@ def watch(
     journal: JournalOption = None,
     keep: KeepOption = "misprints",
     sample: SampleOption = 0.0,
+    customer: CustomerOption = "",
     false_alarms: FalseAlarmsOption = 1.0,
     trigger: TriggerOption = None,
     framed: FramedOption = False,
@@ -196,7 +198,10 @@ def watch(
         source=source,
         started_s=time.time(),
         sheets=read.passings,
-        settings=asdict(settings) | {"engine": inspector.engine} | read.facts,
+        settings=asdict(settings)
+        | {"engine": inspector.engine}
+        | read.facts
+        | ({"customer": customer} if customer else {}),
     )
     planned = PlannedRun(
         facts=facts,

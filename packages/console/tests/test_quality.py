@@ -357,3 +357,11 @@ def test_files_and_the_page_have_the_same_rows(console: Served) -> None:
         assert len(table) == len(rows) + 1
         assert f"{len(rows)} sheets" in client.get(f"/search?{query}").text, query
     assert rows[0]["at"].endswith("+00:00")
+
+
+def test_a_damaged_sheet_is_left_out_and_counted(console: Served) -> None:
+    with closing(sqlite3.connect(console.journal)) as connection, connection:
+        connection.execute("UPDATE pages SET kind = 'ghost' WHERE run_id = 1 AND sheet = 11")
+    assert (1, 11) not in hits(console)
+    assert console.console.index.damaged == 1
+    assert "entries cannot be read" in console.client(Role.VIEWER).get("/search").text

@@ -34,7 +34,7 @@ from prooflight_line.journal.schema import json_text
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-SHEETS, QUICK_SHEETS = 1_000_000, 20_000
+SHEETS, QUICK_SHEETS = 500_000, 20_000
 RUNS: Final = 200
 MISPRINT_EVERY: Final = 5
 """One sheet in so many is a misprint: as many defects as of ten times as many sheets on a press of 2 %."""
@@ -206,7 +206,7 @@ def _row(run: int, sheet: int, good: str) -> tuple[Any, ...]:
         whole = json_text(Verdict(page=page, verdict="not-inspected", reason="the camera lost 7 lines of it"))
     facts = json.loads(whole)
     gains = {f"gain-{ink}": 0.001 * (drawn % 11) for ink in ("cyan", "black")} if sheet % 20 == 0 else {}
-    disposition = {"good": "accept", "misprint": "stop", "not-inspected": "reprint"}[verdict]
+    disposition = {"good": "accept", "misprint": "stop", "not-inspected": "hold"}[verdict]
     return (
         *(run + 1, sheet, sheet, page, verdict, disposition, "default", kind, None, facts["score"]),
         *(

@@ -180,6 +180,7 @@ def search_page(
         "query": requested.query,
         "labelled": [int(part) for part in labelled.split("-")] if labelled else None,
         "indexing": state.index.progress,
+        "damaged": state.index.damaged,
         "customers": [name for (name,) in state.index.query(_CUSTOMERS)],
         "inks": INK_LETTERS,
         "more_open": any(requested.form[name] for name in _MORE),

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from prooflight_line.journal.columns import RunColumns
     from prooflight_line.journal.following import JournalFollower, Written
     from prooflight_line.journal.labels import LabelStore
+    from prooflight_line.journal.schema import JournalError
 
 SCHEMA: Final = 1
 SUFFIX: Final = ".search"
@@ -39,7 +40,7 @@ ROWS_A_STEP: Final = 50_000
 BUSY_S: Final = 10.0
 MOST_LABELS: Final = 5000
 _TABLES: Final = (
-    "CREATE TABLE position (schema INTEGER, row INTEGER, page TEXT, label INTEGER)",
+    "CREATE TABLE position (schema INTEGER, row INTEGER, page TEXT, label INTEGER, damaged INTEGER)",
     "CREATE TABLE runs (id INTEGER PRIMARY KEY, key TEXT, job TEXT, press TEXT, digest TEXT, customer TEXT,"
     " started_s REAL, start_s REAL, last_sheet INTEGER, ended INTEGER)",
     "CREATE TABLE sheets (run_id INTEGER, sheet INTEGER, row INTEGER, at_s REAL, page TEXT, verdict TEXT, kind TEXT,"
@@ -153,6 +154,7 @@ class SearchIndex:
         if row > last_row or (not self._checked and row and self._page_at(row) != page):
             for table in _OF_RUNS:
                 connection.execute(f"DELETE FROM {table}")
+            connection.execute("UPDATE position SET damaged = 0")
             row, label = 0, 0
         self._checked = True
         self._write_runs(connection, follower)
@@ -228,11 +230,14 @@ class SearchIndex:
         parts: list[tuple[int, int | None]] = [(0, number) for number in again]
         if first.keys() - again:
             parts.append((after, None))
-        touched = set()
+        touched: set[int] = set()
+        damaged: list[JournalError] = []
         for begin, only in parts:
             counted = tallies if only is None else follower.tallies(after=begin, upto=upto, run_id=only)
             sums = follower.channel_sums(after=begin, upto=upto, run_id=only)
-            review = follower.to_review_between(after=begin, upto=upto, run_id=only)
+            review = follower.to_review_between(
+                after=begin, upto=upto, run_id=only, damaged=damaged.append if only is None else _nothing
+            )
             skip: set[int] = again if only is None else set()
             connection.executemany(
                 _ADD_COUNTS,
@@ -254,6 +259,7 @@ class SearchIndex:
                 if written.run_id in runs and written.run_id not in skip:
                     _write_sheet(connection, written, runs[written.run_id][0])
                     touched.add(written.run_id)
+        connection.execute("UPDATE position SET damaged = damaged + ?", (len(damaged),))
         for number, sheet in last.items():
             connection.execute(
                 "UPDATE runs SET last_sheet = max(last_sheet, ?) WHERE id = ?", (sheet, number)
@@ -304,6 +310,11 @@ class SearchIndex:
         if not rows or rows[0].row != row:
             return ""
         return f"{rows[0].run_id}/{rows[0].page.sheet}/{rows[0].page.time_s!r}"
+
+    @property
+    def damaged(self) -> int:
+        """Number of sheets to review that cannot be read, and are therefore left out."""
+        return sum(number for (number,) in self.query("SELECT damaged FROM position"))
 
     # --- the file ---
 
@@ -356,8 +367,12 @@ class SearchIndex:
         connection.execute("BEGIN IMMEDIATE")
         for statement in _TABLES:
             connection.execute(statement)
-        connection.execute("INSERT INTO position VALUES (?, 0, '', 0)", (SCHEMA,))
+        connection.execute("INSERT INTO position VALUES (?, 0, '', 0, 0)", (SCHEMA,))
         connection.execute("COMMIT")
+
+
+def _nothing(_error: JournalError) -> None:
+    """Ignore a damaged row of a run that is indexed anew: it was counted before."""
 
 
 def _write_sheet(connection: sqlite3.Connection, written: Written, start_s: float) -> None:

@@ -307,14 +307,19 @@ class JournalFollower(JournalReader):
             query = query.where(stored_pages.c.run_id == run_id)
         return self._written(query, damaged)
 
-    def to_review_between(self, *, after: int, upto: int, run_id: int | None = None) -> Iterator[Written]:
-        """Yield the pages above a row and up to another that need review or were sampled; damaged ones are left out."""
+    def to_review_between(
+        self, *, after: int, upto: int, run_id: int | None = None, damaged: Damaged = refuse
+    ) -> Iterator[Written]:
+        """Yield the pages above a row and up to another that need review or were sampled.
+
+        damaged: called for each that cannot be read.
+        """
         query = select(ROW, stored_pages).where(~rows.clearly_good() | stored_pages.c.asked.is_not(None))
         if run_id is not None:
             query = query.where(stored_pages.c.run_id == run_id)
         for first in range(after, upto, AT_ONCE):  # windows of rows bound the memory
             window = (_row() > first) & (_row() <= min(first + AT_ONCE, upto))
-            yield from self._written(query.where(window).order_by(_row()), lambda _: None)
+            yield from self._written(query.where(window).order_by(_row()), damaged)
 
     def tallies(self, *, after: int, upto: int, run_id: int | None = None) -> list[Tally]:
         """Count the pages above a row and up to another, by run and quarter of an hour of their own time."""

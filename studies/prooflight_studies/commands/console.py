@@ -12,14 +12,12 @@ from prooflight.cli import show
 from prooflight.errors import RequestError
 from prooflight_studies.commands.study import Json, Quick, Results, report_results
 
-PARTS = ("live", "beside", "hour", "pages")
+PARTS = ("live", "beside", "hour", "pages", "journeys", "search")
 
 
 def console(
     out: Results = Path("docs/results/running"),
-    part: Annotated[
-        str, typer.Option(help="live, beside, hour or pages; the others stay as measured.")
-    ] = "live",
+    part: Annotated[str, typer.Option(help=f"{', '.join(PARTS)}; the others stay as measured.")] = "live",
     press: Annotated[
         Path | None, typer.Option(metavar="X.press", help="Of `beside` and `hour`: what inspects.")
     ] = None,
@@ -33,7 +31,7 @@ def console(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Measure the delay from a verdict to its display on 50 live pages, their load on an inspection, and memory.
+    """Measure the delay from a verdict to its display on 50 live pages, their load, memory, journeys and searches.
 
     Writes console.md.
     """
@@ -45,7 +43,7 @@ def console(
     steps = show.steps(quiet=json)
     if part != "live":
         plan = None
-        if part != "pages":
+        if part in ("beside", "hour"):
             if press is None or job is None:
                 raise RequestError(
                     "part", f"{part} inspects a job on a press", remedy="give --press and --job"

@@ -22,8 +22,10 @@ from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunFacts
 from prooflight_line.run.recording import COMMIT_S, Recorder
 from prooflight_studies.console.alongside import LoadPlan, measure_load
+from prooflight_studies.console.journeys import measure_journeys
 from prooflight_studies.console.listeners import Listeners, Window
 from prooflight_studies.console.loads import measure_loads
+from prooflight_studies.console.searches import measure_searches
 from prooflight_studies.console.serving import (
     cpu_s,
     free_port,
@@ -161,20 +163,23 @@ def run_console_study(
 def run_console_part(
     results: Path, part: str, *, plan: LoadPlan | None, quick: bool, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure ``beside``, ``hour`` or ``pages`` and keep the others.
+    """Measure ``beside``, ``hour``, ``pages``, ``journeys`` or ``search`` and keep the others.
 
-    plan: what is measured; None for ``pages``. RequestError: the rest was never measured.
+    plan: what is measured in ``beside`` and ``hour``; None for the others. RequestError: the rest was never measured.
     """
     stored = _stored(results)
     if "alone" not in stored:
         remedy = "run `prooflight study console` first"
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
-    if plan is None:
-        figures = measure_loads(
+    if plan is not None:
+        figures = measure_load(plan, progress=progress)
+    elif part == "search":
+        figures = measure_searches(quick=quick, progress=progress)
+    else:
+        measure = measure_journeys if part == "journeys" else measure_loads
+        figures = measure(
             lambda sheet, alarm: _sheet(sheet, alarm=alarm), _facts, quick=quick, progress=progress
         )
-    else:
-        figures = measure_load(plan, progress=progress)
     cores = os.cpu_count() or 1
     figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
     write_page(results / "console.md", "console", stored | {part: figures})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Final
@@ -29,6 +30,8 @@ from prooflight_console.headers import Headers
 from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
 from prooflight_console.pages.shell import problem_page
 from prooflight_console.pictures.pictures import Pictures
+from prooflight_console.quality.index import SUFFIX, SearchIndex
+from prooflight_console.quality.saved import SavedSearches
 from prooflight_console.reading.gate import Gates
 from prooflight_console.reading.incidents import RunIncidents
 from prooflight_console.reading.live import Live
@@ -124,6 +127,10 @@ def console_app(
         metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
         chart_notes=ChartNotes(accounts),
         work=Work(versions, accounts, work=step),
+        index=SearchIndex(
+            settings.data.with_name(settings.data.name + SUFFIX), reading, incidents, label_store
+        ),
+        saved=SavedSearches(accounts),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )
@@ -131,12 +138,16 @@ def console_app(
     @asynccontextmanager
     async def alive(_app: FastAPI) -> AsyncIterator[None]:
         looking = asyncio.create_task(console.live.run())
+        indexing = threading.Thread(target=console.index.follow, name="index", daemon=True)
+        indexing.start()
         try:
             yield
         finally:
             console.live.close()
+            console.index.close()
             looking.cancel()
             await asyncio.gather(looking, return_exceptions=True)
+            indexing.join()
             console.zones.prices.close()
             console.work.close()
             console.pictures.close()

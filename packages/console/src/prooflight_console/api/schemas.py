@@ -412,6 +412,9 @@ class NowAnswer(Answer):
     alarm: bool
     run: RunAnswer | None
     cause: int | None
+    start: dict[str, Any] | None = Field(
+        description="Stage of a start, its steps done and in total, and the seconds left; null: nothing starts."
+    )
     overload: dict[str, int] | None
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
     incidents: list[dict[str, Any]] = Field(description="The most urgent of those that need action.")

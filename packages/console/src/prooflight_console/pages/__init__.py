@@ -12,6 +12,8 @@ from prooflight_console.pages import (
     press,
     presses,
     provider,
+    quality,
+    recalculation,
     report,
     reprint,
     search,
@@ -23,6 +25,6 @@ from prooflight_console.pages import (
 ROUTERS = (
     *(assets.router, sign_in.router, kiosk.router, provider.router),
     *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, engineering.router, history.router, presses.router),
-    *(setup.router, camera.router, zones.router),
+    *(report.router, search.router, recalculation.router, quality.router, history.router),
+    *(press.router, engineering.router, presses.router, setup.router, camera.router, zones.router),
 )

@@ -112,6 +112,7 @@ def now_facts(now: Now) -> dict[str, Any]:
         "unseen": now.unseen,
         "shelved": len(now.shelved),
         "flood": now.flood,
+        "start": None if now.start is None else asdict(now.start),
         "overload": None
         if now.overload is None
         else dict(zip(("late", "recent"), now.overload, strict=True)),

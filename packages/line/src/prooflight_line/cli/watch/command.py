@@ -27,6 +27,7 @@ from prooflight.errors import RequestError
 from prooflight_line.cli.watch.console import console_alongside
 from prooflight_line.cli.watch.options import (
     CameraOption,
+    CustomerOption,
     DeadlineMsOption,
     EveryOption,
     FalseAlarmsOption,
@@ -55,7 +56,7 @@ from prooflight_line.cli.watch.sources import DrumWishes, open_source
 from prooflight_line.run.settings import DEADLINE_S, STALL_S, Settings, memory_for_designs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.check import EarlyWarnings
@@ -84,6 +85,7 @@ def watch(
     journal: JournalOption = None,
     keep: KeepOption = "misprints",
     sample: SampleOption = 0.0,
+    customer: CustomerOption = "",
     false_alarms: FalseAlarmsOption = 1.0,
     trigger: TriggerOption = None,
     framed: FramedOption = False,
@@ -126,6 +128,7 @@ def watch(
         lines_shown,
         recorder_of,
         run_until_ended,
+        start_file_of,
     )
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
@@ -173,6 +176,13 @@ def watch(
             press_file=plant,
             progress=show.steps(quiet=json),
         )
+    start_file = start_file_of(journal)
+
+    def shown(scans: Iterable[Any], total: int) -> Iterator[Any]:
+        bar = show.logged_progress if json else show.progress
+        noted = scans if start_file is None else start_file.noted(scans, total=total, stage="print")
+        return bar(noted, total=total, what="printing for the drum")
+
     given = open_source(
         source,
         press=loaded,
@@ -191,9 +201,7 @@ def watch(
             plan=read.plan,
             passed=0 if resumption is None else resumption.past.due,
         ),
-        shown=lambda scans, total: (show.logged_progress if json else show.progress)(
-            scans, total=total, what="printing for the drum"
-        ),
+        shown=shown,
     )
     settings = Settings(
         source_waits=given.waits,
@@ -210,13 +218,20 @@ def watch(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
         at_once=start_at_once,
+        start_file=start_file,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
     if resumption is not None:
         console.first_passed = resumption.past.first_not_inspected
     settle_process()
     planned = PlannedRun(
-        facts=replace(facts, settings=asdict(settings) | {"engine": inspector.engine} | read.facts),
+        facts=replace(
+            facts,
+            settings=asdict(settings)
+            | {"engine": inspector.engine}
+            | read.facts
+            | ({"customer": customer} if customer else {}),
+        ),
         inspector=inspector,
         job=read.source,
         pages=read.pages,

@@ -54,6 +54,9 @@ SampleOption = Annotated[
         metavar="SHARE", help="Share of the passing sheets that people are asked to label.", min=0, max=1
     ),
 ]
+CustomerOption = Annotated[
+    str, typer.Option(metavar="NAME", help="For whom the job is; the console searches by it.")
+]
 FalseAlarmsOption = Annotated[
     float,
     typer.Option(help="Number of false alarms of the run level per 100,000 pages.", min=1e-6, max=1e4),

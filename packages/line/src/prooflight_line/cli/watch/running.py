@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.reporting.traces import RunTraces, Traces
+    from prooflight_line.journal.start import StartFile
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
@@ -246,6 +247,16 @@ def exit_code(status: Status, lacks: str) -> int:
         return UNUSABLE_INPUT
     complete = not (broke_off or lacks)
     return of_run(misprints=status.misprints, complete=complete, overloaded=status.overloads > 0)
+
+
+def start_file_of(journal: str | None) -> StartFile | None:
+    """Return the file in which consoles read how far the start has got; None if there is no journal."""
+    from prooflight_line.journal.opening import default_journal, journal_path
+    from prooflight_line.journal.start import StartFile
+
+    if journal == "none":
+        return None
+    return StartFile(journal=journal_path(journal or str(default_journal())))
 
 
 @contextmanager

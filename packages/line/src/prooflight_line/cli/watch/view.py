@@ -16,6 +16,7 @@ from prooflight.cli.imposition import sheet_facts, sheets_line
 from prooflight.reporting.wording import count, not_inspected
 from prooflight_line.cli.watch.run_log import RunLog
 from prooflight_line.journal.exporting import page_facts
+from prooflight_line.journal.start import Start
 from prooflight_line.reporting.run_line import alarm_lines, preparation, run_line
 from prooflight_line.run.pace import REMEDY
 from prooflight_line.run.status import Phase
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.inspection.sheets import Assembling, SetVerdict, SheetVerdict
     from prooflight_line.cameras.camera import Health
+    from prooflight_line.journal.start import StartFile
     from prooflight_line.run.notices import Notice
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.recording import Recorder
@@ -56,6 +58,8 @@ class Watching:
     """Function that returns how many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """Function that returns the health of the source's cameras, by name."""
+    start_file: StartFile | None = None
+    """File in which consoles read how far the start has got; None: there is no journal."""
     health_printed_s: float = 0.0
     """Time at which a program last received the cameras' health."""
     last_phase: Phase | None = None
@@ -138,6 +142,22 @@ class Watching:
                 rest = "sheets of others are not inspected yet" if self.at_once else "the press may print"
                 show.people.print(f"Ready after {status.elapsed_s:.0f} s, {ready}: {rest}")
 
+    def note_start(self, status: Status) -> None:
+        """Write how far the start has got, for consoles; once it is over, nothing."""
+        if self.start_file is None:
+            return
+        if status.phase not in (Phase.WAITING, Phase.PREPARING):
+            self.start_file.clear()
+            self.start_file = None
+            return
+        left = status.to_prepare - status.ahead
+        if left > 0 or not status.to_rehearse:
+            left_s = status.elapsed_s * left / status.ahead if status.ahead else None
+            start = Start(stage="prepare", done=status.ahead, total=status.to_prepare, left_s=left_s)
+        else:
+            start = Start(stage="rehearse", done=status.rehearsed, total=status.to_rehearse)
+        self.start_file.write_at_times(start)
+
     def tell_cameras(self) -> None:
         """Print the cameras' health for a program, as a line of JSON."""
         healths = self.cameras()
@@ -163,6 +183,7 @@ class Watching:
                 status = running.status()
                 self.phase(str(status.phase), status.detail)
                 self.tell_phase(status)
+                self.note_start(status)
                 now_s = time.monotonic()
                 if self.json and now_s - self.health_printed_s >= TELL_S:
                     self.health_printed_s = now_s
@@ -171,6 +192,7 @@ class Watching:
                     view.update(self._fitted(status), refresh=True)
             status = running.status()
             self.phase(str(status.phase), status.detail)
+            self.note_start(status)
         return bool(stops)
 
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -54,6 +54,7 @@ def check(
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
+    from prooflight.press.print_condition import condition_warnings
 
     loaded = None if press is None else Press.load(press)
     if loaded is None:
@@ -72,6 +73,8 @@ def check(
             if json:
                 show.print_json(_plain(checked, loaded))
         of_files = [warning for warning in opened.warnings if warning.page < 0]
+        if loaded is not None:
+            of_files += condition_warnings(opened, loaded)
         name = opened.name
     if json:
         tell_warnings(of_files, json=True)
@@ -87,14 +90,18 @@ def check(
         raise typer.Exit(EXIT_MISPRINT)
 
 
-def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
-    """Print warnings of a job before its first sheet: lines of JSON for programs, standard error for people."""
+def checked_early(job: Job, *, json: bool, more: Sequence[PageWarning] = ()) -> EarlyWarnings:
+    """Print warnings of a job before its first sheet: lines of JSON for programs, standard error for people.
+
+    more: warnings that are known already.
+    """
     from prooflight.pages.check import early_warnings
 
     def shown(numbers: Iterable[int], total: int) -> Iterable[int]:
         return numbers if json else show.progress(numbers, total=total, what="checking the job")
 
     early = early_warnings(job, shown=shown)
+    early = replace(early, warnings=(*more, *early.warnings))
     tell_warnings(early.warnings, json=json)
     if early.remark and not json:
         faults.report(early.remark)

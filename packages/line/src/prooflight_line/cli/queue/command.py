@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from prooflight_line.job_queue.examining import Examined, PageResult
     from prooflight_line.job_queue.filling import TakenIn
     from prooflight_line.job_queue.hot_folder import Entry
+    from prooflight_line.job_queue.tickets.ticket import Ticket
 
+WAIT_S: Final = 600.0
+"""As ``pairing.WAIT_S``."""
 SETTLE_S: Final = 2.0
 """Assumed: a copy over a network pauses for less."""
 AGAIN_S: Final = 10.0
@@ -48,6 +51,15 @@ def fill(
         float,
         typer.Option(metavar="SECONDS", help="Time for which a file must not change.", min=0.1, max=3600),
     ] = SETTLE_S,
+    wait: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS", help="Time for which a ticket waits for its file.", min=0, max=86_400
+        ),
+    ] = WAIT_S,
+    tickets: Annotated[
+        bool, typer.Option("--tickets", help="Every job has a ticket: a file waits for it, as long.")
+    ] = False,
     once: Annotated[bool, typer.Option("--once", help="Take in what is whole now, and end.")] = False,
     json: Json = False,
 ) -> None:
@@ -61,24 +73,26 @@ def fill(
     from prooflight_line.job_queue.examining import examine
     from prooflight_line.job_queue.filling import fill_once
     from prooflight_line.job_queue.hot_folder import HotFolder
+    from prooflight_line.job_queue.pairing import Pairing
 
     inspector = None if press is None else Inspector(Press.load(press))
     opened = HotFolder.open(folder)
 
-    def examined(path: Path) -> Examined:
+    def examined(path: Path, ticket: Ticket | None) -> Examined:
         def shown(results: Iterator[PageResult], pages: int) -> Iterator[PageResult]:
             return results if json else show.progress(results, total=pages, what=f"checking {path.name}")
 
-        return examine(path, inspector=inspector, profile=profile, shown=shown)
+        return examine(path, ticket, inspector=inspector, profile=profile, shown=shown)
 
     arrivals = Arrivals(folder=folder, settle_s=settle)
+    pairing = Pairing(folder=opened, wait_s=wait, needed=tickets)
     with opened.filling():
         if once:
             arrivals.whole()  # each file's state, with which its state after this time is compared
             time.sleep(settle)
         while True:
             try:
-                for one in fill_once(opened, arrivals, examined):
+                for one in fill_once(opened, arrivals, examined, pairing):
                     show_taken_in(one, json=json)
             except OSError as error:
                 if once:
@@ -94,17 +108,18 @@ def fill(
 
 @app.command("list")
 def list_jobs(folder: FolderPath, json: Json = False) -> None:
-    """List the jobs of a hot folder, in the order of their arrival, and where each is."""
+    """List the jobs of a hot folder in the order of printing: where each is, and what its ticket and file say."""
     from prooflight_line.job_queue.hot_folder import STAGES, HotFolder
 
     entries = HotFolder.open(folder).entries(*STAGES)
     if json:
         show.print_json([_facts(entry) for entry in entries])
         return
-    columns = ("job", "is", "why")
+    columns = ("job", "is", "ordered", "file", "why")
     table = show.table_of(str(folder), ("number", *columns), text_columns=columns)
     for entry in entries:
-        table.add_row(str(entry.number), visible(entry.file.name), entry.stage, visible(entry.reason))
+        cells = (entry.file.name, entry.stage, ordered(entry), seen(entry), entry.reason)
+        table.add_row(str(entry.number), *map(visible, cells))
     show.people.print(table)
 
 
@@ -118,6 +133,7 @@ def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     remark = entry.reason
     if entry.stage == "queued":
         parts = [count(examined.pages, "page"), count(examined.warnings, "warning")]
+        parts += [*filter(None, (ordered(entry), examined.records, examined.condition)), *examined.notes]
         parts += ["prepared"] if examined.prepared else [examined.remark] if examined.remark else []
         remark = ", ".join(parts)
     style = "yellow" if entry.stage == "rejected" else ""
@@ -127,11 +143,42 @@ def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     show.people.print(line, soft_wrap=True)
 
 
+def ordered(entry: Entry) -> str:
+    """Return what a job's ticket says, in a few words; empty: it has none that can be read."""
+    from prooflight_line.job_queue.filling import ticket_of
+
+    ticket = ticket_of(entry)
+    if ticket is None:
+        return ""
+    weight = "" if ticket.weight_gsm is None else f"{ticket.weight_gsm:g} g/m2"
+    copies = "" if ticket.copies is None else f"{ticket.copies:,} copies"
+    paper = " ".join(filter(None, (ticket.brand, weight)))
+    named = " ".join(filter(None, (ticket.job_id, ticket.name)))
+    return ", ".join(filter(None, (named, ticket.customer, copies, ticket.layout, paper)))
+
+
+def seen(entry: Entry) -> str:
+    """Return what was seen in a job's file, in a few words; empty: it was not examined."""
+    facts = entry.examined
+    pages = facts.get("pages")
+    parts = [
+        count(pages, "page") if isinstance(pages, int) else "",
+        facts.get("records"),
+        facts.get("condition"),
+    ]
+    return ", ".join(str(part) for part in (*parts, *facts.get("notes", ())) if part)
+
+
 def _facts(entry: Entry) -> dict[str, Any]:
+    from prooflight_line.job_queue.filling import ticket_of
+
+    ticket = ticket_of(entry)
     return {
         "number": entry.number,
         "job": entry.file.name,
         "stage": entry.stage,
         "path": str(entry.file),
         "reason": entry.reason,
+        "ticket": None if ticket is None else ticket.facts,
+        "examined": entry.examined,
     }

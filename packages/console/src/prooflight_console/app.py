@@ -29,6 +29,7 @@ from prooflight_console.reading.gate import Gates
 from prooflight_console.reading.incidents import RunIncidents
 from prooflight_console.reading.live import Live
 from prooflight_console.reading.metrics import Metrics
+from prooflight_console.reading.queue import Queue
 from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
@@ -107,6 +108,7 @@ def console_app(
         tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
         metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
+        queue=Queue(path=settings.queue),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )

@@ -9,6 +9,7 @@ from prooflight_console.pages import (
     press,
     presses,
     provider,
+    queue,
     report,
     reprint,
     search,
@@ -19,6 +20,6 @@ from prooflight_console.pages import (
 
 ROUTERS = (
     *(assets.router, sign_in.router, provider.router),
-    *(now.router, incident.router, alarms.router, reprint.router),
+    *(now.router, incident.router, alarms.router, reprint.router, queue.router),
     *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
 )

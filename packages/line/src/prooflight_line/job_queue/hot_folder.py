@@ -40,6 +40,7 @@ EXAMINED: Final = "examined.json"
 """What was seen when the job was checked, for lists."""
 OWN: Final = (REASON, EXAMINED)
 LOCKS: Final = ".locks"
+FILL: Final = "fill"
 DIGEST_LETTERS: Final = 12
 """Letters of a digest in a name: files that share them are compared byte by byte."""
 MOST_RANK: Final = 999_999
@@ -143,7 +144,7 @@ class HotFolder:
     def filling(self) -> Iterator[None]:
         """Be the one process that takes jobs in; RequestError: another does."""
         lock = WriterLock.take(
-            self.path / LOCKS / "fill",
+            self.path / LOCKS / FILL,
             error=RequestError,
             wait="let the other `prooflight queue fill` take jobs in, or end it",
             elsewhere="let this user write there",

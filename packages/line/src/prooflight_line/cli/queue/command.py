@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from prooflight_line.job_queue.examining import Examined, PageResult
     from prooflight_line.job_queue.filling import TakenIn
     from prooflight_line.job_queue.hot_folder import Entry
+    from prooflight_line.job_queue.listing import Listed
     from prooflight_line.job_queue.tickets.ticket import Ticket
 
 WAIT_S: Final = 600.0
@@ -110,6 +111,7 @@ def fill(
 def list_jobs(folder: FolderPath, json: Json = False) -> None:
     """List the jobs of a hot folder in the order of printing: where each is, and what its ticket and file say."""
     from prooflight_line.job_queue.hot_folder import STAGES, HotFolder
+    from prooflight_line.job_queue.listing import listed
 
     entries = HotFolder.open(folder).entries(*STAGES)
     if json:
@@ -117,14 +119,16 @@ def list_jobs(folder: FolderPath, json: Json = False) -> None:
         return
     columns = ("job", "is", "ordered", "file", "why")
     table = show.table_of(str(folder), ("number", *columns), text_columns=columns)
-    for entry in entries:
-        cells = (entry.file.name, entry.stage, ordered(entry), seen(entry), entry.reason)
-        table.add_row(str(entry.number), *map(visible, cells))
+    for job in listed(entries):
+        cells = (job.name, job.stage, ordered(job.ticket), seen(job), job.reason)
+        table.add_row(str(job.number), *map(visible, cells))
     show.people.print(table)
 
 
 def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     """Print where a job has ended."""
+    from prooflight_line.job_queue.filling import ticket_of
+
     entry, examined = taken.entry, taken.examined
     if json:
         prepared = {"warnings": examined.warnings, "prepared": examined.prepared, "remark": examined.remark}
@@ -133,7 +137,8 @@ def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     remark = entry.reason
     if entry.stage == "queued":
         parts = [count(examined.pages, "page"), count(examined.warnings, "warning")]
-        parts += [*filter(None, (ordered(entry), examined.records, examined.condition)), *examined.notes]
+        parts += filter(None, (ordered(ticket_of(entry)), examined.records, examined.condition))
+        parts += examined.notes
         parts += ["prepared"] if examined.prepared else [examined.remark] if examined.remark else []
         remark = ", ".join(parts)
     style = "yellow" if entry.stage == "rejected" else ""
@@ -143,11 +148,8 @@ def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     show.people.print(line, soft_wrap=True)
 
 
-def ordered(entry: Entry) -> str:
-    """Return what a job's ticket says, in a few words; empty: it has none that can be read."""
-    from prooflight_line.job_queue.filling import ticket_of
-
-    ticket = ticket_of(entry)
+def ordered(ticket: Ticket | None) -> str:
+    """Return what a job's ticket says, in a few words; None: it has none that can be read."""
     if ticket is None:
         return ""
     weight = "" if ticket.weight_gsm is None else f"{ticket.weight_gsm:g} g/m2"
@@ -157,16 +159,10 @@ def ordered(entry: Entry) -> str:
     return ", ".join(filter(None, (named, ticket.customer, copies, ticket.layout, paper)))
 
 
-def seen(entry: Entry) -> str:
+def seen(job: Listed) -> str:
     """Return what was seen in a job's file, in a few words; empty: it was not examined."""
-    facts = entry.examined
-    pages = facts.get("pages")
-    parts = [
-        count(pages, "page") if isinstance(pages, int) else "",
-        facts.get("records"),
-        facts.get("condition"),
-    ]
-    return ", ".join(str(part) for part in (*parts, *facts.get("notes", ())) if part)
+    pages = [] if job.pages is None else [count(job.pages, "page")]
+    return ", ".join([*pages, *job.of_file, *job.notes])
 
 
 def _facts(entry: Entry) -> dict[str, Any]:

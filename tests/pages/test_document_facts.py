@@ -122,11 +122,8 @@ def test_only_what_both_state_is_compared() -> None:
 
 
 def test_a_job_for_another_condition_is_warned_of(tmp_path: Path) -> None:
-    class Press:
-        print_condition = PrintCondition(name="FOGRA52")
-
     path = pdf(tmp_path / "a.pdf", pages=1, catalogue=INTENT)
     with open_job(path, dpi=72) as job:
-        (warning,) = condition_warnings(job, Press())  # type: ignore[arg-type]
+        (warning,) = condition_warnings(job, PrintCondition(name="FOGRA52"))
     assert (warning.page, warning.kind) == (-1, "print-condition")
     assert "made for FOGRA51" in warning.message

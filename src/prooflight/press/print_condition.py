@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from prooflight.pages.job import Job
-    from prooflight.press.artefact import Press
 
 CONDITION, BRAND, WEIGHT = "condition", "substrate_brand", "substrate_weight_gsm"
 """Names in ``Press.origin``; absent where the press file states nothing, so that digests stay."""
@@ -70,20 +69,19 @@ class PrintCondition:
             )
 
 
-def condition_warnings(job: Job, press: Press, *, wanted: PrintCondition | None = None) -> list[PageWarning]:
+def condition_warnings(
+    job: Job, press: PrintCondition, *, wanted: PrintCondition | None = None
+) -> list[PageWarning]:
     """Return warnings where a job's output intent, or what its ticket asks for, is not what the press prints.
 
-    wanted: paper of the ticket; None: there is none.
+    press: what the press prints. wanted: paper of the ticket; None: there is none.
     """
     wanted = wanted or PrintCondition()
     with contextlib.suppress(JobError):  # a damaged file is reported by its pages
         facts = job.document_facts()
         if facts is not None:
             wanted = replace(wanted, name=facts.condition)
-    return [
-        PageWarning(page=WHOLE_FILE, kind=KIND, message=what)
-        for what in press.print_condition.differences(wanted)
-    ]
+    return [PageWarning(page=WHOLE_FILE, kind=KIND, message=what) for what in press.differences(wanted)]
 
 
 def _letters(name: str) -> str:

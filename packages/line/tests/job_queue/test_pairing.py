@@ -14,8 +14,9 @@ from packages.line.tests.job_queue.test_tickets import XJDF
 from prooflight.errors import RequestError
 from prooflight_line.job_queue.arrivals import Arrivals
 from prooflight_line.job_queue.examining import Examined
-from prooflight_line.job_queue.filling import fill_once, ticket_of
+from prooflight_line.job_queue.filling import fill_once
 from prooflight_line.job_queue.hot_folder import HotFolder
+from prooflight_line.job_queue.listing import ticket_of
 from prooflight_line.job_queue.pairing import Pairing
 from prooflight_line.job_queue.tickets.ticket import Ticket
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from prooflight.errors import InputError
-from prooflight_line.job_queue.tickets.ticket import Ticket, layout_with, read_ticket
+from prooflight_line.job_queue.tickets.reading import read_ticket
+from prooflight_line.job_queue.tickets.ticket import Ticket, layout_with
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -74,7 +74,7 @@ def check(
                 show.print_json(_plain(checked, loaded))
         of_files = [warning for warning in opened.warnings if warning.page < 0]
         if loaded is not None:
-            of_files += condition_warnings(opened, loaded)
+            of_files += condition_warnings(opened, loaded.print_condition)
         name = opened.name
     if json:
         tell_warnings(of_files, json=True)

@@ -92,7 +92,8 @@ class Queue:
                 async for piece in pieces:
                     await to_thread.run_sync(file.write, piece)
                     size += len(piece)
-                await to_thread.run_sync(lambda: (file.flush(), os.fsync(file.fileno())))
+                await to_thread.run_sync(file.flush)
+                await to_thread.run_sync(os.fsync, file.fileno())
             if not size:
                 raise Problem(422, "invalid", f"{name} is empty")
             # A link, not a rename: it refuses where another file of that name has come meanwhile.

@@ -153,7 +153,10 @@ def _of_files(job: Job, ticket: Ticket | None, inspector: Inspector | None) -> E
     notes = []
     if inspector is not None:
         paper = None if ticket is None else PrintCondition(brand=ticket.brand, weight_gsm=ticket.weight_gsm)
-        notes = [warning.message for warning in condition_warnings(job, inspector.press, wanted=paper)]
+        notes = [
+            warning.message
+            for warning in condition_warnings(job, inspector.press.print_condition, wanted=paper)
+        ]
     if facts is not None and sum(facts.record_pages) not in (0, len(job)):
         notes.append(f"its records are of {sum(facts.record_pages)} pages, and the file has {len(job)}")
     return Examined(

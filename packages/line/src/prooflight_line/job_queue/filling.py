@@ -12,8 +12,10 @@ from prooflight.errors import InputError
 from prooflight.files.content import content_digest
 from prooflight_line.job_queue.arrivals import being_written, state_of
 from prooflight_line.job_queue.examining import Examined
+from prooflight_line.job_queue.listing import job_id
 from prooflight_line.job_queue.pairing import Pairing
-from prooflight_line.job_queue.tickets.ticket import is_ticket, read_ticket
+from prooflight_line.job_queue.tickets.reading import read_ticket
+from prooflight_line.job_queue.tickets.ticket import is_ticket
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -139,19 +141,6 @@ def _same(folder: HotFolder, file: Path, digest: str, ticket: Ticket | None) -> 
         return None
     reason = f"the same content is {same.stage} as {same.path.name}/{same.file.name}, and is printed once"
     return Examined(pages=0, refused=reason)
-
-
-def job_id(entry: Entry) -> str:
-    """Return the job's ID in the ticket of a job; empty: it has none."""
-    ticket = ticket_of(entry)
-    return "" if ticket is None else ticket.job_id
-
-
-def ticket_of(entry: Entry) -> Ticket | None:
-    """Return the ticket of a job; None: it has none that can be read."""
-    with suppress(InputError, OSError):
-        return None if entry.ticket is None else read_ticket(entry.ticket, folder=entry.path.parent.parent)
-    return None
 
 
 def _examined(file: Path, ticket: Ticket | None, examine: Examine) -> Examined:

@@ -6,11 +6,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.errors import RequestError
+from prooflight.errors import InputError, RequestError
 from prooflight.files.lock import writer_lives
 from prooflight_line.job_queue.arrivals import UNFINISHED
-from prooflight_line.job_queue.filling import ticket_of
 from prooflight_line.job_queue.hot_folder import FILL, LOCKS, HotFolder
+from prooflight_line.job_queue.tickets.reading import read_ticket
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -89,3 +89,16 @@ def arriving(folder: HotFolder) -> list[str]:
 def filled(folder: HotFolder) -> bool:
     """Return whether a process takes jobs in now."""
     return writer_lives(folder.path / LOCKS / FILL)
+
+
+def job_id(entry: Entry) -> str:
+    """Return the job's ID in the ticket of a job; empty: it has none."""
+    ticket = ticket_of(entry)
+    return "" if ticket is None else ticket.job_id
+
+
+def ticket_of(entry: Entry) -> Ticket | None:
+    """Return the ticket of a job; None: it has none that can be read."""
+    with suppress(InputError, OSError):
+        return None if entry.ticket is None else read_ticket(entry.ticket, folder=entry.path.parent.parent)
+    return None

@@ -9,7 +9,8 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
 from prooflight.errors import JobError, RequestError
-from prooflight_line.job_queue.tickets.ticket import is_ticket, read_ticket
+from prooflight_line.job_queue.tickets.reading import read_ticket
+from prooflight_line.job_queue.tickets.ticket import is_ticket
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -127,7 +127,7 @@ def list_jobs(folder: FolderPath, json: Json = False) -> None:
 
 def show_taken_in(taken: TakenIn, *, json: bool) -> None:
     """Print where a job has ended."""
-    from prooflight_line.job_queue.filling import ticket_of
+    from prooflight_line.job_queue.listing import ticket_of
 
     entry, examined = taken.entry, taken.examined
     if json:
@@ -166,7 +166,7 @@ def seen(job: Listed) -> str:
 
 
 def _facts(entry: Entry) -> dict[str, Any]:
-    from prooflight_line.job_queue.filling import ticket_of
+    from prooflight_line.job_queue.listing import ticket_of
 
     ticket = ticket_of(entry)
     return {

@@ -124,8 +124,8 @@ def watch(
         run_until_ended,
     )
     from prooflight_line.cli.watch.view import Watching
-    from prooflight_line.job_queue.filling import ticket_of
     from prooflight_line.job_queue.hot_folder import HotFolder
+    from prooflight_line.job_queue.listing import ticket_of
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.run.pager import SheetEdge, TriggerCount
     from prooflight_line.run.status import Phase
@@ -313,7 +313,7 @@ def _read_job(
         tried = Plant.tried(plant, opened, press)
         zones_of_job = zones_in_force(zones, opened, inspector)
         records = opened.document_facts()
-        more = condition_warnings(opened, press, wanted=paper)
+        more = condition_warnings(opened, press.print_condition, wanted=paper)
         early = checked_early(opened, json=json, more=more)
     plan = tried.with_sets(plan, pages=pages, sheets=sheets)
     plan = with_records(plan, records, pages=pages, sheets=sheets)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from prooflight_line.job_queue.tickets import ticket as values
-from prooflight_line.job_queue.tickets.ticket import OURS, Ticket
+from prooflight_line.job_queue.tickets import values
+from prooflight_line.job_queue.tickets.ticket import Ticket
+from prooflight_line.job_queue.tickets.values import OURS
 from prooflight_line.job_queue.tickets.xml import Rule
 
 if TYPE_CHECKING:

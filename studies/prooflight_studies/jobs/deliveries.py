@@ -159,10 +159,7 @@ def _delivery(
         job, origin = (first.origin, first.origin) if kind == "ordered again" else (name, name)
     ticket = SentFile(name=f"{name}.xjdf", content=text.format(job=job, copies=1 + at, file=file).encode())
     pair = (ticket, SentFile(name=file, content=content))
-    first_job = (
-        kind == "ticket" and at % 2 and at >= SHARES["ordered twice"]
-    )  # those before are ordered once more
-    return Delivery(kind=kind, files=pair[::-1] if first_job else pair, origin=origin)
+    return Delivery(kind=kind, files=pair[::-1] if job_first else pair, origin=origin)
 
 
 def _alone(

@@ -36,7 +36,7 @@ PACE_S: Final = 0.02
 """Time between two deliveries."""
 LATE_S: Final = 2.0
 """Longest time between the two files of a delivery."""
-PATIENCE_S: Final = 1200.0
+PATIENCE_S: Final = 7200.0
 """Time after which the study gives up: the process does nothing any more."""
 UNFINISHED: Final = 0.1
 """Share of runs that do not end their job, which is queued again."""
@@ -110,15 +110,15 @@ def run_jobs_study(
 
     pages: a folder of PDFs that are sent too; None: small PDFs alone.
     """
-    rng = stream(plan.seed, "hot-folder")
+    of_files, *others = stream(plan.seed, "hot-folder").spawn(3)
     pdfs = [] if pages is None else [path.read_bytes() for path in sorted(pages.glob("*.pdf"))]
     pdfs = list({hashlib.sha256(pdf).digest(): pdf for pdf in pdfs}.values())[
         : plan.files * SHARES["job"] // 1000
     ]
-    sent = deliveries(plan.files, pdfs, rng)
+    sent = deliveries(plan.files, pdfs, of_files)
     with tempfile.TemporaryDirectory(prefix="prooflight-jobs-") as place:
         folder = HotFolder.open(Path(place))
-        kills, caught = _send_and_kill(folder, sent, plan.kills, rng, progress)
+        kills, caught = _send_and_kill(folder, sent, plan.kills, others, progress)
         results = _accounted(folder, sent, plan, quick=quick, given=len(pdfs), kills=kills, caught=caught)
     write_page(out / "jobs.md", "jobs", results)
     return results
@@ -131,16 +131,19 @@ def _send_and_kill(
     folder: HotFolder,
     sent: Sequence[Delivery],
     kills: int,
-    rng: np.random.Generator,
+    generators: Sequence[np.random.Generator],
     progress: Callable[[str], None],
 ) -> tuple[int, int]:
     """Send everything, and return the numbers of kills and of those that caught a job while it was checked."""
+    rng, of_runs = generators
     now = [one for one in sent if one.kind not in LATER]
     later = [one for one in sent if one.kind in LATER]
     seconds = rng.uniform(0, LATE_S, len(sent))
     over = threading.Event()
     sender = threading.Thread(target=_send, args=(folder.path, now, seconds), daemon=True)
-    printer = threading.Thread(target=_print, args=(folder, int(PRINTED * len(sent)), rng, over), daemon=True)
+    printer = threading.Thread(
+        target=_print, args=(folder, int(PRINTED * len(sent)), of_runs, over), daemon=True
+    )
     sender.start()
     printer.start()
     made = caught = 0
@@ -181,7 +184,7 @@ def _drained(folder: HotFolder) -> bool:
 
 def _send(folder: Path, sent: Sequence[Delivery], seconds: np.ndarray) -> None:
     """Send deliveries one after another; the second file of one comes when its time is over."""
-    late = list[tuple[float, SentFile]]()
+    late: list[tuple[float, SentFile]] = []
     for delivery, pause_s in zip(sent, seconds, strict=False):
         _write(folder, delivery.files[0])
         late += [(time.monotonic() + pause_s, file) for file in delivery.files[1:]]
@@ -236,7 +239,8 @@ def _accounted(
     kills: int,
     caught: int,
 ) -> JobsResults:
-    where, lie = dict[str, Entry](), Counter[tuple[str, bytes]]()
+    where: dict[str, Entry] = {}
+    lie: Counter[tuple[str, bytes]] = Counter()
     for entry in folder.entries(*STAGES):
         for file in entry.path.iterdir():
             if file.name not in OWN:

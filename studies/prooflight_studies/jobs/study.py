@@ -265,7 +265,7 @@ def _accounted(
             )
         )
     after = [one for one in sent if one.kind == "ticket" and one.files[0].name == one.job]
-    apart = sum(where.get(one.files[1].name) != where.get(one.job) for one in after)
+    separate = sum(where.get(one.files[1].name) != where.get(one.job) for one in after)
     return JobsResults(
         seed=plan.seed,
         quick=quick,
@@ -279,8 +279,8 @@ def _accounted(
         lost=sum((came - lie).values()),
         twice=sum((lie - came).values()),
         left=len(arriving(folder)) + len(folder.entries("checking", "printing", "held")),
-        late_tickets=len(after) - apart,
-        too_late=apart,
+        late_tickets=len(after) - separate,
+        too_late=separate,
     )
 
 
@@ -301,9 +301,9 @@ def right(delivery: Delivery, stage: str, accepted: Counter[str], where: dict[st
             # Of one content exactly one is accepted, whichever came first; a given PDF may be refused for what it is.
             return accepted[delivery.origin] == 1 or (delivery.given and accepted[delivery.origin] == 0)
         case "ticket":
-            together = where.get(delivery.files[0].name) == where.get(delivery.files[1].name)
+            one_folder = where.get(delivery.files[0].name) == where.get(delivery.files[1].name)
             first_job = delivery.files[0].name == delivery.job
-            return stage != "rejected" and (together or first_job)
+            return stage != "rejected" and (one_folder or first_job)
         case "ordered twice":
             return stage != "rejected" and where[delivery.files[0].name] == where[delivery.files[1].name]
         case "bad ticket" | "ordered again":

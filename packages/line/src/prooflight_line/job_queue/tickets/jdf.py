@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight_line.job_queue.tickets import values
 from prooflight_line.job_queue.tickets.ticket import Ticket
-from prooflight_line.job_queue.tickets.values import OURS
+from prooflight_line.job_queue.tickets.values import PREFIX
 from prooflight_line.job_queue.tickets.xml import Rule
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ def read(document: Document, folder: Path) -> Ticket:
     document.check(RULES)
     _check_resources(document)
     ids = [(each, each.get("IDUsage"), each.get("IDValue")) for each in document.every("GeneralID")]
-    ours = values.inspection(document, ids)
-    if not ours.layout:
+    settings = values.inspection(document, ids)
+    if not settings.layout:
         _refuse_imposed(document)
     text = partial(values.plain_text, document)
     sided = document.stated("Sides", "LayoutIntent", "LayoutPreparationParams")
@@ -67,11 +67,11 @@ def read(document: Document, folder: Path) -> Ticket:
         name=text(root, root.get("DescriptiveName", "")),
         customer=next((text(*each) for each in customer), ""),
         file=values.one(
-            document, _urls(document), partial(values.file_beside, document, folder=folder), "file"
+            document, _urls(document), partial(values.adjacent_file, document, folder=folder), "file"
         )
         or "",
         copies=values.one(document, _amounts(document), partial(values.amount, document), "number of copies"),
-        layout=values.words(document, root, dict.fromkeys(stated), ours.layout),
+        layout=values.layout_text(document, root, dict.fromkeys(stated), settings.layout),
         brand=values.one(document, brands or _spans(document, "MediaIntent", "StockBrand"), text, "brand")
         or "",
         weight_gsm=values.one(
@@ -80,8 +80,8 @@ def read(document: Document, folder: Path) -> Ticket:
             partial(values.weight, document),
             "weight",
         ),
-        keep=ours.keep,
-        sample=ours.sample,
+        keep=settings.keep,
+        sample=settings.sample,
     )
 
 
@@ -107,7 +107,7 @@ def _check_resources(document: Document) -> None:
 
 
 def _refuse_imposed(document: Document) -> None:
-    remedy = f"send an imposed PDF, or state its {OURS}layout as GeneralID"
+    remedy = f"send an imposed PDF, or state its {PREFIX}layout as GeneralID"
     for each in document.every(*IMPOSED):
         raise document.refusal(each, "imposes pages in a way that is not read here", remedy)
     for each, scheme in document.stated("PageDistributionScheme", "LayoutPreparationParams"):

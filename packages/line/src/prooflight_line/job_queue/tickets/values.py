@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from prooflight_line.job_queue.tickets.xml import Document, Element
 
-OURS: Final = "prooflight:"
+PREFIX: Final = "prooflight:"
 """Beginning of ``GeneralID/@IDUsage`` by which a ticket states settings of the inspection."""
 KEEP: Final = ("all", "misprints", "none")
 MOST_COPIES: Final = 10_000_000
@@ -94,7 +94,7 @@ def sides(document: Document, element: Element, text: str) -> str:
     raise document.refusal(element, f"Sides is {shortly(text)!r}", remedy)
 
 
-def file_beside(document: Document, element: Element, url: str, folder: Path) -> str:
+def adjacent_file(document: Document, element: Element, url: str, folder: Path) -> str:
     """Return the name of the file that a URL names; JobError: it does not lie directly in ``folder``."""
     remedy = "name a file that lies beside the ticket, as job.pdf"
     try:
@@ -103,11 +103,13 @@ def file_beside(document: Document, element: Element, url: str, folder: Path) ->
     except (ValueError, UnicodeDecodeError):
         raise document.refusal(element, f"URL {shortly(url)!r} is no address", remedy) from None
     name = PurePosixPath(path).name
-    beside = path in (name, f"./{name}") and not parts.scheme
+    adjacent = path in (name, f"./{name}") and not parts.scheme
     if parts.scheme == "file" and parts.netloc in ("", "localhost"):
-        beside = path in (name, f"./{name}") or PurePosixPath(path).parent == PurePosixPath(folder.resolve())
+        adjacent = path in (name, f"./{name}") or PurePosixPath(path).parent == PurePosixPath(
+            folder.resolve()
+        )
     wrong = not name or name in (".", "..") or "\\" in name or "\0" in name or parts.query or parts.fragment
-    if wrong or not beside or (parts.netloc and parts.netloc != "localhost"):
+    if wrong or not adjacent or (parts.netloc and parts.netloc != "localhost"):
         raise document.refusal(element, f"names {shortly(url)}, outside this folder", remedy)
     if is_ticket(name):
         raise document.refusal(element, f"names {shortly(url)}, which is a ticket", remedy)
@@ -128,11 +130,11 @@ def inspection(document: Document, stated: Iterable[tuple[Element, str, str]]) -
     readers = {"layout": _layout, "keep": _keep, "sample": _sample}
     values: dict[str, Any] = {}
     for element, usage, text in stated:
-        if not usage.startswith(OURS):
+        if not usage.startswith(PREFIX):
             continue
-        name = usage.removeprefix(OURS)
+        name = usage.removeprefix(PREFIX)
         if name not in readers:
-            what = f"{shortly(usage)} is none of {', '.join(OURS + key for key in readers)}"
+            what = f"{shortly(usage)} is none of {', '.join(PREFIX + key for key in readers)}"
             raise document.refusal(element, what, "correct its IDUsage")
         value = readers[name](document, element, text)
         if values.setdefault(name, value) != value:
@@ -140,13 +142,13 @@ def inspection(document: Document, stated: Iterable[tuple[Element, str, str]]) -
     return Inspection(**values)
 
 
-def words(document: Document, element: Element, stated: Iterable[str], ours: str) -> str:
-    """Return the words of ``--layout`` of a ticket: those of its standard attributes, and those of ``ours``."""
+def layout_text(document: Document, element: Element, stated: Iterable[str], stated_layout: str) -> str:
+    """Return the words of ``--layout`` of a ticket: those of its standard attributes, and those of ``stated_layout``."""
     given = dict(part.split("=", 1) for part in stated)
-    for part in filter(None, ours.split(",")):
+    for part in filter(None, stated_layout.split(",")):
         key, _, value = (piece.strip() for piece in part.partition("="))
         if given.setdefault(key, value) != value:
-            what = f"{OURS}layout says {key}={value}, and the ticket {key}={given[key]}"
+            what = f"{PREFIX}layout says {key}={value}, and the ticket {key}={given[key]}"
             raise document.refusal(element, what, "state it once")
     text = ",".join(f"{key}={value}" for key, value in given.items())
     return _layout(document, element, text) if text else ""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from prooflight_line.job_queue.tickets import values
 from prooflight_line.job_queue.tickets.ticket import Ticket
-from prooflight_line.job_queue.tickets.values import OURS
+from prooflight_line.job_queue.tickets.values import PREFIX
 from prooflight_line.job_queue.tickets.xml import Rule
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ def read(document: Document, folder: Path) -> Ticket:
     document.check(RULES)
     _check_names(document)
     ids = [(each, each.get("IDUsage"), each.get("IDValue")) for each in document.every("GeneralID")]
-    ours = values.inspection(document, ids)
-    if not ours.layout:
+    settings = values.inspection(document, ids)
+    if not settings.layout:
         _refuse_imposed(document)
     text = partial(values.plain_text, document)
     stated = (
@@ -70,13 +70,13 @@ def read(document: Document, folder: Path) -> Ticket:
         job_id=text(root, root.get("JobID")),
         name=text(root, name),
         customer=next((text(*each) for each in customer), ""),
-        file=values.one(document, urls, partial(values.file_beside, document, folder=folder), "file") or "",
+        file=values.one(document, urls, partial(values.adjacent_file, document, folder=folder), "file") or "",
         copies=values.one(document, _amounts(document), partial(values.amount, document), "number of copies"),
-        layout=values.words(document, root, dict.fromkeys(stated), ours.layout),
+        layout=values.layout_text(document, root, dict.fromkeys(stated), settings.layout),
         brand=values.one(document, _brands(document), text, "brand") or "",
         weight_gsm=values.one(document, _weights(document), partial(values.weight, document), "weight"),
-        keep=ours.keep,
-        sample=ours.sample,
+        keep=settings.keep,
+        sample=settings.sample,
     )
 
 
@@ -95,15 +95,15 @@ def _refuse_imposed(document: Document) -> None:
     for resources in document.every("ResourceSet"):
         if resources.get("Name") in IMPOSED:
             what = f"imposes pages by {resources.get('Name')}, which is not read here"
-            remedy = f"send an imposed PDF, or state its {OURS}layout as GeneralID"
+            remedy = f"send an imposed PDF, or state its {PREFIX}layout as GeneralID"
             raise document.refusal(resources, what, remedy)
 
 
 def _refuse_disagreeing(document: Document, stated: tuple[str, ...]) -> None:
-    by_word: dict[str, str] = {}
+    by_key: dict[str, str] = {}
     for part in stated:
-        if by_word.setdefault(part.partition("=")[0], part) != part:
-            what = f"states both {by_word[part.partition('=')[0]]} and {part}"
+        if by_key.setdefault(part.partition("=")[0], part) != part:
+            what = f"states both {by_key[part.partition('=')[0]]} and {part}"
             raise document.refusal(document.root, what, "state one of them")
 
 

@@ -129,6 +129,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "gate-plan": Purpose("sheets, verdicts and slips of the gate's long run", (SEED, FREE + 19)),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
         "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
+        "hot-folder": Purpose("files that are sent into a hot folder, and kills", (SEED, FREE + 110)),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
         "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
         "lost-lines": Purpose("the camera's noise where it lost lines", (SEED, FREE + 16)),

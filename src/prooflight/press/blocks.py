@@ -51,6 +51,8 @@ _DEEPEST = 8
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
 """Keys such as ``a.b.c`` of many parts: tomllib takes time and memory in the square of their number."""
 
+ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+
 
 class _Block(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -193,6 +195,15 @@ class InksBlock(_Block):
 
     chart: str | None = None
     model: str = "auto"
+    condition: ShortText | None = None
+    """Name of the printing condition that inks and paper meet, such as FOGRA51."""
+
+
+class SubstrateBlock(_Block):
+    """``[substrate]``: the paper for which the press was characterised."""
+
+    brand: ShortText | None = None
+    weight_gsm: Annotated[float, Field(strict=True, ge=10, le=2000)] | None = None
 
 
 class CostsBlock(_Block):
@@ -306,9 +317,6 @@ class GeometryBlock(SideGeometryBlock):
     back: SideGeometryBlock | None = None
 
 
-ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
-
-
 Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
 """Offset of a sensor's lines or pixels.
 
@@ -395,6 +403,7 @@ class Document(_Block):
     rip: RipBlock = RipBlock()
     screen: ScreenBlock | None = None
     inks: InksBlock = InksBlock()
+    substrate: SubstrateBlock = SubstrateBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()
     inspection: InspectionBlock = InspectionBlock()

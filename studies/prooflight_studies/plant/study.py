@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from prooflight_line.causes.naming import Cause
     from prooflight_studies.plant.defects import Defect
 
-PARTS_OF_STUDY: Final = ("causes",)
 FIRST_SHEETS: Final = 5
 """Sheets with a streak by which its nozzle must be named."""
 NULL_MARKS: Final = 40

@@ -36,6 +36,7 @@ from prooflight_console.reading.gate import Gates
 from prooflight_console.reading.incidents import RunIncidents
 from prooflight_console.reading.live import Live
 from prooflight_console.reading.metrics import Metrics
+from prooflight_console.reading.queue import Queue
 from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
@@ -131,6 +132,7 @@ def console_app(
             settings.data.with_name(settings.data.name + SUFFIX), reading, incidents, label_store
         ),
         saved=SavedSearches(accounts),
+        queue=Queue(path=settings.queue),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )

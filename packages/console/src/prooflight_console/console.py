@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from prooflight_console.reading.incidents import RunIncidents
     from prooflight_console.reading.live import Live
     from prooflight_console.reading.metrics import Metrics
+    from prooflight_console.reading.queue import Move, Queue
     from prooflight_console.reading.reprints import Reprints
     from prooflight_console.reading.runs import Reading
     from prooflight_console.reading.stations import Stations
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from prooflight_console.zones.rasters import Rasters
     from prooflight_console.zones.service import ZonesService
     from prooflight_console.zones.tolerances import Tolerances
+    from prooflight_line.job_queue.listing import Listed
     from prooflight_line.journal.labels import Label, LabelStore
     from prooflight_line.journal.records import RunRow
 
@@ -70,6 +72,7 @@ class Console:
     index: SearchIndex
     """Index of sheets and defects over all runs."""
     saved: SavedSearches
+    queue: Queue
     began_s: float
     """Unix time at which the console started. [s]"""
     provider: Provider | None = None
@@ -198,6 +201,12 @@ class Console:
         """Add a note for the next shift, with the state of the alarms; raises RequestError if it is empty."""
         summary = handover_summary(self.live.now, self.incidents, now_s=self.accounts.clock())
         return self.alarm_store.hand_over(text, summary=summary, by=who.name)
+
+    def move_job(self, who: Who, key: str, move: Move) -> Listed:
+        """Move a job of the queue; raises RequestError if it is not where that can be done any more."""
+        job = self.queue.move(key, move, by=who.name)
+        self.accounts.note(who.name, f"queue.{move}", f"job {job.number}, {job.name}")
+        return job
 
     def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Label:
         """Record that a person has this one sheet in hand and that it is good.

@@ -40,7 +40,7 @@ class ConsoleSettings:
     records: str | None = None
     """URL of the database with the records of many presses; None: only this press is shown."""
     queue: Path | None = None
-    """Hot folder of the press, whose jobs are counted."""
+    """Hot folder of the press, whose jobs are counted and shown, and take uploads; None: there is none."""
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of proxies whose ``X-Forwarded-For`` is trusted."""
     provider: ProviderSettings | None = None

@@ -51,6 +51,7 @@ ELSEWHERE: Final = {
     "/sign-in/provider": "below, where nobody answers",
     "/presses": "test_presses",
     "/presses/sheets": "test_presses",
+    "/queue": "test_queue_page",
 }
 """Pages that need more than runs; zones beside a job are looked at in ``test_zones_page``."""
 PARTS: Final = (
@@ -58,6 +59,7 @@ PARTS: Final = (
     *("/press/engineering/thresholds", "/press/engineering/work", "/press/history/charts"),
     *("/runs/{run}/sheets/{sheet}/again", "/runs/{run}/sheets/{sheet}/thumbnail", "/runs/{run}/reprint.csv"),
     *("/runs/{run}/report.pdf", "/search.csv", "/search.json"),
+    "/queue/jobs",
     *("/setup/zones/{job}/picture", "/sign-in/provider/return", "/static/{name:path}"),
     *("/healthz", "/metrics", "/readyz"),
 )

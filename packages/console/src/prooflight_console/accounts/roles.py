@@ -37,6 +37,8 @@ class Scope(StrEnum):
     """Scope for labelling alarms."""
     ZONES = "zones"
     """Scope for pricing zones and putting them in force."""
+    JOBS = "jobs"
+    """Scope for sending jobs into the queue and for changing their order."""
     AUDIT = "audit"
     """Scope for reading the audit."""
     PEOPLE = "people"

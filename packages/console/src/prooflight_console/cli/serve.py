@@ -77,7 +77,10 @@ TraysOption = Annotated[
     ),
 ]
 QueueOption = Annotated[
-    Path | None, typer.Option("--queue", metavar="FOLDER", help="Hot folder whose jobs /metrics counts.")
+    Path | None,
+    typer.Option(
+        "--queue", metavar="FOLDER", help="Hot folder of jobs: shown, and sent to from the browser."
+    ),
 ]
 ScansOption = Annotated[
     list[Path] | None,

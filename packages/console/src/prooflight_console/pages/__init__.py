@@ -13,6 +13,7 @@ from prooflight_console.pages import (
     presses,
     provider,
     quality,
+    queue,
     recalculation,
     report,
     reprint,
@@ -24,7 +25,7 @@ from prooflight_console.pages import (
 
 ROUTERS = (
     *(assets.router, sign_in.router, kiosk.router, provider.router),
-    *(now.router, incident.router, alarms.router, reprint.router),
+    *(now.router, incident.router, alarms.router, reprint.router, queue.router),
     *(report.router, search.router, recalculation.router, quality.router, history.router),
     *(press.router, engineering.router, presses.router, setup.router, camera.router, zones.router),
 )

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 ViewerPage = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
 OperatorPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.LABELS))]
+JobsPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.JOBS))]
 EngineerPage = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
 MOST_LETTERS: Final = 2000
 
@@ -101,6 +102,7 @@ def page(
         version=__version__,
         trouble=state.live.trouble,
         many_presses=state.settings.records is not None,
+        has_queue=state.settings.queue is not None,
         may_speak=who is not None and who.role.may(Role.OPERATOR),
         **values,
     )

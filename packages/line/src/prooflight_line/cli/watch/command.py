@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.job_queue.tickets.ticket import Ticket
     from prooflight_line.run.sheet_inspector import Keep
 
 
@@ -132,6 +133,7 @@ def watch(
     )
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
+    from prooflight_line.job_queue.listing import ticket_of
     from prooflight_line.journal.records import RunFacts
     from prooflight_line.reporting.traces import Traces
     from prooflight_line.run.pager import SheetEdge, TriggerCount
@@ -145,10 +147,22 @@ def watch(
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
     job = job if taken is None else taken.entry.file
+    ticket = None if taken is None else ticket_of(taken.entry)
+    if ticket is not None:
+        keep = ticket.keep if ticket.keep and not _given(context, "keep") else keep
+        sample = ticket.sample if ticket.sample is not None and not _given(context, "sample") else sample
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     read = _read_job(
-        job, inspector, layout=layout, sheets=sheets, plant=plant, zones=zones, profile=profile, json=json
+        job,
+        inspector,
+        layout=layout,
+        sheets=sheets,
+        ticket=ticket,
+        plant=plant,
+        zones=zones,
+        profile=profile,
+        json=json,
     )
     inspector = replace(inspector, zones=read.zones)
     read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
@@ -264,6 +278,12 @@ def watch(
         raise typer.Exit(code)
 
 
+def _given(context: typer.Context, option: str) -> bool:
+    """Return whether an option was given, and is not its default."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ReadJob:
     """The job as it was read before the run."""
@@ -280,6 +300,7 @@ class _ReadJob:
     plant: Plant
     zones: JobZones | None
     early: EarlyWarnings
+    ticket: Ticket | None
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -287,6 +308,8 @@ class _ReadJob:
         facts: dict[str, Any] = {"job_pages": self.pages}
         if self.plan is not None:
             facts["layout"] = self.plan.facts
+        if self.ticket is not None:
+            facts["ticket"] = self.ticket.facts
         if self.zones is not None:
             facts |= {"zones": self.zones.digest, "zones_alone": self.zones.zones_digest}
         if self.early.warnings:
@@ -304,27 +327,41 @@ def _read_job(
     *,
     layout: str | None,
     sheets: int | None,
+    ticket: Ticket | None,
     plant: Path | None,
     zones: Path | None,
     profile: Path | None,
     json: bool,
 ) -> _ReadJob:
-    """Read the job, its layout, zones and warnings, and try the plant; the errors of all these."""
+    """Read the job, its layout, zones and warnings, and try the plant; the errors of all these.
+
+    What ``ticket`` says of the layout and of the number of copies counts where the command line says nothing else.
+    """
     from prooflight.cli.jobs.check import checked_early
     from prooflight.cli.jobs.zones import zones_in_force
     from prooflight.press.pages import job_source
+    from prooflight.press.print_condition import PrintCondition, condition_warnings
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.cli.watch.sheets import copied, with_records
+    from prooflight_line.job_queue.tickets.ticket import layout_with
 
     press = inspector.press
-    source, plan = imposition.imposed(
-        job_source(job, press, profile=profile), layout, press.geometry, sheets=sheets
-    )
+    source = job_source(job, press, profile=profile)
+    paper = None
+    if ticket is not None:
+        layout = layout_with(ticket.layout, layout)
+        sheets = copied(source, layout, ticket.copies) if sheets is None else sheets
+        paper = PrintCondition(brand=ticket.brand, weight_gsm=ticket.weight_gsm)
+    source, plan = imposition.imposed(source, layout, press.geometry, sheets=sheets)
     with source.open() as opened:
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         tried = Plant.tried(plant, opened, press)
         zones_of_job = zones_in_force(zones, opened, inspector)
-        early = checked_early(opened, json=json)
+        records = opened.document_facts()
+        more = condition_warnings(opened, press.print_condition, wanted=paper)
+        early = checked_early(opened, json=json, more=more)
     plan = tried.with_sets(plan, pages=pages, sheets=sheets)
+    plan = with_records(plan, records, pages=pages, sheets=sheets)
     return _ReadJob(
         source=source,
         name=name,
@@ -335,4 +372,5 @@ def _read_job(
         plant=tried,
         zones=zones_of_job,
         early=early,
+        ticket=ticket,
     )

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
-    from prooflight_line.reporting.traces import RunTraces, Traces
     from prooflight_line.journal.start import StartFile
+    from prooflight_line.reporting.traces import RunTraces, Traces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore

@@ -37,6 +37,7 @@ from prooflight_studies.harness.page import write_page
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+PARTS: Final = ("live", "beside", "hour", "pages")
 RATE_HZ: Final = 5.0
 """Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0

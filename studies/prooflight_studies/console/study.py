@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import tempfile
@@ -33,6 +32,7 @@ from prooflight_studies.console.serving import (
     wait_until_it_answers,
 )
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import stored_results
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,7 +155,9 @@ def run_console_study(
     )
     stated: dict[str, Any] = {"rate_hz": RATE_HZ, "commit_s": COMMIT_S, "quick": quick, "bound_s": ALARM_S}
     stated["alarm_every"] = ALARM_EVERY
-    write_page(results / "console.md", "console", _stored(results) | asdict(figures) | stated)
+    write_page(
+        results / "console.md", "console", stored_results(results / "console.md") | asdict(figures) | stated
+    )
     return figures
 
 
@@ -166,7 +168,7 @@ def run_console_part(
 
     plan: what is measured; None for ``pages``. RequestError: the rest was never measured.
     """
-    stored = _stored(results)
+    stored = stored_results(results / "console.md")
     if "alone" not in stored:
         remedy = "run `prooflight study console` first"
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
@@ -180,15 +182,6 @@ def run_console_part(
     figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
     write_page(results / "console.md", "console", stored | {part: figures})
     return figures
-
-
-def _stored(results: Path) -> dict[str, Any]:
-    """Return the figures that were measured before."""
-    try:
-        stored = json.loads((results / "console.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {name: value for name, value in stored.items() if name != "study"}
 
 
 class _Press:

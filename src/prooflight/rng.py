@@ -107,12 +107,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         ),
         "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
-        "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
-        "detectability-session": Purpose(
-            "the press day of one print", (SEED, FREE + 13, "page", "use", "print")
-        ),
-        "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
-        "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
         "dither": Purpose("order of the words that stand for what rounding lost", (2011,)),
         "drift-prints": Purpose("prints and scans of a press that drifts", (SEED, 1)),
         "drift-session": Purpose("the session in which a press drifts", (SEED, 0)),

@@ -1,8 +1,7 @@
-"""``prooflight study content``: codes and numbers on prints of the press world."""
+"""``prooflight study content``, ``zones``: codes and numbers on prints, and the cost of zones."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -41,7 +40,7 @@ def content(
     from prooflight_studies.content.study import run_content_study
 
     results = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    report_results(asdict(results), out / "content.md", json=json)
+    report_results(results, out / "content.md", json=json)
 
 
 def _text(
@@ -59,4 +58,17 @@ def _text(
         progress=show.steps(quiet=json),
     )
     write_text(out, results)
-    report_results(asdict(results), out / "content.md", json=json)
+    report_results(results, out / "content.md", json=json)
+
+
+def zones(
+    out: Results = Path("docs/results/jobs"),
+    seed: Annotated[int, typer.Option(help="Of pages, zones, prints and defects.", min=0)] = 37,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Measure the predicted and observed cost of careful and ignored zones, and false alarms; writes zones.md."""
+    from prooflight_studies.zones.study import run_zones_study
+
+    results = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(results, out / "zones.md", json=json)

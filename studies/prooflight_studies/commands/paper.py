@@ -11,7 +11,16 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight_studies.commands.study import CACHE, Cache, Json, PressFileAt, Quick, Results, report_results
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    Json,
+    PressFileAt,
+    Processes,
+    Quick,
+    Results,
+    report_results,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -35,7 +44,7 @@ def paper(
     out: Results = Path("docs/results/paper"),
     cache: Cache = CACHE,
     seed: Seed = PUBLISHED_SEED,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    processes: Processes = None,
     cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,

@@ -14,6 +14,7 @@ from prooflight_studies.commands.study import (
     Json,
     PagesDir,
     PressFileAt,
+    Processes,
     Quick,
     Results,
     report_results,
@@ -41,7 +42,7 @@ def press(
     ablations: Annotated[
         bool, typer.Option(help="Judge by the matched filter without each of its parts as well.")
     ] = True,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    processes: Processes = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
@@ -90,7 +91,7 @@ def ranking(
     left_out: Annotated[
         bool, typer.Option(help="Judge each kind also by a ranking that it did not teach.")
     ] = True,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    processes: Processes = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -132,7 +133,7 @@ def stress(
     ] = None,
     pages: PagesDir = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 53,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
+    processes: Processes = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -27,10 +28,19 @@ Cache = Annotated[
     Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
 ]
 CACHE = Path("study-cache")
+Processes = Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)]
 PagesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
 ]
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
+
+
+def chosen(part: Sequence[str] | None, parts: Sequence[str]) -> tuple[str, ...]:
+    """Return the parts of a study that were asked for, or all of them; RequestError: there is no such part."""
+    for one in part or ():
+        if one not in parts:
+            raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(parts)}")
+    return tuple(part or parts)
 
 
 def report_results(results: object, path: Path, *, json: bool) -> None:

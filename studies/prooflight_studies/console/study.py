@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import tempfile
@@ -35,10 +34,12 @@ from prooflight_studies.console.serving import (
     wait_until_it_answers,
 )
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import stored_results
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+PARTS: Final = ("live", "beside", "hour", "pages")
 RATE_HZ: Final = 5.0
 """Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0
@@ -156,7 +157,9 @@ def run_console_study(
     )
     stated: dict[str, Any] = {"rate_hz": RATE_HZ, "commit_s": COMMIT_S, "quick": quick, "bound_s": ALARM_S}
     stated["alarm_every"] = ALARM_EVERY
-    write_page(results / "console.md", "console", _stored(results) | asdict(figures) | stated)
+    write_page(
+        results / "console.md", "console", stored_results(results / "console.md") | asdict(figures) | stated
+    )
     return figures
 
 
@@ -167,7 +170,7 @@ def run_console_part(
 
     plan: what is measured in ``beside`` and ``hour``; None for the others. RequestError: the rest was never measured.
     """
-    stored = _stored(results)
+    stored = stored_results(results / "console.md")
     if "alone" not in stored:
         remedy = "run `prooflight study console` first"
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
@@ -184,15 +187,6 @@ def run_console_part(
     figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
     write_page(results / "console.md", "console", stored | {part: figures})
     return figures
-
-
-def _stored(results: Path) -> dict[str, Any]:
-    """Return the figures that were measured before."""
-    try:
-        stored = json.loads((results / "console.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {name: value for name, value in stored.items() if name != "study"}
 
 
 class _Press:

@@ -12,7 +12,6 @@ import hashlib
 import io
 import json
 import logging
-import math
 import struct
 import time
 import zipfile
@@ -40,8 +39,6 @@ PieceIn = TypeVar("PieceIn", contravariant=True)
 
 
 _log = logging.getLogger(__name__)
-MOST_BYTES: Final = 1 << 30
-"""Limit on the size of one piece's columns, unpacked; assumed: those of the studies take some megabytes."""
 SPENT: Final = "seconds spent"
 """Column with the wall-clock time of a piece, stored with its rows."""
 
@@ -145,8 +142,6 @@ def _whole(path: Path) -> bool:
         return False
 
 
-_END: Final = struct.Struct("<4s4H2LH")
-"""End record of an archive (APPNOTE.TXT of PKWARE, section 4.3.16); the fifth field counts its members."""
 _DAMAGE: Final = (
     *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
     *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
@@ -154,31 +149,18 @@ _DAMAGE: Final = (
 """Errors that reading a damaged archive of arrays raises."""
 
 
+_END: Final = struct.Struct("<4s4H2LH")
+"""End record of an archive (APPNOTE.TXT of PKWARE, section 4.3.16); the fifth field counts its members."""
+
+
 def _load(path: Path) -> Rows:
     """Return the arrays of a piece as ``_store`` wrote them; raises one of ``_DAMAGE`` for a damaged file."""
-    with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-        if len(members) != _members_stated(path) or not members:
-            raise ValueError("it does not hold as many columns as it states")
-        if sum(member.file_size for member in members) > MOST_BYTES:
-            raise ValueError("its columns are too large to be ours")
-        return {member.filename.removesuffix(".npy"): _column(archive, member) for member in members}
-
-
-def _members_stated(path: Path) -> int:
-    """Return the member count in the last bytes of an archive without comment; Python's reader does not check it."""
     with path.open("rb") as file:
         file.seek(-_END.size, io.SEEK_END)
-        return int(_END.unpack(file.read())[4])
-
-
-def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """Read one array, whose header must agree with the archive about its size before memory is allocated."""
-    with archive.open(member) as file:
-        if np.lib.format.read_magic(file) != (1, 0):
-            raise ValueError(f"{member.filename} is no array of ours")
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.hasobject or math.prod(shape) * dtype.itemsize + file.tell() != member.file_size:
-            raise ValueError(f"{member.filename} is not of the size that it states")
-    with archive.open(member) as file:
-        return np.lib.format.read_array(file, allow_pickle=False)
+        members = _END.unpack(file.read())[4]  # Python's own reader does not check it
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            rows = dict(archive)
+    if len(rows) != members:
+        raise ValueError("it does not hold as many columns as it states")
+    return rows

@@ -74,7 +74,6 @@ def run_paper_study(
     quick: bool = False,
     processes: int | None = None,
     cluster: str | None = None,
-    plans: list[tuple[float, Plan]] | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Part]:
     """Run every plan and write ``paper.md`` with its pictures into ``results``.
@@ -86,9 +85,8 @@ def run_paper_study(
     if len(own.sensors) < 2:
         message = f"the study compares one sensor with two, {press_file.path} has one"
         raise ValueError(message)
-    plans = plans or paper_plans(seed=seed, quick=quick, own_pitch_mm=own.pixel_pitch_mm)
     parts = []
-    for pitch_mm, plan in plans:
+    for pitch_mm, plan in paper_plans(seed=seed, quick=quick, own_pitch_mm=own.pixel_pitch_mm):
         press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
         parts.append(
             run_part(

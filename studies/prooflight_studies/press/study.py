@@ -63,12 +63,9 @@ def run_press_study(
     results: Path,
     *,
     cache: Path,
-    seed: int = 1,
-    quick: bool = False,
+    plan: PressPlan,
     processes: int | None = None,
-    plan: PressPlan | None = None,
     real: Folder | None = None,
-    pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
     """Scan, train, tune, test, and write ``PressFindings.page`` into ``results``.
@@ -77,8 +74,7 @@ def run_press_study(
     interrupted study resumes. real: pages of real documents, in addition to the composed designs.
     """
     started = time.perf_counter()
-    plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
-    press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
+    press = build_press(at_pitch(press_file, REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     scans = _scanned(bench, real)
     lessons = Pages.of(scans.training).joined(Pages.of(scans.learning))
@@ -96,7 +92,7 @@ def run_press_study(
     checks, tried = check_rates(verdicts, scans.rate_pages, scans.trial, calibration=plan.calibration)
     findings = PressFindings(
         plan=plan,
-        pitch_mm=pitch_mm,
+        pitch_mm=REDUCED_PITCH_MM,
         fringes=press.fringes,
         main=scans.main,
         verdicts=verdicts,

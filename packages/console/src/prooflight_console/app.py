@@ -45,7 +45,6 @@ from prooflight_console.request_log import RequestLog
 from prooflight_console.zones.prices import Prices
 from prooflight_console.zones.rasters import Rasters
 from prooflight_console.zones.service import ZonesService
-from prooflight_console.zones.tolerances import Tolerances
 from prooflight_line.journal.labels import LabelStore
 
 if TYPE_CHECKING:
@@ -123,7 +122,6 @@ def console_app(
         stations=stations,
         pictures=pictures,
         zones=zones,
-        tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
         metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
         chart_notes=ChartNotes(accounts),

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from prooflight_console.settings import ConsoleSettings
     from prooflight_console.zones.rasters import Rasters
     from prooflight_console.zones.service import ZonesService
-    from prooflight_console.zones.tolerances import Tolerances
     from prooflight_line.job_queue.listing import Listed
     from prooflight_line.journal.labels import Label, LabelStore
     from prooflight_line.journal.records import RunRow
@@ -63,7 +62,6 @@ class Console:
     stations: Stations
     pictures: Pictures
     zones: ZonesService
-    tolerances: Tolerances
     rasters: Rasters
     metrics: Metrics
     chart_notes: ChartNotes

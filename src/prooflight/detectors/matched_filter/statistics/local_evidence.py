@@ -329,12 +329,12 @@ class Scatter:
         return replace(self, boxes=self.boxes[which], streaks=self.streaks[lines], bands=self.bands[which])
 
     @classmethod
-    def white(cls, prior: PrintPrior | None = None) -> Scatter:
-        """Return the scatter of noise alone; prior: of good prints; None: of an office-class press."""
+    def white(cls) -> Scatter:
+        """Return the scatter of noise alone, of an office-class press."""
         one = np.array([1.0, 1.0, 0.0])
         shapes = SCATTER_SHAPES.items()
         scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
-        return cls(**scatters, light=assumed_light(prior or PrintPrior()))
+        return cls(**scatters, light=assumed_light(PrintPrior()))
 
 
 def without_common(

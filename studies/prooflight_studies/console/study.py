@@ -39,7 +39,7 @@ from prooflight_studies.harness.parts import stored_results
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PARTS: Final = ("live", "beside", "hour", "pages")
+PARTS: Final = ("live", "beside", "hour", "pages", "journeys", "search")
 RATE_HZ: Final = 5.0
 """Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0

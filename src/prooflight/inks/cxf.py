@@ -105,16 +105,16 @@ def _every(element: Element, name: str) -> list[Element]:
 def _spectrum(where: str, spectrum: Element, ranges: dict[str | None, Element]) -> NDArray[np.float64]:
     """Return a spectrum on the package's grid, (36,). [-]"""
     grid = ranges.get(spectrum.get("ColorSpecification"))
-    start = spectrum.get("StartWL") or ("" if grid is None else grid.get("StartWL", ""))
-    step = spectrum.get("Increment") or ("" if grid is None else grid.get("Increment", "10"))
-    first_nm, step_nm = _number(where, "StartWL", start), _number(where, "Increment", step or "10")
+    start = spectrum.get("StartWL") or (grid is not None and grid.get("StartWL")) or ""
+    step = spectrum.get("Increment") or (grid is not None and grid.get("Increment")) or "10"
+    first_nm, step_nm = _number(where, "StartWL", start), _number(where, "Increment", step)
     values = [
         _number(where, "a reflectance", text) for text in (spectrum.text or "").split()[: MOST_BANDS + 1]
     ]
     if not 2 <= len(values) <= MOST_BANDS or not 0 < step_nm <= 50 or not 200 <= first_nm <= 800:
         what = f"has a spectrum of {len(values)} values from {first_nm:g} nm by {step_nm:g} nm"
         raise ChartError(where, what, remedy=REMEDY)
-    wave_nm = first_nm + step_nm * np.arange(len(values))
+    wave_nm = first_nm + step_nm * np.arange(len(values), dtype=np.float64)
     if wave_nm[0] > 420 or wave_nm[-1] < 680:
         what = f"has a spectrum of {wave_nm[0]:g} to {wave_nm[-1]:g} nm, and 420 to 680 nm are needed"
         raise ChartError(where, what, remedy=REMEDY)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 import numpy as np
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.scans.lines import Unseen
-    from prooflight_line.run.inspection_workers import InspectionWorkers
 
 Keep = Literal["all", "misprints", "none"]
 OFF_PLACE: Final = (2, 1)
@@ -45,6 +44,24 @@ class SheetResult:
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
+class Workers(Protocol):
+    """Processes that inspect (``inspection_workers``)."""
+
+    def inspect(
+        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+    ) -> SheetResult:
+        """Inspect a scan in one of them."""
+        ...
+
+    def provide(self, inspector: SheetInspector, ready: PackedDesign) -> object:
+        """Let them read a design."""
+        ...
+
+    def close(self) -> None:
+        """End them."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class SheetInspector:
     """Inspector of sheets; safe to call from several threads at once."""
@@ -53,7 +70,7 @@ class SheetInspector:
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     sampling: Sampling = field(default_factory=Sampling)
-    workers: InspectionWorkers | None = None
+    workers: Workers | None = None
     """Processes that inspect; None: the calling thread does."""
 
     def prepare(self, page: Page) -> PackedDesign:

@@ -96,9 +96,14 @@ lock:
 		--universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -o requirements/run.txt
 	uv pip compile $(PROJECTS) --extra pdf --extra demo --extra viva --extra basler \
-		--extra plant --extra hot-folder --extra records --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
+		--extra plant --extra hot-folder --extra records --extra otel --extra oidc --extra cluster --group build --group dev --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet $(OURS) -c requirements/run.txt \
 		-o requirements/dev.txt
+	uv pip compile --group build --universal --python-version 3.11 --generate-hashes --no-header --quiet \
+		-c requirements/run.txt -o requirements/build.txt
+	uv pip compile pyproject.toml packages/line/pyproject.toml packages/console/pyproject.toml --extra pdf --extra demo \
+		--extra plant --extra hot-folder --extra records --extra otel --extra oidc --universal --python-version 3.11 \
+		--generate-hashes --no-header --quiet $(OURS) -c requirements/dev.txt -o requirements/image.txt
 	uv pip compile --group docs --universal --python-version 3.11 \
 		--generate-hashes --no-header --quiet -c requirements/run.txt -c requirements/dev.txt -o requirements/docs.txt
 

@@ -17,7 +17,7 @@ echo "installing into a virtual environment of $("$PYTHON" --version)"
 sed -n '/^[a-zA-Z0-9].*==/s/ *\\$//p' requirements/dev.txt > "$stage/constraints.txt"
 "$PYTHON" -m venv "$stage/pip"
 "$stage/pip/bin/pip" --quiet --disable-pip-version-check --python "$stage$SITE/bin/python" install --no-compile \
-  --constraint "$stage/constraints.txt" ".[pdf,demo]" "packages/line[plant,hot-folder,records]" "packages/console[oidc]"
+  --constraint "$stage/constraints.txt" ".[pdf,demo]" "packages/line[plant,hot-folder,records,otel]" "packages/console[oidc]"
 
 # The environment was made elsewhere than where it will lie: programs and its own record of its place are corrected.
 ln --symbolic --force /usr/bin/python3 "$stage$SITE/bin/python3"

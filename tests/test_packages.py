@@ -20,7 +20,16 @@ FOLDERS: Final = {
     "prooflight_studies": ROOT / "studies",
 }
 """Packages from the lowest to the highest."""
-WHOLE: Final = ("docs", "examples", "frozen", "fuzz", "conftest.py", "test_packages.py", "test_rng.py")
+WHOLE: Final = (
+    "docs",
+    "examples",
+    "frozen",
+    "fuzz",
+    "packaging",
+    "conftest.py",
+    "test_packages.py",
+    "test_rng.py",
+)
 """What lies in ``tests`` and tests the whole repository."""
 PROJECTS: Final = {
     name: tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))

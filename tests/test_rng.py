@@ -39,10 +39,6 @@ FIRST_DRAWS = {
     "content-text-session": ((1009, 5, 1), 4_531_026_556_372_941_617),
     "demonstration-misprints": ((1009,), 521_124_781_773_066_565),
     "design": ((1009, 5), 1_919_216_677_537_076_213),
-    "detectability-learning": ((1009, 7), 202_383_043_711_874_871),
-    "detectability-session": ((1009, 7, 1, 3), 8_252_648_476_415_128_867),
-    "detectability-telling": ((1009, 7), 4_106_949_845_356_552_377),
-    "detectability-trials": ((1009, 7, 3), 5_461_860_871_506_629_676),
     "dither": ((None,), 6_894_470_606_025_717_146),
     "drift-prints": ((1009,), 7_250_106_880_690_549_874),
     "drift-session": ((1009,), 521_124_781_773_066_565),
@@ -57,6 +53,7 @@ FIRST_DRAWS = {
     "gate-plan": ((1009,), 7_901_104_941_177_281_969),
     "golden-bootstrap": ((1009,), 521_124_781_773_066_565),
     "golden-transforms": ((1009, 3, 7), 6_645_520_433_816_209_474),
+    "hot-folder": ((1009,), 3_906_848_647_452_848_391),
     "ink-noise": ((1009,), 521_124_781_773_066_565),
     "ink-noise-median": ((1009,), 521_124_781_773_066_565),
     "lost-lines": ((1009,), 569_289_117_174_843_345),
@@ -126,7 +123,6 @@ ONE_INDEX = {
     "a4-design",
     "calibration-chart",
     "design",
-    "detectability-telling",
     "exhibit-place",
     "figure-exposures",
     "figure-misprint",
@@ -156,7 +152,7 @@ SEED_ALONE = {
     "specimen",
     "trial-recipes",
 }
-OF_COPIES = {"detectability-trials", "sample-print", "study-print"}
+OF_COPIES = {"sample-print", "study-print"}
 """``[seed, n, k]`` for the k-th of several."""
 KNOWN_SHARED = {
     "[seed]": ONE_INDEX | SEED_ALONE,
@@ -174,7 +170,6 @@ KNOWN_SHARED = {
     "[seed, FREE + 60, n]": {"asked-sheets", "content-text"},  # only for a size of 0 points, which is none
     "[seed, FREE + 61, n]": {"content-text-session", "feedback-weeks"},
     "[seed, n, 1]": {
-        "detectability-learning",
         "piece-places",
         "sample-print",
         "session",

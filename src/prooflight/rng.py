@@ -108,12 +108,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         ),
         "demonstration-misprints": Purpose("which sheets of the demonstration are misprints", (SEED,)),
         "design": Purpose("size, words, pictures and layout of a page design", (SEED, "design")),
-        "detectability-learning": Purpose("prints that tell how strong defects must be", (SEED, "page", 1)),
-        "detectability-session": Purpose(
-            "the press day of one print", (SEED, FREE + 13, "page", "use", "print")
-        ),
-        "detectability-telling": Purpose("good prints of a page, one of which must pass", (SEED, "page", 0)),
-        "detectability-trials": Purpose("prints with one defect", (SEED, "page", From(2, "defect"))),
         "dither": Purpose("order of the words that stand for what rounding lost", (2011,)),
         "drift-prints": Purpose("prints and scans of a press that drifts", (SEED, 1)),
         "drift-session": Purpose("the session in which a press drifts", (SEED, 0)),
@@ -130,6 +124,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "gate-plan": Purpose("sheets, verdicts and slips of the gate's long run", (SEED, FREE + 19)),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
         "golden-transforms": Purpose("known moves of a golden scan", (SEED, FREE + 1, "transform", "pair")),
+        "hot-folder": Purpose("files that are sent into a hot folder, and kills", (SEED, FREE + 110)),
         "ink-noise": Purpose("noise of measured spectra that teach: a child a draw", (SEED,)),
         "ink-noise-median": Purpose("noise whose median colour difference is said", (SEED,)),
         "lost-lines": Purpose("the camera's noise where it lost lines", (SEED, FREE + 16)),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from tests.cli.calls import call
 
 from prooflight.cli import run
 from prooflight.cli.show import PlainConsole, verdict_table
@@ -57,12 +58,6 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
         page = Page(cmyk=cmyk, dpi=500.0, name=f"p{number:04d}", number=number)
         write_tiff(page, folder / f"{page.name}.tif")
     return folder
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_press_build_reports_digest_and_table_accuracy(

@@ -8,17 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
-
-from prooflight.cli import run
+from tests.cli.calls import call
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_press_show_draws_the_press_and_tells_where_noise_is_clipped(

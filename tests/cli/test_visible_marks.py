@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
+from tests.cli.calls import call
 
-from prooflight.cli import run
 from prooflight.pages.files import write_tiff
 
 if TYPE_CHECKING:
@@ -17,12 +17,6 @@ if TYPE_CHECKING:
 
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @pytest.fixture(scope="module")

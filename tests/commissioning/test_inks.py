@@ -41,16 +41,11 @@ def test_inks_of_a_chart_come_back_from_a_file(
     cmyk[:16] = np.indices((2, 2, 2, 2)).reshape(4, -1).T
     chart = Chart(
         where="chart.txt",
-        kind="CGATS.17",
         keywords=(),
-        columns=(),
-        ink_columns=("CMYK_C", "CMYK_M", "CMYK_Y", "CMYK_K"),
         cmyk_percent=100 * cmyk,
-        spectral_columns=(),
         wave_nm=WAVE_NM,
         measured=prototype.inks().reflectance(cmyk),
         scale=1.0,
-        others={},
     )
     inks = InkModel.fit(chart, model)
     arrays, facts = packed(inks)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from prooflight.detectors.matched_filter.fit.beat import beat_contrasts
+from prooflight.detectors.matched_filter.fit.beat import RowBeats, beat_contrasts, row_beats
 from prooflight.pages.sampling import Footprint
 from prooflight.pages.screen import Screen
 
@@ -53,3 +56,36 @@ def test_single_pixels_vary_no_more_than_their_sums() -> None:
     )
     assert (single <= summed).all()
     assert single[3, 2] == pytest.approx(1.0, abs=0.25)  # ink or paper: a (1 - a), but for pixels on borders
+
+
+def _row_beats(cover: np.ndarray, screen: Screen) -> RowBeats | None:
+    """The beat along rows of four lines, in waves of 2 to 40 mm."""
+    sensor: Any = SimpleNamespace(footprint=_square_pixel())
+    return row_beats(cover, screen, LIGHT, [sensor], line_mm=PITCH_MM, tile_lines=4, periods_mm=(2.0, 40.0))
+
+
+def _tinted(area: float) -> np.ndarray:
+    cover = np.zeros((4, 40, 40), np.float32)
+    cover[3] = area
+    return cover
+
+
+def test_lines_of_a_screen_beat_with_rows_as_a_square_wave_does() -> None:
+    """Lines of 0.36 mm against rows of 0.4 mm: a wave of 3.6 mm, of 4 / pi of the mean light times sinc(0.4 / 0.36)."""
+    lines = {"kind": "am", "dpi": 2540.0, "lpi": 2540.0 / 36, "dot": "line"}
+    across = _row_beats(_tinted(0.5), Screen(**lines, angles_deg=(0.0, 0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+    along = _row_beats(_tinted(0.5), Screen(**lines, angles_deg=(90.0, 90.0, 90.0, 90.0)))  # type: ignore[arg-type]
+    assert across is not None
+    assert along is not None
+    wave, sd = across.at(_tinted(0.5))
+    assert wave.max() == wave.min() == pytest.approx(4 / np.pi * abs(np.sinc(0.4 / 0.36)), rel=0.03)
+    assert sd.max() >= wave.max() / np.sqrt(2) * 0.98  # harmonics add to it
+    assert max(one.max() for one in along.at(_tinted(0.5))) < 1e-6
+    for area in (0.0, 1.0):  # bare paper and solids, beside the tint
+        assert not any(one.any() for one in across.at(_tinted(area)))
+
+
+def test_scattered_dots_and_pages_without_tints_have_no_beat_along_rows() -> None:
+    am = Screen(kind="am", dpi=1200.0, lpi=175.0)
+    assert _row_beats(_tinted(1.0), am) is None
+    assert _row_beats(_tinted(0.5), Screen(kind="error-diffusion", dpi=1200.0)) is None

@@ -91,7 +91,7 @@ its pixels, eight times as wide."""
 BLOCK = re.compile(
     r"(?:<!-- runs: (?P<how>[^>]*) -->\n\n?)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL
 )
-SHOWN = {"toml", "text"}
+SHOWN = {"toml", "text", "xml"}
 """Languages of blocks that nobody runs."""
 SHELL = re.compile(r"[|&;<>$*?`]")
 """What of a command a shell would interpret."""

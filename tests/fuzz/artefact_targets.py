@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PIXELS = 400
 STATISTICS = ("box/add-C+/8", "streak/void/1/full", "fit/white", "step/gain-K/across")
-INK_MODELS = ("log-linear", "local-linear")
+INK_MODELS = ("log-linear", "neighbours")
 
 
 def press_samples() -> list[bytes]:

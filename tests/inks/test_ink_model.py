@@ -20,7 +20,7 @@ def inks(built_in_chart: Chart) -> InkModel:
     return InkModel.fit(built_in_chart, "hybrid", folds=4)
 
 
-@pytest.mark.parametrize("model", [name for name in MODELS if name != "cellular-neugebauer"])
+@pytest.mark.parametrize("model", list(MODELS))
 def test_what_is_saved_loads_the_same(built_in_chart: Chart, tmp_path: Path, model: str) -> None:
     fitted = InkModel.fit(built_in_chart, model, folds=3)
     digest = fitted.save(tmp_path / "a.inks")
@@ -116,7 +116,7 @@ def test_standard_deviation_of_reflectance_is_in_its_units(inks: InkModel) -> No
     np.testing.assert_allclose(got, want, rtol=1e-12)
 
 
-@pytest.mark.parametrize("model", ["log-linear", "neugebauer", "local-linear", "hybrid"])
+@pytest.mark.parametrize("model", ["log-linear", "neugebauer", "neighbours", "hybrid"])
 def test_spoilt_files_are_refused_in_one_line_or_predict(
     built_in_chart: Chart, tmp_path: Path, model: str
 ) -> None:
@@ -140,11 +140,8 @@ def test_spoilt_files_are_refused_in_one_line_or_predict(
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("model.neighbours", 0.0),
-        ("model.neighbours", 8.5),
-        ("model.neighbours", 1e9),
         ("model.cmyk", np.nan),
-        ("model.root", np.inf),
+        ("model.measured", np.inf),
         ("spread.reach", 0.0),
         ("spread.squared", -1.0),
     ],
@@ -152,15 +149,12 @@ def test_spoilt_files_are_refused_in_one_line_or_predict(
 def test_a_wrong_value_is_refused_at_save_and_named(
     built_in_chart: Chart, tmp_path: Path, name: str, value: float
 ) -> None:
-    fitted = InkModel.fit(built_in_chart, "local-linear", folds=2)
+    fitted = InkModel.fit(built_in_chart, "neighbours", folds=2)
     of, what = name.split(".")
     held = getattr(fitted, of)
-    if what == "neighbours":
-        spoilt = replace(held, neighbours=value)
-    else:
-        array = getattr(held, what).copy()
-        array.reshape(-1)[7] = value
-        spoilt = replace(held, **{what: array})
+    array = getattr(held, what).copy()
+    array.reshape(-1)[7] = value
+    spoilt = replace(held, **{what: array})
     with pytest.raises(ChartError, match=name):
         replace(fitted, **{of: spoilt}).save(tmp_path / "a.inks")
     assert not list(tmp_path.iterdir())

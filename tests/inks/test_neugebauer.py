@@ -7,26 +7,25 @@ from hypothesis import strategies as st
 
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.chart import Chart
-from prooflight.inks.neugebauer import CellularNeugebauer, Neugebauer, cell_levels, effective_area
+from prooflight.inks.neugebauer import Neugebauer, effective_area
 from prooflight.inks.recipes import choose_recipes
 from prooflight.spectra import BANDS, delta_e00, lab
 
 SOLIDS = np.array(list(product((0.0, 1.0), repeat=4)))
 PRIMARIES = built_in_inks().reflectance(SOLIDS) + 0.005
-ENDS = (np.array([0.0, 1.0]),) * 4
 CURVES = np.array([[0.1, 0.02], [0.12, -0.03], [0.05, 0.0], [0.15, 0.04]])
-TRUTH = Neugebauer(n=2.4, curves=CURVES, levels=ENDS, roots=PRIMARIES ** (1 / 2.4))
+TRUTH = Neugebauer(n=2.4, curves=CURVES, roots=PRIMARIES ** (1 / 2.4))
 STRAIGHT = np.zeros((4, 2))
 
 
 def test_solids_are_the_primaries_for_any_n() -> None:
     for n in (1.0, 2.0, 7.0):
-        model = Neugebauer(n=n, curves=CURVES, levels=ENDS, roots=PRIMARIES ** (1 / n))
+        model = Neugebauer(n=n, curves=CURVES, roots=PRIMARIES ** (1 / n))
         np.testing.assert_allclose(model.reflectance(SOLIDS), PRIMARIES, rtol=1e-12)
 
 
 def test_one_ink_without_spread_of_light_is_murray_davies_and_two_are_demichel() -> None:
-    model = Neugebauer(n=1.0, curves=STRAIGHT, levels=ENDS, roots=PRIMARIES)
+    model = Neugebauer(n=1.0, curves=STRAIGHT, roots=PRIMARIES)
     paper, black, yellow, both = PRIMARIES[[0, 1, 2, 3]]
     np.testing.assert_allclose(
         model.reflectance(np.array([0, 0, 0, 0.3])), 0.7 * paper + 0.3 * black, rtol=1e-12
@@ -38,7 +37,7 @@ def test_one_ink_without_spread_of_light_is_murray_davies_and_two_are_demichel()
 def test_yule_nielsen_darkens_tints() -> None:
     tint = np.array([0.0, 0.0, 0.0, 0.5])
     by_n = [
-        Neugebauer(n=n, curves=STRAIGHT, levels=ENDS, roots=PRIMARIES ** (1 / n)).reflectance(tint)
+        Neugebauer(n=n, curves=STRAIGHT, roots=PRIMARIES ** (1 / n)).reflectance(tint)
         for n in (1.0, 1.5, 3.0, 10.0)
     ]
     assert all((more < less).all() for less, more in pairwise(by_n))
@@ -79,21 +78,6 @@ def test_repeats_count(recipes_100: np.ndarray) -> None:
         np.abs(often.reflectance(white) - spectra[0]).max()
         < 0.1 * np.abs(once.reflectance(white) - spectra[0]).max()
     )
-
-
-def test_cells_go_through_their_nodes_and_need_them_measured() -> None:
-    nodes = np.array(list(product((0.0, 0.4, 1.0), repeat=4)))
-    other = (
-        built_in_inks()
-    )  # not of the Neugebauer kind: 16 primaries cannot follow it, cells must at their nodes
-    spectra = other.reflectance(nodes)
-    cells = CellularNeugebauer.fit(nodes, spectra)
-    assert cells.name == "cellular-neugebauer"
-    assert [level.tolist() for level in cells.levels] == [[0.0, 0.4, 1.0]] * 4
-    plain = delta_e00(lab(Neugebauer.fit(nodes, spectra).reflectance(nodes)), lab(spectra))
-    assert delta_e00(lab(cells.reflectance(nodes)), lab(spectra)).mean() < 0.2 * plain.mean()
-    with pytest.raises(ValueError, match=r"60% of the 81 combinations .* 20 are measured"):
-        cell_levels(nodes[:20])
 
 
 def test_a_grid_stays_sane(recipes_100: np.ndarray) -> None:

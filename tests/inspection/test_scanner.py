@@ -23,6 +23,7 @@ from prooflight.inspection.scanner.tone_fit import fitted_tone, toned_lines
 from prooflight.pages.raster import Page
 from prooflight.press.artefact import Press
 from prooflight.press.scanner import feeder_of, scanner_press_file
+from prooflight.scans.scanner.feeder import FeederPrior
 from prooflight.scans.scanner.reading import ScannedPicture
 
 WIDTH_MM, HEIGHT_MM, DPI = 100.0, 120.0, 300.0
@@ -88,6 +89,20 @@ def test_a_page_is_found_where_a_feeder_laid_it(
     drawn = drawn_scan(picture, expected.page, where, scanner)
     assert agreement_of(drawn, expected) > 0.98
     assert 0.7 < drawn.seen.mean() < 0.95  # what the feeder moved out of the scan is not seen
+
+
+def test_a_back_side_is_found_where_its_own_feeder_laid_it(scanner: Press, expected: ExpectedPage) -> None:
+    back = FeederPrior(shift_mm=2.7, skew_deg=0.9, stretch_percent=2.4)
+    both = replace(expected.feeder, back=back)
+    assert [both.of_scan(turn) for turn in range(4)] == [both, back, both, back]
+    assert expected.feeder.of_scan(1) is expected.feeder
+    assert expected.fed_by(expected.feeder) is expected
+    picture = scanned(expected, scanner, shift_mm=(-1.2, 0.8), skew_deg=-0.9, along_percent=2.4)
+    page = expected.fed_by(back)
+    where, reason = placed(picture, page, most_likely(seen_coarsely(picture, page), page), scanner)
+    assert reason == ""
+    assert where.skew_deg == pytest.approx(-0.9, abs=0.02)
+    assert where.stretch_percent == pytest.approx((0.0, 2.4), abs=0.05)
 
 
 def test_a_scan_of_something_else_is_not_placed(

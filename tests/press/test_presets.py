@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -74,6 +75,11 @@ def test_a_scanner_has_the_resolution_and_the_channels_of_its_scans() -> None:
     assert geometry.lead_in_mm == geometry.lead_out_mm == 0
     assert grey.feeder == FeederPrior(shift_mm=2.7, skew_deg=0.3, stretch_percent=0.8)
     assert preset("prototype").feeder is None
+    back = "[geometry.back]\nshift_mm = 3.1\nskew_deg = 0.4\nstretch_percent = 1.0\n\n[variation.page]"
+    duplex = PressFile(Path("duplex.toml"), grey.text.replace("[variation.page]", back)).feeder
+    assert duplex is not None
+    assert duplex.back == FeederPrior(shift_mm=3.1, skew_deg=0.4, stretch_percent=1.0)
+    assert replace(duplex, back=None) == grey.feeder
     colour = scanner_press_file(dpi=press_dpi(200), grey=False, width_mm=field_mm([(297, 420)]))
     assert len(colour.camera().sensors) == 3
     assert colour.geometry(colour.camera()).field_mm == pytest.approx(304, abs=0.2)

@@ -27,7 +27,6 @@ from prooflight.reporting.report import (
 )
 from prooflight.reporting.visibility_picture import VisibleOnPage
 from prooflight.reporting.wording import mark_size
-from prooflight.reporting.zones_at_work import InspectedSheet, ZonesAtWork
 from prooflight.rng import stream
 from prooflight.simulation.scans import MisprintRequest, scan_page
 
@@ -384,20 +383,3 @@ def test_what_would_be_caught_is_shown_with_the_floor(
     assert rows[0][2] == mark_size(visible.rows[0].spot_mm)
     assert "a flat place over 0.1 mm² that differs by more than 10 % of paper white is always" in section.text
     assert all(entry.attributes.get("id") != "visible" for entry in written(tmp_path, run))
-
-
-def test_zones_at_work_are_shown_with_what_each_print_came_to(tmp_path: Path, run: list[PageEntry]) -> None:
-    looked = (
-        InspectedSheet(what="a spot of 6 mm in the zone stamp", before="misprint", after="good"),
-        InspectedSheet(what="a spot of 0.5 mm in the zone address", before="good", after="misprint"),
-    )
-    zones = ZonesAtWork(
-        page="p0018", picture=b"x", inspected=looked, prints=35, alarmed_before=0, alarmed_after=1, counted=23
-    )
-    write_report(tmp_path / "report.html", run, SUMMARY, zones=zones)
-    section = read(tmp_path / "report.html").one("zones")
-    assert [[cell.text for cell in row.children] for row in section.all("tr")[1:]] == [
-        [one.what, one.before, one.after] for one in looked
-    ]
-    assert "Priced by 35 good prints" in section.text
-    assert all(entry.attributes.get("id") != "zones" for entry in written(tmp_path, run))

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 LOADED: Final = [
     "packages.console.tests.zone_prices",
+    "packages.console.tests.engineering_steps",
     "prooflight_console.pictures.pictures",
     "prooflight_console.zones.pricing",
 ]

@@ -12,10 +12,12 @@ from starlette.testclient import TestClient
 from prooflight_console.accounts.passwords import Passwords
 from prooflight_console.accounts.roles import Role
 from prooflight_console.app import console_app
+from prooflight_console.engineering.steps import step_aside
 from prooflight_console.settings import ConsoleSettings
 from prooflight_line.journal.journal import Journal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from fastapi import FastAPI
@@ -89,12 +91,16 @@ class Served:
         self.accounts.close()
 
 
-def served(folder: Path, *, run: bool = True, **settings: Any) -> Served:
+def served(
+    folder: Path, *, run: bool = True, step: Callable[..., None] = step_aside, **settings: Any
+) -> Served:
     """A console on a new journal."""
     journal, clock = folder / "journal.sqlite", Clock()
     if run:
         write_run(journal)
     made = ConsoleSettings.of(journal, **settings)
     return Served(
-        app=console_app(made, clock=clock, ticking=clock, passwords=QUICK), clock=clock, journal=journal
+        app=console_app(made, clock=clock, ticking=clock, passwords=QUICK, step=step),
+        clock=clock,
+        journal=journal,
     )

@@ -61,6 +61,8 @@ def test_little_is_open_to_all(app: FastAPI) -> None:
     assert opened == {
         ("GET", "/sign-in"),
         ("POST", "/sign-in"),
+        ("GET", "/kiosk"),
+        ("POST", "/kiosk"),
         ("GET", "/sign-in/provider"),
         ("GET", "/sign-in/provider/return"),
         ("GET", "/welcome"),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pytest
 from packages.console.tests.consoles import Served
@@ -14,7 +16,7 @@ from prooflight.scans.lines import LineBlock, LineFault
 from prooflight_console.accounts.roles import Role
 from prooflight_console.pages.camera import HEIGHT, WIDTH, _current_view, camera_html
 from prooflight_console.pages.language import language
-from prooflight_line.cli.watch.camera_view import WINDOW_LINES, ShownLines
+from prooflight_line.cli.watch.camera_view import WINDOW_LINES, ShownLines, picture_of
 from prooflight_line.journal.camera_view import ASKED, FRESH_S, MOST_BYTES, SHOWN, CameraExchange
 
 if TYPE_CHECKING:
@@ -65,6 +67,25 @@ class Lines:
 
     def close(self) -> None:
         self.closed = True
+
+
+def test_one_saturated_column_is_red_in_the_picture() -> None:
+    lines = np.full((512, 7296), 2000, np.uint16)
+    lines[:, 1000] = 4095
+    encoded = np.frombuffer(base64.b64decode(picture_of(lines, 4095)), np.uint8)
+    picture = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+    red = picture[..., 2].astype(int) - picture[..., 0] > 100
+    assert red.any(axis=0).sum() == 1
+    assert red.all(axis=0).sum() == 1
+    assert (picture[~red] == round(2000 / 4095 * 255)).all()
+    assert picture_of(lines[:3], 4095) == ""
+
+
+def test_a_picture_that_is_none_is_not_shown() -> None:
+    view = {**TOLD, "sensors": [{**TOLD["sensors"][0], "picture": '"><script>'}]}
+    html = camera_html(view, language("en"))
+    assert "<img" not in html
+    assert "script" not in html
 
 
 @pytest.mark.parametrize("code", ["en", "de"])
@@ -120,6 +141,9 @@ def test_lines_pass_unchanged_and_the_last_are_shown(tmp_path: Path, press: Pres
     assert told is not None
     assert (told["lines"], told["lines_seen"], told["lines_lost"]) == (WINDOW_LINES, 30 * 64, 5)
     first = told["sensors"][0]
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(first["picture"]), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[1] <= 480
+    assert (picture[..., 0] == picture[..., 2]).all(), "nothing is saturated"
     assert (first["mean_dn"][0], first["mean_dn"][-1]) == (1000.0, 3000.0)
     assert first["saturated_share"] == 0
     assert len(json.dumps(told)) < MOST_BYTES / 10

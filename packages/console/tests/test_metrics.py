@@ -87,8 +87,8 @@ def test_jobs_of_the_queue_are_counted_by_stage(metered: Served, tmp_path: Path)
     for stage, number in (("queued", 1), ("queued", 2), ("done", 3)):
         (tmp_path / "jobs" / stage / f"{number:06d}-0123456789ab").mkdir()
     figures = scraped(metered)
-    stages = ("checking", "queued", "printing", "done", "rejected")
-    assert [figures[f"prooflight_queue_jobs|{stage}"] for stage in stages] == [0, 2, 0, 1, 0]
+    stages = ("checking", "queued", "held", "printing", "done", "rejected")
+    assert [figures[f"prooflight_queue_jobs|{stage}"] for stage in stages] == [0, 2, 0, 0, 1, 0]
 
 
 def test_a_journal_that_cannot_be_read_leaves_the_console_alive_and_not_ready(tmp_path: Path) -> None:

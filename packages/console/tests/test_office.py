@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SCRIPT = "<script>alert(1)</script>\"'<img src=x onerror=alert(1)>"
 PAGES = (
+    "/quality",
     "/report",
     "/report/1",
     "/search",
@@ -178,7 +179,7 @@ def test_who_may_see_what_and_what_is_not_there(
 def test_pages_without_a_journal_say_so(tmp_path: Path) -> None:
     console = served(tmp_path, run=False)
     client = console.client(Role.VIEWER)
-    for address in ("/report", "/search", "/press", "/setup"):
+    for address in ("/quality", "/report", "/search", "/press", "/setup"):
         assert client.get(address).status_code == 200, address
     assert "No run has been recorded yet." in client.get("/press").text
     console.close()
@@ -196,7 +197,7 @@ def test_search_keeps_what_was_asked_from_page_to_page(tmp_path: Path) -> None:
     while address is not None:
         text = client.get(address).text
         seen += re.findall(r'href="/runs/(\d+)/sheets/(\d+)"', text)
-        behind = re.search(r'href="(/search\?[^"]*before=[^"]*)"', text)
+        behind = re.search(r'href="(/search\?[^"]*skip=[^"]*)"', text)
         address = None if behind is None else behind[1].replace("&amp;", "&")
     assert seen == [("2", str(sheet)) for sheet in reversed(range(70))]
     with pytest.MonkeyPatch.context() as patch:

@@ -101,3 +101,23 @@ def test_without_records_there_is_no_such_page(tmp_path: Path) -> None:
     assert 'href="/presses"' not in client.get("/search").text
     assert client.get("/presses").status_code == 404
     alone.close()
+
+
+def test_sheets_of_all_presses_are_sought_by_place_ink_and_size(console: Served) -> None:
+    """Each misprint has one defect of 3 x 3 mm at (104, 54), of no single ink."""
+    client = console.client(Role.VIEWER)
+    first = "/presses/sheets?press=press+1"
+    some, none = "job=Bern.pdf", "No sheet matches these criteria."
+    for query in ("ink=none", "size=3", "x=107&y=57", "x=110&y=54&within=3", "x=100&width=5", "page=p0011"):
+        assert none not in client.get(f"{first}&{query}").text, query
+        assert none not in client.get(f"{first}&{some}&verdict=any&{query}").text, query
+    for query in (
+        "ink=C",
+        "size=3.1",
+        "x=108&y=57",
+        "x=110&y=54&within=2.9",
+        "y=58&height=100",
+        "page=p0001",
+    ):
+        assert none in client.get(f"{first}&{query}").text, query
+    assert client.get(f"{first}&x=far").status_code == 422

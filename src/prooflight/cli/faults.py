@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from prooflight import __version__
+from prooflight.cli import event_log
 from prooflight.cli.show import errors
 from prooflight.errors import sentence
 from prooflight.files.user_folders import user_folder
@@ -21,14 +22,16 @@ from prooflight.files.user_folders import user_folder
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-PACKAGES: Final = ("prooflight", "prooflight_line", "prooflight_console")
-"""Packages whose log records are printed."""
+PACKAGES: Final = ("prooflight", "prooflight_line", "prooflight_console", "opentelemetry")
+"""Packages whose log records are printed; the last exports traces, and says when it cannot."""
 LOG_BYTES: Final = 1_000_000
 """Size of the log file, and of the one before it: some 300 tracebacks."""
 
 
 def report(line: object) -> None:
-    """Print one line for a person."""
+    """Print one line for a person, or log it for programs."""
+    if event_log.write("report", level=logging.WARNING, text=sentence(line)):
+        return
     errors.print(f"prooflight: {sentence(line)}", highlight=False, soft_wrap=True)
 
 
@@ -41,6 +44,8 @@ class FaultLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a log record; an exception that comes with it is written to the file, and named."""
+        if event_log.is_on():  # whose own handler writes it
+            return
         line = record.getMessage()
         if record.exc_info and record.exc_info[1] is not None:
             line += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]} ({self._store(record)})"
@@ -75,5 +80,6 @@ def logged(arguments: Sequence[str]) -> Iterator[logging.Logger]:
     try:
         yield loggers[0]
     finally:
+        event_log.end()
         for one in loggers:
             one.removeHandler(handler)

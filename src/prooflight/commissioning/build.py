@@ -115,6 +115,7 @@ def build_press(
             "inks": inks.name,
             "chart_digest": inks.chart_digest if isinstance(inks, InkModel) else "",
             "seed": str(seed),
+            **press_file.print_condition.facts,
         },
         ink_arrays=ink_arrays,
         ink_facts=ink_facts,

@@ -29,8 +29,6 @@ OF_MODEL, OF_SPREAD = "model.", "spread."
 MOST_RECIPES: Final = 20_000
 """Greatest number of recipes. assumed: charts have 2,000 patches; each costs a kilobyte of every chunk of
 recipes predicted."""
-MOST_LEVELS: Final = 9
-"""Greatest number of levels of an ink's cells; the product's models have three."""
 MOST_FACTOR: Final = 10.0
 """Greatest reflectance factor: brightened paper has 1.2."""
 STEEPEST: Final = 0.25
@@ -48,20 +46,13 @@ class ScoreFacts(Block):
     patches: Count
 
 
-def _no_count(array: NDArray[np.floating]) -> str:
-    return "" if (array == np.rint(array)).all() else "must be a whole number"
-
-
 def _too_steep(curves: NDArray[np.floating]) -> str:
     steep = np.abs(curves).sum(axis=1).max()
     return "" if steep < STEEPEST else f"must stay below {STEEPEST}, tone value increase and skew together"
 
 
-def _no_levels(levels: NDArray[np.floating]) -> str:
-    if not 2 <= levels.size <= MOST_LEVELS:
-        return f"must be 2 to {MOST_LEVELS} levels"
-    ends = levels[0] == 0 and levels[-1] == 1
-    return "" if ends and (np.diff(levels) > 0).all() else "must rise from 0 to 1"
+def _not_solids(levels: NDArray[np.floating]) -> str:
+    return "" if levels.tolist() == [0.0, 1.0] else "must be 0 and 1"
 
 
 def _too_many(recipes: NDArray[np.floating]) -> str:
@@ -77,8 +68,8 @@ _OF_RECIPES: Final = _array("recipes", BANDS, low=-MOST_FACTOR, high=MOST_FACTOR
 _NEUGEBAUER: Final = {
     "n": _array(1, low=1, high=10.001),
     "curves": _array(INKS, 2, rule=_too_steep),
-    "roots": _array("nodes", BANDS, low=0, high=MOST_FACTOR),
-    **{f"levels.{ink}": _array(f"levels of {ink}", rule=_no_levels) for ink in INK_LETTERS},
+    "roots": _array(2**INKS, BANDS, low=0, high=MOST_FACTOR),
+    **{f"levels.{ink}": _array(2, rule=_not_solids) for ink in INK_LETTERS},
 }
 _RADIAL: Final = {
     "cmyk": _RECIPES,
@@ -93,13 +84,7 @@ MODELS: Final[Mapping[str, Mapping[str, ArraySpec]]] = {
         "tvi": _array(INKS, low=0, high=0.2499999, absent=True),
     },
     "neighbours": {"cmyk": _RECIPES, "measured": _OF_RECIPES},
-    "local-linear": {
-        "cmyk": _RECIPES,
-        "root": _OF_RECIPES,
-        "neighbours": _array(1, low=1, high=1000, rule=_no_count),
-    },
     "neugebauer": _NEUGEBAUER,
-    "cellular-neugebauer": _NEUGEBAUER,
     "radial-basis": _RADIAL,
     "hybrid": _RADIAL | {f"trend.{name}": spec for name, spec in _NEUGEBAUER.items()},
 }
@@ -119,19 +104,12 @@ def check_inks(model: str, arrays: Mapping[str, NDArray[Any]], *, spread: bool, 
     if model not in MODELS:
         raise Misfit(f"{under}model", f"is {model!r}, which is unknown")
     table = {OF_MODEL + name: spec for name, spec in MODELS[model].items()}
-    sizes = check_arrays(
+    check_arrays(
         {name: array for name, array in arrays.items() if not name.startswith(OF_SPREAD)},
         table,
         {},
         under=under,
     )
-    if "nodes" in sizes:
-        combinations = int(np.prod([sizes[f"levels of {ink}"] for ink in INK_LETTERS]))
-        if sizes["nodes"] != combinations:
-            what = (
-                f"has {sizes['nodes']} nodes, must have one for each of {combinations} combinations of levels"
-            )
-            raise Misfit(f"{under}roots", what)
     check_arrays(part_of(arrays, OF_SPREAD), SPREAD if spread else {}, {}, under=under + OF_SPREAD)
 
 

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from prooflight.cmyk import INK_LETTERS
 from prooflight.errors import ChartError
 from prooflight.files.given import shortly
-from prooflight.inks.cgats import Table, number, read_tables, write_tables
+from prooflight.inks.cgats import Table, number, read_tables
 from prooflight.spectra import BANDS, STEP_NM, WAVE_NM, delta_e00, lab
 
 if TYPE_CHECKING:
@@ -69,27 +69,19 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chart:
-    """Measured chart, with every patch as it stands in its file."""
+    """Measured chart, with the inks and the spectrum of every patch as they stand in its file."""
 
     where: str
     """File that it came from, for messages."""
-    kind: str
     keywords: tuple[tuple[str, str], ...]
-    columns: tuple[str, ...]
-    """All columns of the file, in the file's order."""
-    ink_columns: tuple[str, str, str, str]
     cmyk_percent: NDArray[np.float64]
     """Ink (patches, 4) of C, M, Y, K. [%]"""
-    spectral_columns: tuple[str, ...]
-    """Columns of the bands, by rising wavelength."""
     wave_nm: NDArray[np.float64]
     """Wavelengths (bands,) as measured, rising. [nm]"""
     measured: NDArray[np.float64]
     """Reflectance factor (patches, bands) times ``scale``, as it stands in the file."""
     scale: float
     """1 for reflectance factors, 100 for per cent."""
-    others: dict[str, tuple[str, ...]]
-    """Cells of the other columns (names, places, CIELAB, ...), as text."""
 
     def __len__(self) -> int:
         """Return the number of measured patches."""
@@ -212,18 +204,6 @@ def read_chart(path: Path) -> Chart:
     raise ChartError(path, what, remedy=_EXPORT_SPECTRA)
 
 
-def write_chart(path: Path, chart: Chart) -> None:
-    """Write a chart as CGATS text; reading it gives the same chart, number by number."""
-    cells = dict(chart.others)
-    for names, values in ((chart.ink_columns, chart.cmyk_percent), (chart.spectral_columns, chart.measured)):
-        cells |= {
-            name: tuple(map(repr, column)) for name, column in zip(names, values.T.tolist(), strict=True)
-        }
-    rows = tuple(zip(*(cells[name] for name in chart.columns), strict=True))
-    table = Table(kind=chart.kind, keywords=chart.keywords, fields=chart.columns, rows=rows)
-    write_tables(path, [table])
-
-
 def _ink_columns(table: Table) -> tuple[str, str, str, str] | None:
     by_name = {name.upper(): name for name in table.fields}
     for prefix in ("CMYK_", ""):
@@ -261,24 +241,13 @@ def _chart(path: Path, table: Table, inks: tuple[str, str, str, str], bands: dic
     measured = _numbers(path, table, tuple(bands.values()))
     scale = _scale(path, table, measured)
     _check_reflectance(path, table, cmyk, measured / scale)
-    columns = [list(column) for column in zip(*table.rows, strict=True)]
-    numeric = {*inks, *bands.values()}
     return Chart(
         where=str(path),
-        kind=table.kind,
         keywords=table.keywords,
-        columns=table.fields,
-        ink_columns=inks,
         cmyk_percent=cmyk,
-        spectral_columns=tuple(bands.values()),
         wave_nm=wave_nm,
         measured=measured,
         scale=scale,
-        others={
-            name: tuple(cells)
-            for name, cells in zip(table.fields, columns, strict=True)
-            if name not in numeric
-        },
     )
 
 

@@ -1,6 +1,6 @@
-"""Prediction from the nearest measured recipes: the paper's interpolation, and a smooth local-linear regression.
+"""Prediction from the nearest measured recipes: the paper's interpolation.
 
-Both fit, for each wanted recipe, a plane over its nearest recipes in CMYK by weighted least squares and read it there;
+It fits, for each wanted recipe, a plane over its nearest recipes in CMYK by weighted least squares and read it there;
 the plane's value is a weighted sum of the neighbours' spectra with weights that reproduce any linear function.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from prooflight.inks.reflectance import BRIGHTEST, DARKEST, in_chunks
-from prooflight.spectra import BANDS, delta_e00, lab
+from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     Weighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 _NEAREST: Final = 8  # of 6, 8, 12, 16, 24, 32 the one with the least median error on an offset chart, with 6
-_LOCAL: Final = (8, 12, 16, 24, 32)
 # Slopes that the neighbours do not determine are taken as 0; others stay what they are
 _FLATTEST: Final = 1e-6
 
@@ -106,64 +105,3 @@ class Neighbours:
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """Return the model that gave ``arrays``."""
         return cls(cmyk=arrays["cmyk"], measured=arrays["measured"])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LocalLinear:
-    """Local-linear regression (tricube weights) of the square root of reflectance, which ink makes nearly linear."""
-
-    cmyk: NDArray[np.float64]
-    """Measured recipes (n, 4), ink fractions. [-]"""
-    root: NDArray[np.float64]
-    """Square roots (n, 36) of the recipes' reflectance factors. [-]"""
-    neighbours: int
-    """Number of recipes that each plane is fitted to."""
-
-    @property
-    def name(self) -> str:
-        """Return ``local-linear``."""
-        return "local-linear"
-
-    @classmethod
-    def fit(
-        cls,
-        cmyk: NDArray[np.float64],
-        reflectance: NDArray[np.float64],
-        count: NDArray[np.int64] | None = None,
-    ) -> Self:
-        """Choose the number of neighbours by leave-one-out mean CIEDE2000.
-
-        ``count`` makes no difference here.
-        """
-        root = np.sqrt(np.maximum(reflectance, DARKEST))
-        wanted_lab = lab(reflectance)
-
-        def left_out(neighbours: int) -> float:
-            """Return the mean leave-one-out error: each recipe's own value is taken out of its plane."""
-            nearest, weight = plane_weights(cmyk, cmyk, neighbours + 1, tricube)
-            own = nearest == np.arange(len(cmyk))[:, None]
-            leverage = np.minimum((weight * own).sum(axis=1, keepdims=True), 0.999)
-            others = ((weight * ~own)[:, None, :] @ root[nearest])[:, 0] / (1.0 - leverage)
-            return float(delta_e00(lab(np.maximum(others, 0.0) ** 2), wanted_lab).mean())
-
-        usable = [neighbours for neighbours in _LOCAL if neighbours < len(cmyk)] or [len(cmyk) - 1]
-        return cls(cmyk=cmyk, root=root, neighbours=min(usable, key=left_out))
-
-    def reflectance(self, cmyk: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the reflectance factor of recipes (..., 4) -> (..., 36), see ``ReflectanceModel``."""
-
-        def plane(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-            nearest, weight = plane_weights(self.cmyk, wanted, self.neighbours, tricube)
-            summed = (weight[:, None, :] @ self.root[nearest])[:, 0]
-            return np.clip(summed, DARKEST**0.5, BRIGHTEST**0.5) ** 2
-
-        return in_chunks(plane, cmyk, BANDS)
-
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Return the arrays that ``from_arrays`` needs."""
-        return {"cmyk": self.cmyk, "root": self.root, "neighbours": np.array([float(self.neighbours)])}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the model that gave ``arrays``."""
-        return cls(cmyk=arrays["cmyk"], root=arrays["root"], neighbours=int(arrays["neighbours"][0]))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.errors import ChartError, RequestError
-from prooflight.inks.neighbours import LocalLinear, Neighbours
-from prooflight.inks.neugebauer import CellularNeugebauer, Neugebauer
+from prooflight.inks.neighbours import Neighbours
+from prooflight.inks.neugebauer import Neugebauer
 from prooflight.inks.radial_basis import Hybrid, RadialBasis
 from prooflight.inks.reflectance import LogLinear
 from prooflight.rng import stream
@@ -29,8 +29,6 @@ MODELS: Final[Mapping[str, type[ChartModel]]] = MappingProxyType(
         "log-linear": LogLinear,
         "neighbours": Neighbours,
         "neugebauer": Neugebauer,
-        "local-linear": LocalLinear,
-        "cellular-neugebauer": CellularNeugebauer,
         "radial-basis": RadialBasis,
         "hybrid": Hybrid,
     }

@@ -9,6 +9,8 @@ from prooflight.detectors.optional import ChecksRuns
 from prooflight.inspection.common_cause import CommonCause
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -72,6 +74,15 @@ class GuaranteeMonitor:
         if not self.unlike:
             return ""
         return MISPRINTS.format(self.cause.description) if self.cause.description else self.unlike
+
+    def resume(self, designs: Iterable[int], suspended: str) -> None:
+        """Continue the test of a run whose first part was watched by a process that has ended.
+
+        ``designs`` came in that part, and do not count again. ``suspended`` is what it reported of the guarantee.
+        """
+        self.seen.update(designs)
+        if suspended:
+            self.unlike, self.test = suspended, None
 
     def add(self, verdict: Verdict, summary: NDArray[np.float64] | None, design: int) -> bool:
         """Add the next page of the run; return whether it suspends the guarantee, which happens once.

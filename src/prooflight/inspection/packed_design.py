@@ -92,7 +92,7 @@ def _cells(array: NDArray[Any]) -> NDArray[np.uint32]:
     return each.view(np.uint32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class PackedDesign:
     """A prepared design whose large arrays are packed; another detector's design is as it was prepared."""
 
@@ -101,6 +101,8 @@ class PackedDesign:
     arrays: Mapping[str, PackedArray] = field(default_factory=dict)
     additional: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """What its user keeps with it, by name."""
+    origin: PackedDesign | None = None
+    """Design as it was prepared, of which this one is an adaptation to other light; None: it is as prepared."""
 
     @classmethod
     def of(cls, prepared: Prepared, additional: Mapping[str, NDArray[Any]]) -> Self:

@@ -91,7 +91,7 @@ class PreparedStore:
 
     def load(self, design: int) -> PackedDesign | None:
         """Return a design as it was prepared; None if it was not, or if its file cannot be used."""
-        path = self._path(design)
+        path = self.path(design)
         try:
             with path.open("rb") as file:
                 # Kernels take arrays that can be written; what nobody writes stays shared with other processes.
@@ -112,7 +112,7 @@ class PreparedStore:
 
     def save(self, design: int, packed: PackedDesign) -> None:
         """Store a prepared design, whole or not at all; OSError: it cannot be written."""
-        with whole_file(self._path(design)) as unfinished, unfinished.open("wb") as file:
+        with whole_file(self.path(design)) as unfinished, unfinished.open("wb") as file:
             file.writelines(self._content(packed))
 
     def content(self, packed: PackedDesign) -> bytes:
@@ -122,7 +122,7 @@ class PreparedStore:
     def put(self, design: int, content: bytes) -> None:
         """Store what ``content`` returned; OSError: it cannot be written. ValueError: it was damaged on the way."""
         _checked(memoryview(content))
-        with whole_file(self._path(design)) as unfinished:
+        with whole_file(self.path(design)) as unfinished:
             unfinished.write_bytes(content)
 
     def holds(self, design: int) -> bool:
@@ -131,7 +131,7 @@ class PreparedStore:
         A file that is damaged inside is found when it is loaded.
         """
         try:
-            with self._path(design).open("rb") as file:
+            with self.path(design).open("rb") as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
             last = _places(data[HEAD_BYTES:])[-1][1]
             return bytes(data[: len(MAGIC)]) == MAGIC and HEAD_BYTES + -(-last // ALIGNED) * ALIGNED == len(
@@ -146,7 +146,8 @@ class PreparedStore:
         assert isinstance(detector, StoresPages)  # see ``of``
         return detector
 
-    def _path(self, design: int) -> Path:
+    def path(self, design: int) -> Path:
+        """Return the file of a design, whether or not it is there."""
         return self.folder / f"{design:06d}.design"
 
     def _content(self, packed: PackedDesign) -> list[bytes | memoryview]:

@@ -25,6 +25,8 @@ from numba import config
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 
+from prooflight.kernels.sources import source_digest
+
 if sys.platform != "win32":
     import fcntl
 
@@ -45,6 +47,10 @@ class KernelCache(FunctionCache):
 
     turn: int | None = None
     """Open file whose lock lets this process compile; None if it has no lock."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return numba's key of a stored kernel, and what it is made of: numba looks at the kernel's own file alone."""
+        return (*super()._index_key(sig, codegen), source_digest(self._py_func))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load a stored kernel; None: there is none that can be read, and this process has the lock to compile it.

@@ -29,6 +29,7 @@ from typing import Any, Final, Self
 from numba import njit
 
 from prooflight.kernels.cache import keep
+from prooflight.kernels.self_contained import SelfContainedCompiler
 
 Function = Callable[..., Any]
 Extents = tuple[int, ...]
@@ -37,6 +38,11 @@ ANY: Final = "_"
 CACHED_CALLS: Final = 1024
 """Number of calls whose checked shapes and numbers are cached: a page's kernels are called with the same
 again and again."""
+OPTIONS: Final = {"fastmath": False, "error_model": "python"}
+"""Numba's options where a kernel states no others.
+
+Without them a loop takes those of the loop for which it happens to be compiled first.
+"""
 BUILT_IN: Final = {"__builtins__": {"max": max, "min": min}}
 
 
@@ -44,7 +50,9 @@ def inner_kernel(**options: Any) -> Callable[[Function], Function]:
     """Compile a loop that only compiled loops call; options: numba's."""
 
     def decorate(function: Function) -> Function:
-        compiled: Function = njit(nogil=True, **options)(function)
+        compiled: Function = njit(nogil=True, pipeline_class=SelfContainedCompiler, **OPTIONS | options)(
+            function
+        )
         keep(compiled, function)
         return compiled
 

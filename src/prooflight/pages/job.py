@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.layout import Layout
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
-    from prooflight.pages.pdf.facts import PageFacts
+    from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
     from prooflight.pages.warnings import PageWarning
 
 
@@ -211,6 +211,12 @@ class Job:
         path, place = self._places[number - 1]
         pdf = self._pdfs.get(path)
         return None if pdf is None else pdf.facts(place)
+
+    def document_facts(self) -> DocumentFacts | None:
+        """Return facts of the file of a job that is one PDF; None: it is none. JobError: it is damaged."""
+        if self.source.path.is_dir() or len(self._pdfs) != 1:
+            return None
+        return next(iter(self._pdfs.values())).document_facts()
 
     def coarse_warnings(self, number: int) -> tuple[PageWarning, ...]:
         """Draw page ``number`` of its files coarsely, and return its warnings; errors as ``page``."""

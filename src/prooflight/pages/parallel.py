@@ -282,7 +282,7 @@ def _settle() -> None:
 
 def _hold(work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     settle_worker(work)
 
 
@@ -292,7 +292,7 @@ def settle_worker(work: Callable[[Any], Any]) -> None:
     _stored[:] = [work]
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this worker when its parent has ended, because it would otherwise wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:

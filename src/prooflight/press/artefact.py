@@ -51,6 +51,7 @@ from prooflight.pages.sampling import Footprint
 from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import SensorModel, node_fractions
 from prooflight.press import former
+from prooflight.press.print_condition import PrintCondition
 from prooflight.press.schema import MODELS, check_press
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.shown import Shown
@@ -137,6 +138,11 @@ class Press(Shown):
     """Screen by which the press prints tints; None: unknown."""
     detectors: Mapping[str, TrainedModel] = field(default_factory=dict)
     """Models of the detectors that were trained for this press, by the detector's name."""
+
+    @property
+    def print_condition(self) -> PrintCondition:
+        """Return the printing condition and the paper that the press was built for, as far as its file stated them."""
+        return PrintCondition.of_origin(self.origin)
 
     @property
     def dpi(self) -> float:

@@ -51,6 +51,8 @@ _DEEPEST = 8
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
 """Keys such as ``a.b.c`` of many parts: tomllib takes time and memory in the square of their number."""
 
+ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+
 
 class _Block(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -193,6 +195,15 @@ class InksBlock(_Block):
 
     chart: str | None = None
     model: str = "auto"
+    condition: ShortText | None = None
+    """Name of the printing condition that inks and paper meet, such as FOGRA51."""
+
+
+class SubstrateBlock(_Block):
+    """``[substrate]``: the paper for which the press was characterised."""
+
+    brand: ShortText | None = None
+    weight_gsm: Annotated[float, Field(strict=True, ge=10, le=2000)] | None = None
 
 
 class CostsBlock(_Block):
@@ -292,15 +303,18 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
-class GeometryBlock(_Block):
-    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
+class SideGeometryBlock(_Block):
+    """``[geometry.back]``: how far off the feeder lays the back sides of sheets."""
 
     shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)]
     skew_deg: Annotated[float, Field(strict=True, ge=0, le=1)]
     stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)]
 
 
-ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+class GeometryBlock(SideGeometryBlock):
+    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
+
+    back: SideGeometryBlock | None = None
 
 
 Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
@@ -389,6 +403,7 @@ class Document(_Block):
     rip: RipBlock = RipBlock()
     screen: ScreenBlock | None = None
     inks: InksBlock = InksBlock()
+    substrate: SubstrateBlock = SubstrateBlock()
     costs: CostsBlock = CostsBlock()
     decision: DecisionBlock = DecisionBlock()
     inspection: InspectionBlock = InspectionBlock()

@@ -28,6 +28,7 @@ from prooflight.pages.pdf.engine import RipEngine
 from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
 from prooflight.press.gate import GateSettings, PlcSettings
 from prooflight.press.limits import refuse_unworkable
+from prooflight.press.print_condition import PrintCondition
 from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.camera_settings import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
@@ -200,7 +201,10 @@ class PressFile:
     def feeder(self) -> FeederPrior | None:
         """Return the feeder of ``[geometry]``; None: the press is not seen by an office scanner."""
         block = self._document.geometry
-        return None if block is None else FeederPrior(**block.model_dump())
+        if block is None:
+            return None
+        back = None if block.back is None else FeederPrior(**block.back.model_dump())
+        return FeederPrior(**block.model_dump(exclude={"back"}), back=back)
 
     @property
     def plant(self) -> PlantBlock:
@@ -211,6 +215,14 @@ class PressFile:
     def parts(self) -> PartsBlock:
         """Return ``[press]``, the rollers and print heads by which causes are named."""
         return self._document.press
+
+    @property
+    def print_condition(self) -> PrintCondition:
+        """Return the condition of ``[inks]`` and the paper of ``[substrate]``, as far as the file states them."""
+        block = self._document.substrate
+        return PrintCondition(
+            name=self._document.inks.condition or "", brand=block.brand or "", weight_gsm=block.weight_gsm
+        )
 
     def inks(self, progress: Callable[[str], None] | None = None) -> ReflectanceModel:
         """Return the ink model of ``[inks]``: the built-in press where no chart is named.

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from prooflight.reporting.pictures import AlarmPictures, Frame, Zoom
     from prooflight.reporting.two_worlds import TwoWorlds
     from prooflight.reporting.visibility_picture import VisibleOnPage
-    from prooflight.reporting.zones_at_work import ZonesAtWork
     from prooflight.scans.recorded import RecordedScan
     from prooflight.simulation.misprints.kinds import Misprint
 
@@ -243,7 +242,6 @@ def write_report(
     summary: RunSummary,
     *,
     worlds: TwoWorlds | None = None,
-    zones: ZonesAtWork | None = None,
     visible: VisibleOnPage | None = None,
     sheets: Sequence[SheetVerdict | SetVerdict] = (),
 ) -> None:
@@ -251,7 +249,7 @@ def write_report(
 
     Parameters
     ----------
-    worlds, zones : shown first where there are such pictures
+    worlds : shown first where there is such a picture
     visible : marks that would be caught on one page, shown last
     sheets : verdicts of a job that was imposed on sheets, with its sets; the entries then are their sides,
         in the order in which sheets number them
@@ -262,7 +260,6 @@ def write_report(
     text = template("report").render(
         summary=summary,
         worlds=worlds,
-        zones=zones,
         visible=visible,
         count=count,
         known=has_truth,

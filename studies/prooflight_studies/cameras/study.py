@@ -6,11 +6,9 @@ those that need an idle machine have a command of their own.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.files.atomic import whole_file
 from prooflight_studies.cameras.away import away_figures
 from prooflight_studies.cameras.deaths import death_figures, taken_figures
 from prooflight_studies.cameras.job import job_rows
@@ -20,6 +18,7 @@ from prooflight_studies.cameras.speed import PROTOTYPE_MB_S, RATES_MB_S, speed_r
 from prooflight_studies.cameras.step import step_figures
 from prooflight_studies.cameras.unseen import unseen_rows
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import measure_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,16 +92,14 @@ class Study:
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure parts that are not stored yet; again: all parts named."""
-        for part in parts:
-            if part in self._stored() and not again:
-                self.progress(f"{part}: known")
-                continue
-            measured = {part: getattr(self, f"_{part}")()}
-            with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._stored() | measured, indent=1))
-            self._write()
-        self._write()
-        return self._stored()
+        return measure_parts(
+            parts,
+            lambda part: getattr(self, f"_{part}")(),
+            self.cache / "cameras" / f"figures-{self.plan.prints}-{self.plan.sheets}-{self.seed}.json",
+            again=again,
+            progress=self.progress,
+            write=self._write,
+        )
 
     def _job(self) -> list[dict[str, Any]]:
         return job_rows(self._rig(), sheets=self.plan.sheets, progress=self.progress)
@@ -145,17 +142,8 @@ class Study:
             progress=self.progress,
         )
 
-    @property
-    def _results(self) -> Path:
-        folder = self.cache / "cameras"
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder / f"figures-{self.plan.prints}-{self.plan.sheets}-{self.seed}.json"
-
-    def _stored(self) -> dict[str, Any]:
-        return json.loads(self._results.read_text()) if self._results.exists() else {}
-
-    def _write(self) -> None:
-        results = cameras_results(self._stored(), seed=self.seed, plan=self.plan)
+    def _write(self, measured: dict[str, Any]) -> None:
+        results = cameras_results(measured, seed=self.seed, plan=self.plan)
         write_page(self.out / "cameras.md", "cameras", results)
 
 

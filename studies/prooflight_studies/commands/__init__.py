@@ -6,26 +6,17 @@ from typing import TYPE_CHECKING
 
 from prooflight_studies.commands import (
     bench,
-    cameras,
     cluster,
-    console,
     content,
-    detectability,
-    feedback,
-    gate,
-    golden,
+    marks,
     paper,
     plant,
     press,
-    real,
     records,
     rip,
     running,
-    soak,
     study,
-    visible,
     world,
-    zones,
 )
 
 if TYPE_CHECKING:
@@ -43,12 +34,12 @@ def register(app: typer.Typer) -> None:
             press.press,
             press.ranking,
             press.stress,
-            golden.golden,
+            marks.golden,
         ),
-        *(detectability.detectability, running.running, soak.soak),
-        *(gate.gate, cameras.cameras, console.console, feedback.feedback),
-        *(content.content, rip.rip, zones.zones, visible.visible),
-        *(real.real, plant.plant, records.records, cluster.cluster),
+        *(running.running, running.soak),
+        *(running.gate, running.cameras, running.console, running.feedback),
+        *(content.content, rip.rip, content.zones, marks.visible),
+        *(marks.real, plant.plant, records.records, cluster.cluster),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

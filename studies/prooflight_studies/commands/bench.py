@@ -25,6 +25,9 @@ def bench(
         Path | None,
         typer.Option("--job", metavar="JOB", help="With --device gpu: default the sample job."),
     ] = None,
+    prints: Annotated[
+        int, typer.Option(help="With --device gpu: number of prints judged on the processor and on the card.")
+    ] = 100,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     docs: Annotated[
         Path | None, typer.Option("--docs", help="Write performance.md and its picture into this folder.")
@@ -39,7 +42,7 @@ def bench(
     from prooflight_studies.speed.study import bench_pages
 
     if device == "gpu":
-        _of_card(job, docs=docs, json=json)
+        _of_card(job, prints=prints, docs=docs, json=json)
         return
     if not json:
         show.step("building the prototype and timing")
@@ -65,14 +68,13 @@ def bench(
     show_table("Megapixels a second of processor time, one core", headings, cells)
 
 
-def _of_card(job: Path | None, *, docs: Path | None, json: bool) -> None:
+def _of_card(job: Path | None, *, prints: int, docs: Path | None, json: bool) -> None:
     """Compare a card with the processor on a job's pages, and time both."""
     from tempfile import TemporaryDirectory
 
     from prooflight.commissioning.build import build_press
     from prooflight.commissioning.training.cache import trained_once
     from prooflight.detectors.devices import refuse_without_card
-    from prooflight.press.pages import open_job
     from prooflight.press.press_file import PressFile
 
     refuse_without_card()
@@ -90,9 +92,7 @@ def _of_card(job: Path | None, *, docs: Path | None, json: bool) -> None:
             from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
 
             job = make_sample_job(Path(folder) / "sample-job.pdf", seed=CARD_SEED).path
-        with open_job(job, press) as opened:
-            pages = [press.geometry.lay(opened.page(number)) for number in range(1, len(opened) + 1)]
-    figures = card_figures(pages, press, seed=CARD_SEED, each=4, say=say)
+        figures = card_figures(job, press, seed=CARD_SEED, prints=prints, say=say)
     if docs is not None:
         write_card_section(figures, docs)
     if json:

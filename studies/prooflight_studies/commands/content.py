@@ -1,28 +1,15 @@
-"""``prooflight study content``: codes and numbers on prints of the press world."""
+"""``prooflight study content``, ``zones``: codes and numbers on prints, and the cost of zones."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import ClusterAt
-from prooflight_studies.commands.study import (
-    CACHE,
-    Cache,
-    Json,
-    Quick,
-    Results,
-    processes_of,
-    report_results,
-)
-
-if TYPE_CHECKING:
-    from prooflight.pages.parallel import Processes
+from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
 
 
 class Part(StrEnum):
@@ -43,39 +30,21 @@ def content(
         list[float] | None, typer.Option(help="Of the camera, for numbers; default 0.254 and 0.127. [mm]")
     ] = None,
     cache: Cache = CACHE,
-    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
     """Print codes of eight symbologies, or numbers of 6 to 10 pt, and count what is caught; writes content.md."""
     if part is Part.TEXT:
-        _text(
-            out,
-            seed=seed,
-            sheets=sheets,
-            pitches_mm=pitch,
-            cache=cache,
-            processes=processes_of(cluster),
-            quick=quick,
-            json=json,
-        )
+        _text(out, seed=seed, sheets=sheets, pitches_mm=pitch, cache=cache, quick=quick, json=json)
         return
     from prooflight_studies.content.study import run_content_study
 
     results = run_content_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
-    report_results(asdict(results), out / "content.md", json=json)
+    report_results(results, out / "content.md", json=json)
 
 
 def _text(
-    out: Path,
-    *,
-    seed: int,
-    sheets: int,
-    pitches_mm: list[float] | None,
-    cache: Path,
-    processes: Processes,
-    quick: bool,
-    json: bool,
+    out: Path, *, seed: int, sheets: int, pitches_mm: list[float] | None, cache: Path, quick: bool, json: bool
 ) -> None:
     from prooflight_studies.content.numbers import PITCHES_MM, run_text_study
     from prooflight_studies.content.study import write_text
@@ -85,9 +54,21 @@ def _text(
         seed=seed,
         sheets=sheets,
         pitches_mm=pitches_mm or PITCHES_MM,
-        processes=processes,
         quick=quick,
         progress=show.steps(quiet=json),
     )
     write_text(out, results)
-    report_results(asdict(results), out / "content.md", json=json)
+    report_results(results, out / "content.md", json=json)
+
+
+def zones(
+    out: Results = Path("docs/results/jobs"),
+    seed: Annotated[int, typer.Option(help="Of pages, zones, prints and defects.", min=0)] = 37,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Measure the predicted and observed cost of careful and ignored zones, and false alarms; writes zones.md."""
+    from prooflight_studies.zones.study import run_zones_study
+
+    results = run_zones_study(out, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(results, out / "zones.md", json=json)

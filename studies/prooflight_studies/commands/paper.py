@@ -11,15 +11,14 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight.cli.options import ClusterAt
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
     Json,
     PressFileAt,
+    Processes,
     Quick,
     Results,
-    processes_of,
     report_results,
 )
 
@@ -29,6 +28,9 @@ if TYPE_CHECKING:
     from prooflight_studies.design.results import DesignRow
 
 Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
+Cluster = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
+]
 
 PUBLISHED_SEED = 3
 """Seed of ``paper.md``; it played no part in choosing the settings that are measured."""
@@ -42,8 +44,8 @@ def paper(
     out: Results = Path("docs/results/paper"),
     cache: Cache = CACHE,
     seed: Seed = PUBLISHED_SEED,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: ClusterAt = None,
+    processes: Processes = None,
+    cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -61,7 +63,8 @@ def paper(
         cache=cache,
         seed=seed,
         quick=quick,
-        processes=processes_of(cluster, processes),
+        processes=processes,
+        cluster=cluster,
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "paper.md", json=json)
@@ -73,7 +76,7 @@ def robustness(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: ClusterAt = None,
+    cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -89,7 +92,7 @@ def robustness(
         seed=seed,
         quick=quick,
         world=world,
-        processes=processes_of(cluster),
+        cluster=cluster,
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "robustness.md", json=json)
@@ -135,7 +138,7 @@ def design(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: ClusterAt = None,
+    cluster: Cluster = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -166,7 +169,7 @@ def design(
         world=world,
         more=more,
         command=_as_typed(),
-        processes=processes_of(cluster),
+        cluster=cluster,
         progress=show.steps(quiet=json),
     )
     if json:

@@ -8,16 +8,15 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import ClusterAt
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
     Json,
     PagesDir,
     PressFileAt,
+    Processes,
     Quick,
     Results,
-    processes_of,
     report_results,
 )
 
@@ -43,8 +42,7 @@ def press(
     ablations: Annotated[
         bool, typer.Option(help="Judge by the matched filter without each of its parts as well.")
     ] = True,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: ClusterAt = None,
+    processes: Processes = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
@@ -75,7 +73,7 @@ def press(
         out,
         cache=cache / "press",
         plan=plan,
-        processes=processes_of(cluster, processes),
+        processes=processes,
         real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
         progress=show.steps(quiet=json),
     )
@@ -93,8 +91,7 @@ def ranking(
     left_out: Annotated[
         bool, typer.Option(help="Judge each kind also by a ranking that it did not teach.")
     ] = True,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: ClusterAt = None,
+    processes: Processes = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -110,7 +107,7 @@ def ranking(
         plan=RankingPlan.quick() if quick else RankingPlan(),
         ship=Path(shipped.__file__).with_name(shipped.FILE) if ship else None,
         left_out=left_out,
-        processes=processes_of(cluster, processes),
+        processes=processes,
         progress=show.steps(quiet=json),
     )
     report_results(results, out / "ranking.md", json=json)
@@ -136,8 +133,7 @@ def stress(
     ] = None,
     pages: PagesDir = None,
     seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 53,
-    processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: ClusterAt = None,
+    processes: Processes = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -160,7 +156,7 @@ def stress(
         cache=cache / "stress",
         plan=plan,
         real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
-        processes=processes_of(cluster, processes),
+        processes=processes,
         progress=show.steps(quiet=json),
     )
     report_results(results, out / "stress.md", json=json)

@@ -1,4 +1,4 @@
-"""``prooflight study records``: shipping of many journals into one database, and search there."""
+"""``prooflight study records``: shipping of many journals into one database, search there, and upgrades."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from prooflight_studies.commands.study import Json, Quick, Results, report_resul
 
 def records(
     out: Results = Path("docs/results/running"),
-    part: Annotated[str, typer.Option(help="shipping or search; the other stays as measured.")] = "shipping",
+    part: Annotated[
+        str, typer.Option(help="shipping, search or migration; the others stay as measured.")
+    ] = "shipping",
     seed: Annotated[int, typer.Option(help="Of searches.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Ship 40 journals into one PostgreSQL server while all parts fail in turn; search 10 million sheets.
+    """Ship 40 journals into one server while all parts fail in turn; search 10 million sheets; upgrade a million.
 
     Writes records.md.
     """

@@ -9,21 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import ClusterAt
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import (
-    CACHE,
-    Cache,
-    Json,
-    PagesDir,
-    Quick,
-    Results,
-    processes_of,
-    show_table,
-)
+from prooflight_studies.commands.study import CACHE, Cache, Json, PagesDir, Quick, Results, show_table
 
 if TYPE_CHECKING:
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.ripped.study import FalseAlarmPlan
 
 CasesDir = Annotated[
@@ -60,7 +49,6 @@ def rip(
     ] = None,
     cache: Cache = CACHE,
     processes: Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)] = None,
-    cluster: ClusterAt = None,
     seed: Annotated[int, typer.Option(help="Of days, prints and misprints.", min=0)] = 401,
     quick: Quick = False,
     json: Json = False,
@@ -87,7 +75,7 @@ def rip(
             worlds=tuple(world or WORLDS),
             statements=tuple(statement or STATEMENTS),
         )
-        _press(press, pages, out, cache, plan, processes_of(cluster, processes), json=json)
+        _press(press, pages, out, cache, plan, processes, json=json)
 
 
 def _specification(out: Path, cases: Path | None, pages: Path | None, *, quick: bool, json: bool) -> None:
@@ -117,7 +105,7 @@ def _press(
     out: Path,
     cache: Path,
     plan: FalseAlarmPlan,
-    processes: Processes,
+    processes: int | None,
     *,
     json: bool,
 ) -> None:

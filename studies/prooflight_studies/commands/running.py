@@ -1,4 +1,4 @@
-"""``prooflight study running``: the running press in real time, under faults and slow drift."""
+"""``prooflight study running``, ``cameras``, ``soak``, ``gate``, ``console``, ``feedback``: a press that runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import RequestError
-from prooflight_studies.commands.study import CACHE, Cache, Json, Quick, Results, report_results
+from prooflight_studies.commands.study import (
+    CACHE,
+    Cache,
+    Json,
+    Processes,
+    Quick,
+    Results,
+    chosen,
+    report_results,
+)
 
 
 def running(
@@ -24,9 +33,7 @@ def running(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option(
-            help="started, repeated, different, matched_filter, soak, drift, streak, picture; default all."
-        ),
+        typer.Option(help="started, repeated, different, matched_filter, soak, drift, streak; default all."),
     ] = None,
     pages: Annotated[
         Path | None,
@@ -46,9 +53,6 @@ def running(
     """Measure the running press part by part, resuming an interrupted study; writes running.md after each part."""
     from prooflight_studies.running.study import PARTS, Plan, Study
 
-    for one in part or ():
-        if one not in PARTS:
-            raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(PARTS)}")
     plan = Plan.of(quick=quick)
     out.mkdir(parents=True, exist_ok=True)
     study = Study(
@@ -62,5 +66,163 @@ def running(
         progress=show.steps(quiet=json),
         pages=pages,
     )
-    results = study.run(tuple(part) if part else PARTS, again=again)
+    results = study.run(chosen(part, PARTS), again=again)
     report_results(results, out / "running.md", json=json)
+
+
+def cameras(
+    part: Annotated[
+        list[str] | None, typer.Option(help="job, losses, unseen, deaths, away, step, speed; default all.")
+    ] = None,
+    press: Annotated[
+        Path | None,
+        typer.Option(metavar="X.press", help="Taught for all detectors, for `unseen`; default the job's."),
+    ] = None,
+    out: Results = Path("docs/results/running"),
+    cache: Cache = CACHE,
+    seed: Annotated[int, typer.Option(help="Of prints and losses.", min=0)] = 1,
+    again: Annotated[bool, typer.Option("--again", help="Measure parts that are known already.")] = False,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Measure cameras on loopback, part by part: lines, losses, failures, synchronisation, speed; writes cameras.md."""
+    from prooflight_studies.cameras.study import PARTS, Plan, Study
+
+    out.mkdir(parents=True, exist_ok=True)
+    study = Study(
+        out=out,
+        cache=cache,
+        plan=Plan.of(quick=quick),
+        seed=seed,
+        press=press,
+        progress=show.steps(quiet=json),
+    )
+    results = study.run(chosen(part, PARTS), again=again)
+    report_results(results, out / "cameras.md", json=json)
+
+
+def soak(
+    out: Results = Path("docs/results/running"),
+    sheets: Annotated[int | None, typer.Option(help="That pass; default 3600, an hour.", min=20)] = None,
+    seed: Annotated[int, typer.Option(help="Of pages, prints and faults.", min=0)] = 12,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Play an hour of pages with random faults, as fast as possible, and check the reports; writes soak.md."""
+    from prooflight_studies.soak.study import run_soak_study
+
+    results = run_soak_study(out, sheets=sheets, seed=seed, quick=quick, progress=show.steps(quiet=json))
+    report_results(results, out / "soak.md", json=json)
+
+
+def gate(
+    out: Results = Path("docs/results/running"),
+    part: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="latency, watch, plant, counts (needs Chromium); default all. The others stay as measured."
+        ),
+    ] = None,
+    sheets: Annotated[int | None, typer.Option(help="Of the long run; default 10,000.", min=100)] = None,
+    faster: Annotated[
+        float | None,
+        typer.Option(help="How many times the long run is compressed; default 2.", min=1, max=50),
+    ] = None,
+    cache: Cache = CACHE,
+    seed: Annotated[int, typer.Option(help="Of sheets, verdicts and slips.", min=0)] = 1,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Count where every sheet went under failures of camera, link, controller and watch, and who counts it; gate.md."""
+    from prooflight_studies.gate.study import PARTS, run_gate_study
+
+    results = run_gate_study(
+        out,
+        parts=chosen(part, PARTS),
+        cache=cache,
+        seed=seed,
+        quick=quick,
+        sheets=sheets,
+        faster=faster,
+        progress=show.steps(quiet=json),
+    )
+    report_results(results, out / "gate.md", json=json)
+
+
+def console(
+    out: Results = Path("docs/results/running"),
+    part: Annotated[
+        str, typer.Option(help="live, beside, hour, pages, journeys or search; the others stay as measured.")
+    ] = "live",
+    press: Annotated[
+        Path | None, typer.Option(metavar="X.press", help="Of `beside` and `hour`: what inspects.")
+    ] = None,
+    job: Annotated[Path | None, typer.Option(metavar="JOB", help="Of `beside` and `hour`.")] = None,
+    rate: Annotated[
+        float, typer.Option(help="Of `beside` and `hour`; sheets a second.", min=0.01, max=50)
+    ] = 2.0,
+    minutes: Annotated[
+        float | None, typer.Option(help="Default 10, of `hour` 60, quick 1.", min=0.3, max=1000)
+    ] = None,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Measure the delay from a verdict to its display on 50 live pages, their load, memory, journeys and searches.
+
+    Writes console.md.
+    """
+    from prooflight_studies.console.alongside import LoadPlan
+    from prooflight_studies.console.study import (
+        CLIENTS,
+        PARTS,
+        QUICK_CLIENTS,
+        run_console_part,
+        run_console_study,
+    )
+
+    chosen([part], PARTS)
+    steps = show.steps(quiet=json)
+    if part != "live":
+        plan = None
+        if part in ("beside", "hour"):
+            if press is None or job is None:
+                raise RequestError(
+                    "part", f"{part} inspects a job on a press", remedy="give --press and --job"
+                )
+            plan = LoadPlan(
+                press=press,
+                job=job,
+                rate_hz=rate,
+                minutes=minutes or (1.0 if quick else 60.0 if part == "hour" else 10.0),
+                clients=QUICK_CLIENTS if quick else CLIENTS,
+                paired=part == "beside",
+                quick=quick,
+            )
+        figures = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
+        report_results(figures, out / "console.md", json=json)
+        return
+    results = run_console_study(out, quick=quick, progress=steps)
+    report_results(results, out / "console.md", json=json)
+
+
+def feedback(
+    out: Results = Path("docs/results/running"),
+    cache: Cache = CACHE,
+    processes: Processes = None,
+    seed: Annotated[int, typer.Option(help="Of designs, days, prints and weeks.", min=0)] = 23,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Compare target and realised false alarms of a drifted press before and after feedback; writes feedback.md."""
+    from prooflight_studies.feedback.pool import PoolPlan
+    from prooflight_studies.feedback.study import run_feedback_study
+
+    results = run_feedback_study(
+        out,
+        cache=cache / "feedback",
+        plan=PoolPlan.quick(seed) if quick else PoolPlan(seed=seed),
+        quick=quick,
+        processes=processes,
+        progress=show.steps(quiet=json),
+    )
+    report_results(results, out / "feedback.md", json=json)

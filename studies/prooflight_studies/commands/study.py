@@ -7,17 +7,14 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
 import typer
 from rich.table import Table
 
 from prooflight.cli import show
-from prooflight.cli.workers import workers
+from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-
-    from prooflight.pages.parallel import Processes
 
 app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
 
@@ -31,17 +28,19 @@ Cache = Annotated[
     Path, typer.Option(metavar="DIR", help="Where results are kept, so that an interrupted study goes on.")
 ]
 CACHE = Path("study-cache")
+Processes = Annotated[int | None, typer.Option(help="At a time; all cores if not given.", min=1)]
 PagesDir = Annotated[
     Path | None, typer.Option(metavar="DIR", help="A folder of real pages, PDF or CMYK TIFF.")
 ]
 Results = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write.")]
 
 
-def processes_of(cluster: str | None, processes: int | None = None) -> Processes:
-    """Return the workers of ``--cluster``, which are left when the command ends; None: so many processes."""
-    if cluster is None:
-        return processes
-    return click.get_current_context().with_resource(workers(cluster))
+def chosen(part: Sequence[str] | None, parts: Sequence[str]) -> tuple[str, ...]:
+    """Return the parts of a study that were asked for, or all of them; RequestError: there is no such part."""
+    for one in part or ():
+        if one not in parts:
+            raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(parts)}")
+    return tuple(part or parts)
 
 
 def report_results(results: object, path: Path, *, json: bool) -> None:

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from prooflight.cli import show
-from prooflight.cli.options import ClusterAt
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
@@ -18,7 +17,6 @@ from prooflight_studies.commands.study import (
     Quick,
     Results,
     job_or_sample,
-    processes_of,
     report_results,
 )
 
@@ -46,7 +44,6 @@ def corpus(
     pages: PagesDir = None,
     out: Results = Path("docs/results/simulation"),
     seed: Annotated[int, typer.Option(help="Of the designs.", min=0)] = 2,
-    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -54,14 +51,7 @@ def corpus(
     from prooflight_studies.corpus.sheet import run_corpus_study
 
     out.mkdir(parents=True, exist_ok=True)
-    results = run_corpus_study(
-        out,
-        pages=pages,
-        seed=seed,
-        quick=quick,
-        processes=processes_of(cluster),
-        progress=show.steps(quiet=json),
-    )
+    results = run_corpus_study(out, pages=pages, seed=seed, quick=quick, progress=show.steps(quiet=json))
     report_results(results, out / "corpus.md", json=json)
 
 
@@ -85,7 +75,6 @@ def registration(
     out: Results = Path("docs/results/prediction"),
     cache: Cache = CACHE,
     seed: Annotated[int, typer.Option(help="Of designs, sessions and prints.", min=0)] = 6,
-    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -103,7 +92,6 @@ def registration(
         cache,
         pages=pages,
         seed=seed,
-        processes=processes_of(cluster),
         **({"designs": 6, "prints": 2, "crop_designs": 4} if quick else {}),
         progress=show.steps(quiet=json),
     )

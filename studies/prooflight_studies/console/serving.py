@@ -15,7 +15,8 @@ from prooflight_console.running import LOOPBACK
 if TYPE_CHECKING:
     from prooflight_console.settings import ConsoleSettings
 
-STARTS_S: Final = 60.0
+STARTS_S: Final = 300.0
+"""Time that a console has to start: most of it on a machine that does much else. [s]"""
 
 
 def session(settings: ConsoleSettings, *, role: Role = Role.VIEWER) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import tempfile
@@ -22,8 +21,10 @@ from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunFacts
 from prooflight_line.run.recording import COMMIT_S, Recorder
 from prooflight_studies.console.alongside import LoadPlan, measure_load
+from prooflight_studies.console.journeys import measure_journeys
 from prooflight_studies.console.listeners import Listeners, Window
 from prooflight_studies.console.loads import measure_loads
+from prooflight_studies.console.searches import measure_searches
 from prooflight_studies.console.serving import (
     cpu_s,
     free_port,
@@ -33,10 +34,12 @@ from prooflight_studies.console.serving import (
     wait_until_it_answers,
 )
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import stored_results
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+PARTS: Final = ("live", "beside", "hour", "pages", "journeys", "search")
 RATE_HZ: Final = 5.0
 """Sheets a second, the rate of the paper's press."""
 ALONE_S, WATCHED_S = 30.0, 150.0
@@ -154,40 +157,36 @@ def run_console_study(
     )
     stated: dict[str, Any] = {"rate_hz": RATE_HZ, "commit_s": COMMIT_S, "quick": quick, "bound_s": ALARM_S}
     stated["alarm_every"] = ALARM_EVERY
-    write_page(results / "console.md", "console", _stored(results) | asdict(figures) | stated)
+    write_page(
+        results / "console.md", "console", stored_results(results / "console.md") | asdict(figures) | stated
+    )
     return figures
 
 
 def run_console_part(
     results: Path, part: str, *, plan: LoadPlan | None, quick: bool, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure ``beside``, ``hour`` or ``pages`` and keep the others.
+    """Measure ``beside``, ``hour``, ``pages``, ``journeys`` or ``search`` and keep the others.
 
-    plan: what is measured; None for ``pages``. RequestError: the rest was never measured.
+    plan: what is measured in ``beside`` and ``hour``; None for the others. RequestError: the rest was never measured.
     """
-    stored = _stored(results)
+    stored = stored_results(results / "console.md")
     if "alone" not in stored:
         remedy = "run `prooflight study console` first"
         raise RequestError(results / "console.json", "holds no figures of live pages", remedy=remedy)
-    if plan is None:
-        figures = measure_loads(
+    if plan is not None:
+        figures = measure_load(plan, progress=progress)
+    elif part == "search":
+        figures = measure_searches(quick=quick, progress=progress)
+    else:
+        measure = measure_journeys if part == "journeys" else measure_loads
+        figures = measure(
             lambda sheet, alarm: _sheet(sheet, alarm=alarm), _facts, quick=quick, progress=progress
         )
-    else:
-        figures = measure_load(plan, progress=progress)
     cores = os.cpu_count() or 1
     figures |= {"cores": cores, "load": os.getloadavg()[0] / cores}
     write_page(results / "console.md", "console", stored | {part: figures})
     return figures
-
-
-def _stored(results: Path) -> dict[str, Any]:
-    """Return the figures that were measured before."""
-    try:
-        stored = json.loads((results / "console.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {name: value for name, value in stored.items() if name != "study"}
 
 
 class _Press:

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Inspection, PreparedPage
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight_studies.harness.result_cache import Rows
 
@@ -204,7 +203,7 @@ def run_text_study(
     sheets: int = SHEETS,
     pitches_mm: Sequence[float] = PITCHES_MM,
     quick: bool = False,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> TextResults:
     """Train a press at each pitch, print sheets of numbers of each size, and count alarms."""
@@ -234,7 +233,7 @@ def _trained_press(
     pitch_mm: float,
     designs: int,
     *,
-    processes: Processes,
+    processes: int | None,
     progress: Callable[[str], None],
 ) -> Path:
     """Return the path of a press that is trained as by `press build` at a pitch; cached."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from prooflight.simulation.session import Session
 from prooflight.simulation.worlds import amounts_of
 from prooflight_studies.content.sheets import DAMAGES, code_sheet, damaged
 from prooflight_studies.harness.page import plain, write_page
+from prooflight_studies.harness.parts import stored_results
 from prooflight_studies.paper.study import at_pitch
 
 if TYPE_CHECKING:
@@ -123,25 +123,15 @@ def run_content_study(
             rows += more
             costs.append(cost)
     results = _results(rows, costs, seed=seed, sheets=sheets)
-    write_page(
-        out / "content.md",
-        "content",
-        {"text": None} | plain(results) | _stored(out, lambda name: name == "text"),
-    )
+    page = out / "content.md"
+    write_page(page, "content", plain(results) | {"text": stored_results(page).get("text")})
     return results
 
 
 def write_text(out: Path, results: TextResults) -> None:
     """Write the results on numbers into content.md, next to those on codes."""
-    of_codes = _stored(out, lambda name: name not in ("study", "text"))
-    write_page(out / "content.md", "content", {"totals": []} | of_codes | {"text": plain(results)})
-
-
-def _stored(out: Path, wanted: Callable[[str], bool]) -> dict[str, Any]:
-    """Return the wanted part of the results that are stored in ``out``; none where there are none."""
-    path = out / "content.json"
-    stored = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    return {name: value for name, value in stored.items() if wanted(name)}
+    page = out / "content.md"
+    write_page(page, "content", {"totals": []} | stored_results(page) | {"text": plain(results)})
 
 
 def _sheet(press: Press, pitch_mm: float, number: int, *, seed: int) -> tuple[list[Row], Cost]:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.simulation.corpus.corpus import Designs
 
@@ -105,7 +104,7 @@ def run_corpus_study(
     pages: Path | None = None,
     seed: int = 2,
     quick: bool = False,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
     """Measure the designs of a seed and, if given, a folder of real pages; write ``corpus.md`` and its pictures.

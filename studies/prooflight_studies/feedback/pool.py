@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Detector
-    from prooflight.pages.parallel import Processes
 
 TARGET_RATE: Final = 0.01
 TIMES: Final = 1.5
@@ -132,7 +131,7 @@ def printed_pool(
     plan: PoolPlan,
     cache: Path,
     *,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Pool:
     """Train the press, print sheets unlike its training set, and score them; cache: folder of presses and rows."""

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.feedback.pool import Pool
 
 WEEKS: Final = 20
@@ -115,7 +114,7 @@ def run_feedback_study(
     cache: Path,
     plan: PoolPlan,
     quick: bool = False,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> FeedbackResults:
     """Print the pool, simulate the weeks, and write feedback.md."""

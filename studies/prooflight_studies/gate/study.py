@@ -6,7 +6,6 @@ times from those; ``counts`` counts what is to be printed again, by another cont
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections import Counter
@@ -31,6 +30,7 @@ from prooflight_studies.gate.real import DISTANCE_MM as REAL_DISTANCE_MM
 from prooflight_studies.gate.stand_in import settings_of
 from prooflight_studies.gate.tail import MISS, TAIL_SHARE, distance_mm, fitted
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import stored_results
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -84,7 +84,7 @@ def run_gate_study(
         new["watch"] = _watch(cache, quick=quick, progress=progress)
     if "plant" in parts:
         new["plant"], happened = _plant(
-            new.get("latency") or _measured(_stored_results(out / "gate.json")),
+            new.get("latency") or _measured(stored_results(out / "gate.md")),
             seed=seed,
             sheets=sheets or (QUICK_SHEETS if quick else SHEETS),
             faster=faster or FASTER,
@@ -95,7 +95,7 @@ def run_gate_study(
     if "counts" in parts:
         new["counts"] = _counts(seed=seed, quick=quick, progress=progress)
     # Parts may have been measured meanwhile by others.
-    stored = _stored_results(out / "gate.json")
+    stored = stored_results(out / "gate.md")
     done = {part: {"seed": seed, "quick": quick} for part in parts}
     results = dict.fromkeys(PARTS) | stored | new
     results |= {"parts": stored.get("parts", {}) | done, "cores": os.cpu_count()}
@@ -112,14 +112,6 @@ def _counts(*, seed: int, quick: bool, progress: Callable[[str], None]) -> dict[
     differs = [line for row in rows for line in row["differs"]]
     facts = {"presses": presses, "sheets": sheets, "pace": PACE, "build": __version__}
     return facts | {"rows": rows, "differs": differs}
-
-
-def _stored_results(path: Path) -> dict[str, Any]:
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    return {name: value for name, value in stored.items() if name != "study"}
 
 
 def _measured(stored: dict[str, Any]) -> dict[str, Any] | None:

@@ -123,11 +123,9 @@ def bayes_scores(
     return [network.log_ratio(reading.statistics(rows, frame=frame, sensors=sensors)) for rows in others]
 
 
-def chi_square_scores(
-    rows: Rows, *, frame: int, sensors: int = 2, column: str = "chi_square"
-) -> NDArray[np.float64]:
-    """Return Pearson's statistic summed over the sensors; p-values would underflow."""
-    return np.asarray(rows[column][:, frame, :sensors].sum(axis=1), np.float64)
+def chi_square_scores(rows: Rows, *, frame: int, column: str = "chi_square") -> NDArray[np.float64]:
+    """Return Pearson's statistic summed over two sensors; p-values would underflow."""
+    return np.asarray(rows[column][:, frame, :2].sum(axis=1), np.float64)
 
 
 def scored(rows: Rows, score: NDArray[np.float64]) -> Scored:

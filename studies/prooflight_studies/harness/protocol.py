@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.registration.register import Landmarks
@@ -147,6 +146,34 @@ class PilotWork:
         return {"moments": np.array(moments)}
 
 
+def rows_of_copies(
+    bench: Bench,
+    day: Day,
+    plan: Plan,
+    measured: Callable[[Bench, Design, Printed, int, np.random.Generator], Iterator[dict[str, Any]]],
+) -> Rows:
+    """Return the rows of all copies of a day's designs, and ``unmade_kind`` of misprints that could not be made.
+
+    measured: yields the rows of one print of a design, whose number in the plan it is given.
+    """
+    columns: dict[str, list[Any]] = defaultdict(list)
+    unmade: list[str] = []
+    for index in day.designs:
+        design = bench.design(index)
+        for copy in range(plan.good_copies + plan.misprints):
+            rng = stream(plan.seed, "study-print", index, copy)
+            kind = plan.kind(index, copy)
+            printed = bench.printed(design.good, kind, day, index, rng)
+            if printed is None:
+                unmade.append(kind)
+                continue
+            for row in measured(bench, design, printed, index, rng):
+                for name, value in row.items():
+                    columns[name].append(value)
+    rows = {name: np.array(values) for name, values in columns.items()}
+    return rows | {"kind": rows["kind"].astype("U16"), "unmade_kind": np.array(unmade, "U16")}
+
+
 def variation_models(rows: Rows) -> tuple[VariationModel, ...]:
     """Return one model for each frame, from the pilot's rows."""
     return tuple(VariationModel.learn(list(of_frame)) for of_frame in rows["moments"].swapaxes(0, 1))
@@ -168,23 +195,7 @@ class WatchWork:
 
     def __call__(self, day: Day, /) -> Rows:
         """Return the rows of a day."""
-        bench = Bench.of(day, self.press, self.pages, self.plan)
-        columns: dict[str, list[Any]] = defaultdict(list)
-        unmade: list[str] = []
-        for index in day.designs:
-            design = bench.design(index)
-            for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = stream(self.plan.seed, "study-print", index, copy)
-                kind = self.plan.kind(index, copy)
-                printed = bench.printed(design.good, kind, day, index, rng)
-                if printed is None:
-                    unmade.append(kind)
-                    continue
-                for row in self._rows(bench, design, printed, index, rng):
-                    for name, value in row.items():
-                        columns[name].append(value)
-        rows = {name: np.array(values) for name, values in columns.items()}
-        return rows | {"kind": rows["kind"].astype("U16"), "unmade_kind": np.array(unmade, "U16")}
+        return rows_of_copies(Bench.of(day, self.press, self.pages, self.plan), day, self.plan, self._rows)
 
     def _rows(
         self, bench: Bench, design: Design, printed: Printed, index: int, rng: np.random.Generator
@@ -216,7 +227,8 @@ def watched_rows(
     plan: Plan,
     cache: Path,
     *,
-    processes: Processes,
+    processes: int | None,
+    cluster: str | None,
     progress_of: Callable[[str], Callable[[int, int], None]],
 ) -> Rows:
     """Return a plan's rows of ``WatchWork``, of the days to learn, tune and test.
@@ -231,6 +243,7 @@ def watched_rows(
         cache / "pilot",
         digest=digest,
         processes=processes,
+        cluster=cluster,
         progress=progress_of("pilot"),
     )
     return run_pieces(
@@ -239,6 +252,7 @@ def watched_rows(
         cache / "rows",
         digest=digest,
         processes=processes,
+        cluster=cluster,
         progress=progress_of("scans"),
     )
 

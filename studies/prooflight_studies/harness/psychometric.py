@@ -1,4 +1,4 @@
-"""Strength at which a defect is detected on each page, estimated from prints with adaptively chosen strengths."""
+"""Strength at which a defect is detected on each page, estimated from prints with defects of known strengths."""
 
 from __future__ import annotations
 
@@ -22,9 +22,6 @@ LAPSE: Final = 0.002
 """Share of prints in which a defect passes however strong it is; assumed: so that one such print does not decide."""
 LEAST: Final = 1e-300
 """Least likelihood; smaller ones are not distinguished from zero."""
-SURE: Final = 0.99
-CHANCES: Final = (0.5, 0.98)
-"""Range of detection chances from which the next strength is drawn; the strength of 99 % follows from those below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +37,6 @@ class Psychometric:
     false_alarms: float
     log_likelihood: Mapping[int, NDArray[np.float64]]
     """Log likelihood of each page's prints for (middles, spreads), by page."""
-    prints: int = 0
 
     @classmethod
     def unknown(cls, false_alarms: float) -> Self:
@@ -56,7 +52,7 @@ class Psychometric:
         """Return the posterior after one more print."""
         chance = self.chances(strength)
         more = self.log_likelihood.get(page, 0) + np.log(chance if caught else 1 - chance)
-        return replace(self, log_likelihood={**self.log_likelihood, page: more}, prints=self.prints + 1)
+        return replace(self, log_likelihood={**self.log_likelihood, page: more})
 
     def weight(self, page: int) -> NDArray[np.float64]:
         """Return the posterior of one page, given all prints: (middles, spreads), sum 1."""
@@ -69,13 +65,6 @@ class Psychometric:
         weight = expected * np.exp(own - own.max())
         return np.asarray(weight / weight.sum())
 
-    def strength(self, page: int, chance: float) -> float:
-        """Return the least strength caught with this chance, averaged over the posterior; infinite: none is."""
-        weight = self.weight(page)
-        mean = np.array([(self.chances(one) * weight).sum() for one in STRENGTHS])
-        enough = np.flatnonzero(mean >= chance)
-        return float(STRENGTHS[enough[0]]) if enough.size else np.inf
-
     def strengths(self, page: int, chance: float, quantiles: Sequence[float]) -> list[float]:
         """Return quantiles of the least strength that is caught with this chance, over all middles and spreads."""
         wanted = (chance - self.false_alarms) / (1 - self.false_alarms - LAPSE)
@@ -84,10 +73,6 @@ class Psychometric:
         cumulative = np.cumsum(self.weight(page).ravel()[order])
         places = np.searchsorted(cumulative, quantiles).clip(0, order.size - 1)
         return [float(one) for one in np.exp(at.ravel()[order][places])]
-
-    def next(self, page: int, rng: np.random.Generator) -> float:
-        """Return a strength to try next."""
-        return min(self.strength(page, float(rng.uniform(*CHANCES))), float(STRENGTHS[-1]))
 
 
 def _about() -> NDArray[np.float64]:

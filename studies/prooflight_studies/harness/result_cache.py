@@ -12,7 +12,6 @@ import hashlib
 import io
 import json
 import logging
-import math
 import struct
 import time
 import zipfile
@@ -26,13 +25,12 @@ import numpy as np
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
+from prooflight_studies.harness.cluster import on_cluster
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
-
-    from prooflight.pages.parallel import Processes
 
 Rows = dict[str, "NDArray[Any]"]
 """Columns by name; the first axis of each counts rows (columns of counts may have another length)."""
@@ -41,8 +39,6 @@ PieceIn = TypeVar("PieceIn", contravariant=True)
 
 
 _log = logging.getLogger(__name__)
-MOST_BYTES: Final = 1 << 30
-"""Limit on the size of one piece's columns, unpacked; assumed: those of the studies take some megabytes."""
 SPENT: Final = "seconds spent"
 """Column with the wall-clock time of a piece, stored with its rows."""
 
@@ -66,19 +62,25 @@ def run_pieces(
     folder: Path,
     *,
     digest: str,
-    processes: Processes = None,
+    processes: int | None = None,
+    cluster: str | None = None,
     progress: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> Rows:
     """Return the rows of all pieces, in their order; those that are in ``folder`` are not computed again.
 
-    processes: on this machine, or the workers of a cluster, which need no access to ``folder``. progress is called with
-    the number of pieces done and of all pieces.
+    cluster: address of a Dask scheduler (``cluster``); None: processes on this machine. progress is called with the
+    number of pieces done and of all pieces.
     """
     paths = _paths(pieces, folder, digest)
     missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
     done = len(pieces) - len(missing)
     progress(done, len(pieces))
-    for _ in _computed(work, missing, processes):
+    computed = (
+        _fetched(work, missing, cluster)
+        if cluster
+        else in_order(_CachedWork(work), missing, processes=processes)
+    )
+    for _ in computed:
         done += 1
         progress(done, len(pieces))
     columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
@@ -90,7 +92,10 @@ def run_pieces(
 
 
 def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
-    """Return the minutes of one process that the pieces took when they were computed, over all runs."""
+    """Return the minutes of one process that the pieces took when they were computed, over all runs.
+
+    Pieces that a cluster computed are not included.
+    """
     seconds = 0.0
     for path in _paths(pieces, folder, digest):
         seconds += float(_load(path).get(SPENT, 0.0))
@@ -101,28 +106,6 @@ def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
     return [folder / digest[:16] / f"{digest_of({'piece': repr(piece)})[:16]}.npz" for piece in pieces]
 
 
-def _computed(work: Work[Any], missing: Sequence[tuple[Path, Any]], processes: Processes) -> Iterator[None]:
-    """Compute and store pieces: a process stores its own, and a cluster's are stored here as they finish."""
-    if processes is None or isinstance(processes, int):
-        yield from in_order(_CachedWork(work), missing, processes=processes)
-        return
-    for place, rows in processes.as_finished(_TimedWork(work), [piece for _, piece in missing]):
-        _store(missing[place][0], rows)
-        yield
-
-
-@dataclass(frozen=True, slots=True)
-class _TimedWork:
-    """Computation of a piece's rows, with the time that it took."""
-
-    work: Work[Any]
-
-    def __call__(self, piece: Any) -> Rows:
-        started = time.perf_counter()
-        rows = self.work(piece)
-        return rows | {SPENT: np.array(time.perf_counter() - started)}
-
-
 @dataclass(frozen=True, slots=True)
 class _CachedWork:
     """Computation of a piece's rows that writes them, whole or not at all."""
@@ -131,7 +114,16 @@ class _CachedWork:
 
     def __call__(self, place: tuple[Path, Any]) -> None:
         path, piece = place
-        _store(path, _TimedWork(self.work)(piece))
+        started = time.perf_counter()
+        rows = self.work(piece)
+        _store(path, rows | {SPENT: np.array(time.perf_counter() - started)})
+
+
+def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
+    """Write rows that come back from the cluster; its workers need no access to this folder."""
+    for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
+        _store(missing[place][0], rows)
+        yield
 
 
 def _store(path: Path, rows: Rows) -> None:
@@ -150,8 +142,6 @@ def _whole(path: Path) -> bool:
         return False
 
 
-_END: Final = struct.Struct("<4s4H2LH")
-"""End record of an archive (APPNOTE.TXT of PKWARE, section 4.3.16); the fifth field counts its members."""
 _DAMAGE: Final = (
     *(OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error),
     *(NotImplementedError, RuntimeError, MemoryError),  # packed in a way that is not ours, or with a password
@@ -159,31 +149,18 @@ _DAMAGE: Final = (
 """Errors that reading a damaged archive of arrays raises."""
 
 
+_END: Final = struct.Struct("<4s4H2LH")
+"""End record of an archive (APPNOTE.TXT of PKWARE, section 4.3.16); the fifth field counts its members."""
+
+
 def _load(path: Path) -> Rows:
     """Return the arrays of a piece as ``_store`` wrote them; raises one of ``_DAMAGE`` for a damaged file."""
-    with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-        if len(members) != _members_stated(path) or not members:
-            raise ValueError("it does not hold as many columns as it states")
-        if sum(member.file_size for member in members) > MOST_BYTES:
-            raise ValueError("its columns are too large to be ours")
-        return {member.filename.removesuffix(".npy"): _column(archive, member) for member in members}
-
-
-def _members_stated(path: Path) -> int:
-    """Return the member count in the last bytes of an archive without comment; Python's reader does not check it."""
     with path.open("rb") as file:
         file.seek(-_END.size, io.SEEK_END)
-        return int(_END.unpack(file.read())[4])
-
-
-def _column(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """Read one array, whose header must agree with the archive about its size before memory is allocated."""
-    with archive.open(member) as file:
-        if np.lib.format.read_magic(file) != (1, 0):
-            raise ValueError(f"{member.filename} is no array of ours")
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.hasobject or math.prod(shape) * dtype.itemsize + file.tell() != member.file_size:
-            raise ValueError(f"{member.filename} is not of the size that it states")
-    with archive.open(member) as file:
-        return np.lib.format.read_array(file, allow_pickle=False)
+        members = _END.unpack(file.read())[4]  # Python's own reader does not check it
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            rows = dict(archive)
+    if len(rows) != members:
+        raise ValueError("it does not hold as many columns as it states")
+    return rows

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
 
@@ -73,22 +72,21 @@ def run_paper_study(
     cache: Path,
     seed: int = 1,
     quick: bool = False,
-    processes: Processes = None,
-    plans: list[tuple[float, Plan]] | None = None,
+    processes: int | None = None,
+    cluster: str | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Part]:
     """Run every plan and write ``paper.md`` with its pictures into ``results``.
 
     press_file: of two sensors, the first of which is the one-sensor camera. cache: folder of rows, so that an
-    interrupted study resumes. ValueError: a camera of one sensor.
+    interrupted study resumes. cluster: address of a Dask scheduler. ValueError: a camera of one sensor.
     """
     own = press_file.camera()
     if len(own.sensors) < 2:
         message = f"the study compares one sensor with two, {press_file.path} has one"
         raise ValueError(message)
-    plans = plans or paper_plans(seed=seed, quick=quick, own_pitch_mm=own.pixel_pitch_mm)
     parts = []
-    for pitch_mm, plan in plans:
+    for pitch_mm, plan in paper_plans(seed=seed, quick=quick, own_pitch_mm=own.pixel_pitch_mm):
         press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
         parts.append(
             run_part(
@@ -97,6 +95,7 @@ def run_paper_study(
                 cache,
                 pitch_mm=pitch_mm,
                 processes=processes,
+                cluster=cluster,
                 progress=progress,
             )
         )
@@ -113,7 +112,8 @@ def run_part(
     cache: Path,
     *,
     pitch_mm: float,
-    processes: Processes = None,
+    processes: int | None = None,
+    cluster: str | None = None,
     progress: Callable[[str], None],
 ) -> Part:
     """Run one plan: pilot, rows, tables."""
@@ -132,7 +132,9 @@ def run_part(
 
         return tell
 
-    rows = watched_rows(press, designs, plan, cache, processes=processes, progress_of=progress_of)
+    rows = watched_rows(
+        press, designs, plan, cache, processes=processes, cluster=cluster, progress_of=progress_of
+    )
     share = 1 - begun_with[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,

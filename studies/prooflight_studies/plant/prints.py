@@ -27,7 +27,6 @@ from prooflight_studies.visible.rig import Bench
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight_studies.harness.result_cache import Rows
 
@@ -100,7 +99,7 @@ def defect_prints(
     seed: int,
     designs: int,
     cache: Path,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[DefectPrint]:
     """Print designs with defects at known places, on a press day each, and inspect them.

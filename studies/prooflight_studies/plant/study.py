@@ -33,12 +33,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from prooflight.pages.parallel import Processes
     from prooflight.scans.geometry import ScanGeometry
     from prooflight_line.causes.naming import Cause
     from prooflight_studies.plant.defects import Defect
 
-PARTS_OF_STUDY: Final = ("causes",)
 FIRST_SHEETS: Final = 5
 """Sheets with a streak by which its nozzle must be named."""
 NULL_MARKS: Final = 40
@@ -111,7 +109,7 @@ def run_plant_study(
     press: Path,
     plan: CausesPlan,
     cache: Path,
-    processes: Processes = None,
+    processes: int | None = None,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PlantResults:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.model import DetectorModel
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.harness.result_cache import Rows
 
 PARTS: Final = 5
@@ -111,7 +110,7 @@ def judged(
     good: Rows | None = None,
     trees: int = TREES,
     ablations: bool = True,
-    processes: Processes = 1,
+    processes: int | None = 1,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> Verdicts:
     """Judge every page of every part.

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.harness.folder import Folder
@@ -64,12 +63,9 @@ def run_press_study(
     results: Path,
     *,
     cache: Path,
-    seed: int = 1,
-    quick: bool = False,
-    processes: Processes = None,
-    plan: PressPlan | None = None,
+    plan: PressPlan,
+    processes: int | None = None,
     real: Folder | None = None,
-    pitch_mm: float = REDUCED_PITCH_MM,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> PressFindings:
     """Scan, train, tune, test, and write ``PressFindings.page`` into ``results``.
@@ -78,8 +74,7 @@ def run_press_study(
     interrupted study resumes. real: pages of real documents, in addition to the composed designs.
     """
     started = time.perf_counter()
-    plan = plan or (PressPlan.quick(seed) if quick else PressPlan(seed=seed))
-    press = build_press(at_pitch(press_file, pitch_mm), seed=SPECIMEN_SEED)
+    press = build_press(at_pitch(press_file, REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     bench = _Bench(press=press, cache=cache, plan=plan, processes=processes, progress=progress)
     scans = _scanned(bench, real)
     lessons = Pages.of(scans.training).joined(Pages.of(scans.learning))
@@ -97,7 +92,7 @@ def run_press_study(
     checks, tried = check_rates(verdicts, scans.rate_pages, scans.trial, calibration=plan.calibration)
     findings = PressFindings(
         plan=plan,
-        pitch_mm=pitch_mm,
+        pitch_mm=REDUCED_PITCH_MM,
         fringes=press.fringes,
         main=scans.main,
         verdicts=verdicts,
@@ -122,7 +117,7 @@ class _Bench:
     press: Press
     cache: Path
     plan: PressPlan
-    processes: Processes
+    processes: int | None
     progress: Callable[[str], None]
     minutes: list[float] = field(default_factory=list)
     """Minutes of one process that each scene's rows took, whenever they were computed."""

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight_studies.harness.result_cache import Rows
 
@@ -72,7 +71,7 @@ def lessons(
     plan: RankingPlan,
     cache: Path,
     *,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Lesson]:
     """Return the rows of every press of the plan; cache: folder of the rows, so that an interrupted study resumes."""
@@ -88,7 +87,7 @@ def lessons(
 class _Bench:
     plan: RankingPlan
     cache: Path
-    processes: Processes
+    processes: int | None
     progress: Callable[[str], None]
 
     def lesson(self, name: str, press_file: PressFile, number: int, *sets: tuple[int, int]) -> Lesson:

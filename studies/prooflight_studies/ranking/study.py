@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.ranking.rows import Lesson
 
 FOLDS: Final = 4
@@ -146,7 +145,7 @@ def run_ranking_study(
     plan: RankingPlan | None = None,
     ship: Path | None = None,
     left_out: bool = True,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
     """Train, evaluate, and write ``ranking.md`` into ``results``; ship: path for the ranking, if it is to be shipped.

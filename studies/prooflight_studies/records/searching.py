@@ -59,7 +59,7 @@ def measure_searches(
     rng = stream(seed, "record-searches")
     with local_postgres("shared_buffers=512MB", "max_wal_size=8GB", "synchronous_commit=off") as server:
         upgrade(server.url)
-        seconds = _fill(server.url, sheets // RUNS, progress)
+        seconds = fill(server.url, sheets // RUNS, progress)
         with connect(server.url) as connection:
             connection.execute("CREATE ROLE quality LOGIN")
         allow(server.url, "quality", "south")
@@ -90,7 +90,8 @@ def measure_searches(
     }
 
 
-def _fill(url: str, each: int, progress: Callable[[str], None]) -> float:
+def fill(url: str, each: int, progress: Callable[[str], None]) -> float:
+    """Fill the tables with ``RUNS`` runs of ``each`` sheets; return the time that it took. [s]"""
     begun = time.perf_counter()
     with connect(url) as connection:
         connection.execute(_PRESSES, (PRESSES,))

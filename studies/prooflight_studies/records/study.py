@@ -1,4 +1,4 @@
-"""The records of many presses measured, in two parts that are stored apart: shipping through faults, and searches."""
+"""The records of many presses measured, in parts that are stored apart: shipping through faults, searches, upgrades."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 from prooflight import __version__
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.records.migrating import measure_migrations
 from prooflight_studies.records.searching import measure_searches
 from prooflight_studies.records.shipping import measure_shipping
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PARTS: Final = ("shipping", "search")
+PARTS: Final = ("shipping", "search", "migration")
 
 
 def run_records_study(
     out: Path, part: str, *, seed: int, quick: bool, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure one part and write ``records.md``; the other stays as it was measured."""
+    """Measure one part and write ``records.md``; the others stay as they were measured."""
     if part == "shipping":
         with tempfile.TemporaryDirectory(prefix="prooflight-records-") as folder:
             Path(folder).chmod(0o755)  # the server runs as another user
@@ -32,6 +33,8 @@ def run_records_study(
                 minutes=1.0 if quick else 10.0,
                 progress=progress,
             )
+    elif part == "migration":
+        figures = measure_migrations(sheets=40_000 if quick else 1_000_000, progress=progress)
     else:
         sheets, searches = (200_000, 100) if quick else (10_000_000, 2000)
         figures = measure_searches(sheets=sheets, searches=searches, seed=seed, progress=progress)

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight_studies.harness.result_cache import Rows
 
@@ -299,7 +298,7 @@ def run_register_study(
     designs: int = DESIGNS,
     prints: int = PRINTS,
     crop_designs: int = 200,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, object]:
     """Register prints of ``designs`` designs and crops of ``crop_designs``; writes ``registration.md`` and returns it.

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.harness.result_cache import Rows
 
 WORLDS: Final = ("press", "measured")
@@ -148,7 +147,7 @@ def run_false_alarm_study(
     *,
     cache: Path,
     plan: FalseAlarmPlan,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> FalseAlarmResults:
     """Print and judge the pages of a folder, and write ripped.md.

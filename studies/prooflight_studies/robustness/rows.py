@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,7 +22,7 @@ from prooflight_studies.harness.baselines import (
 )
 from prooflight_studies.harness.error_map import normalised_error, window_means
 from prooflight_studies.harness.measures import FIRST_SHARE, numbers_of
-from prooflight_studies.harness.protocol import Bench, on_area
+from prooflight_studies.harness.protocol import Bench, on_area, rows_of_copies
 from prooflight_studies.robustness.disturbances import all_disturbances
 
 if TYPE_CHECKING:
@@ -133,24 +132,11 @@ class WatchWrong:
 
     def __call__(self, day: Day, /) -> Rows:
         """Return the rows of a day."""
-        bench = Bench.of(day, self.press, self.pages, self.plan)
-        columns: dict[str, list[Any]] = defaultdict(list)
-        for index in day.designs:
-            design = bench.design(index)
-            for copy in range(self.plan.good_copies + self.plan.misprints):
-                rng = stream(self.plan.seed, "study-print", index, copy)
-                kind = self.plan.kind(index, copy)
-                printed = bench.printed(design.good, kind, day, index, rng)
-                if printed is None:
-                    continue
-                for name, value in self._row(bench, design, printed, index, rng).items():
-                    columns[name].append(value)
-        rows = {name: np.array(values) for name, values in columns.items()}
-        return rows | {"kind": rows["kind"].astype("U16")}
+        return rows_of_copies(Bench.of(day, self.press, self.pages, self.plan), day, self.plan, self._rows)
 
-    def _row(
+    def _rows(
         self, bench: Bench, design: Design, printed: Printed, index: int, rng: np.random.Generator
-    ) -> dict[str, Any]:
+    ) -> Iterator[dict[str, Any]]:
         numbers, chi_squares, baselines, pixels = [], [], [], 0
         first: NDArray[np.float64] | None = None
         seen_first = design.good.expected
@@ -166,7 +152,7 @@ class WatchWrong:
             baselines.append(scores)
         facts = {"design": index, "kind": printed.kind, "pixels": pixels}
         measured_as = {"numbers": numbers, "chi_squares": chi_squares, "peers": baselines}
-        return facts | {name: np.array(values) for name, values in measured_as.items()}
+        yield facts | {name: np.array(values) for name, values in measured_as.items()}
 
     def _chi_squares(self, measured: NDArray[np.uint16], seen: Prediction, seed: int) -> tuple[float, float]:
         top_codes = [sensor.top_code_dn for sensor in self.press.sensors]

@@ -17,7 +17,6 @@ import numpy as np
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.training import DESIGNS
 from prooflight.commissioning.training.train import trained
-from prooflight.files.atomic import whole_file
 from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
@@ -29,6 +28,7 @@ from prooflight.simulation.fast import fast_scan
 from prooflight.simulation.prints import Print
 from prooflight_line.run.settings import DEADLINE_S
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import measure_parts
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
 from prooflight_studies.running.live import live_row, soak_row
 from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
@@ -148,17 +148,14 @@ class Study:
 
     def run(self, parts: tuple[str, ...], *, again: bool = False) -> dict[str, Any]:
         """Measure the parts that are not in the cache yet; again: all parts named."""
-        for part in parts:
-            if part in self._stored() and not again:
-                self.progress(f"{part}: known")
-                continue
-            self.progress(f"{part}")
-            measured = getattr(self, f"_{part}")()
-            with whole_file(self._results) as unfinished:
-                unfinished.write_text(json.dumps(self._stored() | {part: measured}, indent=1))
-            self._write_page()
-        self._write_page()
-        return self._stored()
+        return measure_parts(
+            parts,
+            lambda part: getattr(self, f"_{part}")(),
+            self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json",
+            again=again,
+            progress=self.progress,
+            write=self._write_page,
+        )
 
     # --- parts ---
 
@@ -394,13 +391,6 @@ class Study:
 
     # --- results ---
 
-    @property
-    def _results(self) -> Path:
-        return self.cache / "running" / f"results-of-{self.plan.prints}-{self.seed}.json"
-
-    def _stored(self) -> dict[str, Any]:
-        return dict(json.loads(self._results.read_text())) if self._results.exists() else {}
-
-    def _write_page(self) -> None:
-        results = running_results(self._stored(), cores=os.cpu_count() or 1, seed=self.seed)
+    def _write_page(self, measured: dict[str, Any]) -> None:
+        results = running_results(measured, cores=os.cpu_count() or 1, seed=self.seed)
         write_page(self.out / "running.md", "running", results)

@@ -2,59 +2,52 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.detectors.base import StoredArrays
 from prooflight.detectors.matched_filter.analysis import analyse
 from prooflight.detectors.matched_filter.card_images import Designs, engine_on
-from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, MatchedFilterPage
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES
-from prooflight.errors import RequestError
 from prooflight.inspection.inspector import Inspector
 from prooflight.kernels.gpu.runners import Card, Pool, launched
 from prooflight.pages.process import settle_process
+from prooflight.press.pages import open_job
 from prooflight.rng import stream
-from prooflight.simulation.misprints.kinds import KINDS
-from prooflight.simulation.scans import MisprintRequest, scan_page
+from prooflight.simulation.scans import scan_page
 from prooflight.simulation.session import session_of
+from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
+from prooflight_line.run.sheet_inspector import SheetInspector
+from prooflight_studies.speed.card_compared import judged_by_both, with_inspector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
     from prooflight.inspection.inspector import Prepared
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
+    from prooflight.simulation.session import Session
+    from prooflight_studies.speed.card_compared import Compared
 
 REPEATS: Final = 20
 IN_FLIGHT: Final = (1, 2, 4, 8)
 """Sheets on the card at once."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Compared:
-    """One scan, inspected on the processor and on the card."""
-
-    page: str
-    misprint: str
-    """Kind that was printed; "": a good print."""
-    cpu: str
-    """Verdict."""
-    gpu: str
-    cpu_score: float
-    gpu_score: float
-    statistics_off: float
-    """Greatest difference of a statistic, in standard deviations of good prints."""
+TIMED_PAGES: Final = 8
+"""First pages of the job, of which one good print each is timed."""
+OFF_QUANTILES: Final = (0.5, 0.95, 0.99, 1.0)
+FARTHEST: Final = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,14 +62,27 @@ class CardFigures:
     """Camera pixels of a sheet, all sensors together. [Mpx]"""
     compiled_s: float
     """Time of the first analysis, which compiles."""
-    compared: tuple[Compared, ...]
+    pages: int
+    """Pages of the job, of which ..."""
+    prints: int
+    """... so many prints were judged by both, ..."""
+    misprints: int
+    """... so many of them misprinted."""
+    score_off: tuple[float, ...]
+    """``OFF_QUANTILES`` of the difference of the two scores of a print."""
+    differing: tuple[Compared, ...]
+    """Prints whose verdicts differ."""
+    other_kinds: int
+    """Misprints to both whose kinds differ."""
+    farthest: tuple[Compared, ...]
+    """Prints whose scores differ most."""
     sheet_ms: float
     """From a scan in pinned memory to its sums on the card, median."""
     upload_ms: float
     in_flight: dict[int, float]
     """Sheets a second on the card, by sheets on it at once."""
     gpu_per_s: dict[int, float]
-    """Whole inspections a second by inspecting threads, images on the card ..."""
+    """Whole inspections a second by number of worker processes, images on the card ..."""
     cpu_per_s: dict[int, float]
     """... and all on the processor."""
     gpu_cpu_s: float
@@ -108,136 +114,83 @@ class RecordedCard(Card):
             launched(self.graphs[key], self.stream)
 
 
-Scanned = tuple[int, str, "NDArray[np.uint16]"]
-"""A page's index, the kind of its misprint or "", and the scan."""
-
-
-def prints_of(pages: Sequence[Page], press: Press, *, seed: int, each: int) -> list[Scanned]:
-    """Return prints of every page in the press world, every third a misprint; of those that cannot be, none."""
-    session = session_of(press, seed)
-
-    def printed(turn: int) -> Scanned | None:
-        copy, index = divmod(turn, len(pages))
-        page, kind = pages[index], KINDS[turn // 3 % len(KINDS)] if turn % 3 == 2 else ""
-        try:
-            scan = scan_page(
-                page,
-                press=press,
-                request=MisprintRequest(kind=kind) if kind else None,
-                others=tuple(other.number for other in pages if other.number != page.number),
-                fetch=lambda number: next(one for one in pages if one.number == number),
-                rng=stream(seed, "card-print", copy, index),
-                session=session,
-            )
-        except RequestError:  # a page without cyan cannot lack it
-            return None
-        return index, kind, scan.dn
-
-    printed(0)  # compiles
-    with ThreadPoolExecutor(os.cpu_count() or 1) as crew:
-        return [one for one in crew.map(printed, range(each * len(pages))) if one is not None]
-
-
 def card_figures(
-    pages: Sequence[Page],
+    job: Path,
     press: Press,
     *,
     seed: int,
-    each: int = 2,
-    seconds: float = 4.0,
+    prints: int,
+    seconds: float = 5.0,
     say: Callable[[str], None] = lambda _: None,
 ) -> CardFigures:
-    """Measure a card on prints of some pages; RequestError: there is none."""
+    """Measure a card on ``prints`` of a job's pages; RequestError: there is no card."""
     settle_process()  # as processes are that inspect page after page
     inspector = Inspector.of(press, "matched_filter").with_threads(1)
-    card = inspector.on("gpu")
-    cores = os.cpu_count() or 1
+    card, cores = inspector.on("gpu"), os.cpu_count() or 1
+    with open_job(job, press) as opened:
+        count = len(opened)
+        pages = [press.geometry.lay(opened.page(number)) for number in range(1, min(count, TIMED_PAGES) + 1)]
     say("preparing designs and printing")
     inspector.prepare(pages[0])  # compiles
     with ThreadPoolExecutor(cores) as crew:
         designs = list(crew.map(inspector.prepare, pages))
-    scans = prints_of(pages, press, seed=seed, each=each)
-    on_card = [_with(prepared, card) for prepared in designs]
+    session = session_of(press, seed)
+    scans = [
+        _good_print(page, press, session, stream(seed, "card-print", turn, 0))
+        for turn, page in enumerate(pages)
+    ]
+    on_card = [with_inspector(prepared, card) for prepared in designs]
+    inspector.inspect(designs[0], scans[0])
     started = time.perf_counter()
-    card.inspect(on_card[scans[0][0]], scans[0][2])
+    card.inspect(on_card[0], scans[0])
     compiled_s = time.perf_counter() - started
-    inspector.inspect(designs[scans[0][0]], scans[0][2])
-    say(f"first inspection on the card after {compiled_s:.1f} s; comparing {len(scans)} scans")
-    with ThreadPoolExecutor(cores) as crew:
-        compared = tuple(
-            crew.map(
-                lambda one: _compared(
-                    one[1], inspector, designs[one[0]], card, on_card[one[0]], np.ascontiguousarray(one[2])
-                ),
-                scans,
-            )
-        )
-    say("timing the card alone")
-    good = next((index, scan) for index, kind, scan in scans if not kind)
-    sheet_ms, upload_ms, in_flight = _card_alone(designs[good[0]], good[1], say)
+    say(f"first inspection on the card after {compiled_s:.1f} s")
+    sheet_ms, upload_ms, in_flight = _card_alone(designs[0], scans[0], say)
+    gpu_cpu_s, cpu_cpu_s = (
+        _cpu_seconds(one, of_it, scans, seconds) for one, of_it in ((card, on_card), (inspector, designs))
+    )
+    compared = judged_by_both(job, press, pages=count, prints=prints, seed=seed, processes=cores, say=say)
     say("timing whole inspections")
-    threads = sorted({1, cores // 2 or 1, cores})
-    gpu = {n: _inspections(card, on_card, scans, n, seconds) for n in threads}
-    cpu = {n: _inspections(inspector, designs, scans, n, seconds) for n in threads}
+    gpu, cpu = (_rates(one, pages, scans, cores=cores, seconds=seconds, say=say) for one in (card, inspector))
     return CardFigures(
         card=card.engine,
         numba_cuda=version("numba-cuda"),
         host_cores=cores,
         threshold=_threshold(press),
-        camera_mpx=scans[0][2].size / 1e6,
+        camera_mpx=scans[0].size / 1e6,
         compiled_s=compiled_s,
-        compared=compared,
+        pages=count,
+        prints=len(compared),
+        misprints=sum(bool(one.misprint) for one in compared),
+        score_off=tuple(
+            float(one) for one in np.quantile([one.score_off for one in compared], OFF_QUANTILES)
+        ),
+        differing=tuple(one for one in compared if one.differs),
+        other_kinds=sum(one.cpu != one.gpu and not one.differs for one in compared),
+        farthest=tuple(sorted(compared, key=lambda one: -one.score_off)[:FARTHEST]),
         sheet_ms=sheet_ms,
         upload_ms=upload_ms,
         in_flight=in_flight,
-        gpu_per_s={n: one[0] for n, one in gpu.items()},
-        cpu_per_s={n: one[0] for n, one in cpu.items()},
-        gpu_cpu_s=gpu[1][1],
-        cpu_cpu_s=cpu[1][1],
+        gpu_per_s=gpu,
+        cpu_per_s=cpu,
+        gpu_cpu_s=gpu_cpu_s,
+        cpu_cpu_s=cpu_cpu_s,
     )
+
+
+def _good_print(
+    page: Page, press: Press, session: Session | None, rng: np.random.Generator
+) -> NDArray[np.uint16]:
+    printed = scan_page(page, press=press, request=None, others=(), fetch=_no_page, rng=rng, session=session)
+    return np.ascontiguousarray(printed.dn)
+
+
+def _no_page(number: int) -> Page:
+    raise IndexError(number)
 
 
 def _threshold(press: Press) -> float:
     return model_of(press).threshold
-
-
-def _with(prepared: Prepared, inspector: Inspector) -> Prepared:
-    """Return a prepared page for another inspector of the same press."""
-    detector_page, detector = prepared.prepared_page, inspector.detector
-    assert isinstance(detector_page, MatchedFilterPage)
-    assert isinstance(detector, MatchedFilterDetector)
-    return replace(prepared, prepared_page=replace(detector_page, detector=detector))
-
-
-def _compared(
-    kind: str,
-    inspector: Inspector,
-    prepared: Prepared,
-    card: Inspector,
-    on_card: Prepared,
-    scan: NDArray[np.uint16],
-) -> Compared:
-    one, other = inspector.inspect(prepared, scan), card.inspect(on_card, scan)
-    scores = [
-        inspector.detector.decided_again(StoredArrays(each.stored_arrays, inspector.detector.name)).score
-        for each in (one, other)
-    ]
-    detector_page: Any = prepared.prepared_page
-    features = one.stored_arrays["portrait"][None]
-    deviations = [
-        detector_page.model.deviations(each.stored_arrays["values"][None], features)[0]
-        for each in (one, other)
-    ]
-    off = np.abs(deviations[0] - deviations[1])
-    return Compared(
-        page=prepared.page.name,
-        misprint=kind,
-        cpu=f"{one.verdict.verdict} {one.verdict.kind or ''}".strip(),
-        gpu=f"{other.verdict.verdict} {other.verdict.kind or ''}".strip(),
-        cpu_score=float(scores[0]),
-        gpu_score=float(scores[1]),
-        statistics_off=float(off[np.isfinite(off)].max(initial=0.0)),
-    )
 
 
 def _card_alone(
@@ -292,32 +245,57 @@ def _card_alone(
     return times[0], times[1], rates
 
 
-def _inspections(
+def _cpu_seconds(
+    inspector: Inspector, designs: Sequence[Prepared], scans: Sequence[NDArray[np.uint16]], seconds: float
+) -> float:
+    """Return the processor time of one inspection, one after the other. [s]"""
+    for turn in range(2 * len(scans)):  # steps on a card are recorded the second time
+        inspector.inspect(designs[turn % len(scans)], scans[turn % len(scans)])
+    end, spent, done = time.perf_counter() + seconds, time.process_time(), 0
+    while time.perf_counter() < end:
+        inspector.inspect(designs[done % len(scans)], scans[done % len(scans)])
+        done += 1
+    return (time.process_time() - spent) / done
+
+
+def _rates(
     inspector: Inspector,
-    designs: Sequence[Prepared],
-    scans: Sequence[tuple[int, str, NDArray[np.uint16]]],
-    threads: int,
+    pages: Sequence[Page],
+    scans: Sequence[NDArray[np.uint16]],
+    *,
+    cores: int,
     seconds: float,
-) -> tuple[float, float]:
-    """Return whole inspections of good prints a second, and processor time of one, with so many at once."""
-    good = [(index, scan) for index, kind, scan in scans if not kind]
+    say: Callable[[str], None],
+) -> dict[int, float]:
+    """Return whole inspections a second by number of worker processes, in the workers that a run uses."""
+    most = max(worker_count(cores, inspector), 1)
+    workers = InspectionWorkers(most)
+    sheets = SheetInspector(inspector=inspector.with_threads(THREADS_A_WORKER), workers=workers)
+    try:
+        with ThreadPoolExecutor(cores) as crew:
+            ready = list(crew.map(sheets.prepare, pages))
 
-    def work(turn: int) -> int:
-        done = 0
-        while time.perf_counter() < end:
-            index, scan = good[(turn + done) % len(good)]
-            inspector.inspect(designs[index], scan)
-            done += 1
-        return done
+        def inspect(turn: int) -> None:
+            at = turn % len(pages)
+            sheets.inspect(ready[at], scans[at], name="timed", seed=0)
 
-    def warm(turn: int) -> None:
-        index, scan = good[turn % len(good)]
-        inspector.inspect(designs[index], scan)
+        rates = {}
+        for count in sorted({1, max(most // 2, 1), most}, reverse=True):
+            with ThreadPoolExecutor(count) as crew:
+                list(crew.map(inspect, range(3 * count * len(pages))))  # reads designs, records steps
+                begin = time.perf_counter()
+                turns = itertools.count()
 
-    with ThreadPoolExecutor(threads) as crew:
-        list(crew.map(warm, range(2 * threads)))
-        begin, spent = time.perf_counter(), time.process_time()
-        end = begin + seconds
-        count = sum(crew.map(work, range(threads)))
-        took = time.perf_counter() - begin
-    return count / took, (time.process_time() - spent) / max(count, 1)
+                def work(_: int, end: float, turns: Iterator[int]) -> int:
+                    done = 0
+                    while time.perf_counter() < end:
+                        inspect(next(turns))
+                        done += 1
+                    return done
+
+                done = sum(crew.map(partial(work, end=begin + seconds, turns=turns), range(count)))
+                rates[count] = done / (time.perf_counter() - begin)
+            say(f"{inspector.engine}: {rates[count]:.1f} inspections a second by {count} workers")
+        return dict(sorted(rates.items()))
+    finally:
+        workers.close()

@@ -59,14 +59,12 @@ class SpeedRow:
     highest_mpx_per_cpu_s: float
 
 
-def bench_pages(press: Press, *, quick: bool, side_mm: float | None = None) -> dict[str, Page]:
+def bench_pages(press: Press, *, quick: bool) -> dict[str, Page]:
     """Return a page of bars like text, one of noisy gradients like a photograph, and one half each.
 
     They have the press's resolution.
     """
-    side = round(
-        (side_mm or (QUICK_MM if quick else SIDE_MM)) * press.supersampling / press.geometry.pixel_pitch_mm
-    )
+    side = round((QUICK_MM if quick else SIDE_MM) * press.supersampling / press.geometry.pixel_pitch_mm)
     rng = stream(None, "bench-page")
     bars = rng.random((side // 6 + 1, side // 24 + 1)) < 0.2
     bars[(np.arange(side // 6 + 1) % 6) > 2] = False  # space between lines of text

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.simulation.corpus.corpus import Designs
@@ -106,7 +105,7 @@ def run_stress_study(
     cache: Path,
     plan: StressPlan | None = None,
     real: Folder | None = None,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> dict[str, Any]:
     """Build a press, print, judge, and write ``stress.md`` into ``results``; cache: folder of rows.
@@ -164,7 +163,7 @@ class _Bench:
     stress: Stress
     plan: StressPlan
     cache: Path
-    processes: Processes
+    processes: int | None
     progress: Callable[[str], None]
 
     def rows(self) -> dict[str, Rows]:
@@ -211,7 +210,7 @@ class _Bench:
             "stress": self.stress.digest,
             "worlds": worlds_digest(),
             "press": self.press.digest,
-            "build": (BUILD_SEED, DESIGNS),  # the scatter's own last digits differ from run to run
+            "build": (BUILD_SEED, DESIGNS),  # how the press was trained
             "seed": self.plan.seed,
         }
         if isinstance(work, StressWork) and work.marks:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Prepared
-    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
 
 BUILD_SEED: Final = 90_000
@@ -65,7 +64,7 @@ def built(
     designs: int,
     seed: int,
     folder: Path,
-    processes: Processes,
+    processes: int | None,
     progress: Callable[[str], None],
 ) -> Path:
     """Build the press as `press build` does from a camera's press file, once, and store it in ``folder``."""

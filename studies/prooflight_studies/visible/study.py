@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.pages.parallel import Processes
     from prooflight_studies.harness.result_cache import Rows
     from prooflight_studies.visible.rows import PlacedMark
 
@@ -161,7 +160,7 @@ def run_visible_study(
     plan: VisiblePlan,
     parts: Sequence[str] = PARTS,
     quick: bool = False,
-    processes: Processes = None,
+    processes: int | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> VisibleResults:
     """Build presses, print, judge; writes visible.md, its JSON, and its picture where there are curves.
@@ -210,7 +209,7 @@ class _Bench:
 
     plan: VisiblePlan
     cache: Path
-    processes: Processes
+    processes: int | None
     progress: Callable[[str], None]
     minutes: float = 0.0
 

@@ -63,7 +63,6 @@ def run_world_study(
     pages: Path,
     results: Path,
     *,
-    designs: int | None = None,
     seed: int = 1,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _step: None,
@@ -72,7 +71,7 @@ def run_world_study(
 
     RequestError: too few of the PDFs can be used.
     """
-    wanted = designs or (QUICK_DESIGNS if quick else DESIGNS)
+    wanted = QUICK_DESIGNS if quick else DESIGNS
     progress("building the press")
     press_file = PressFile.prototype()
     pitch_mm = press_file.geometry(press_file.camera()).pixel_pitch_mm

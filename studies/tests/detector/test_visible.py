@@ -14,7 +14,7 @@ from prooflight.errors import RequestError
 from prooflight.pages.raster import Page
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.scans.placement import Placement
-from prooflight_studies.commands.visible import visible
+from prooflight_studies.commands.marks import visible
 from prooflight_studies.harness.psychometric import Psychometric
 from prooflight_studies.visible import findings, marks, study
 from prooflight_studies.visible.peers import MEASURES, PageVariation, in_place, local_difference

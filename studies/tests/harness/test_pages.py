@@ -16,7 +16,7 @@ from jinja2 import UndefinedError
 
 from prooflight.cli import run
 from prooflight.errors import InputError
-from prooflight_studies.commands import detectability, paper, press, world
+from prooflight_studies.commands import paper, press, world
 from prooflight_studies.harness.page import STUDIES, TEMPLATE, page_again, page_text, plain, write_page
 
 if TYPE_CHECKING:
@@ -210,7 +210,6 @@ def published_pages(study: str) -> list[Path]:
         (paper.paper, "paper"),
         (paper.robustness, "robustness"),
         (press.press, "press"),
-        (detectability.detectability, "detectability"),
     ],
 )
 def test_the_seed_of_a_published_page_is_the_default_of_its_command(

@@ -8,6 +8,7 @@ pytest.importorskip("psycopg", reason='needs pip install "prooflight-line[record
 pytest.importorskip("alembic", reason='needs pip install "prooflight-line[records]"')
 
 from prooflight_line.testing.postgres import server_programs
+from prooflight_studies.records.migrating import REVISIONS, measure_migrations
 from prooflight_studies.records.presses import sheet
 from prooflight_studies.records.searching import RUNS, measure_searches
 from prooflight_studies.records.shipping import SETTLED_S, _lags
@@ -21,6 +22,14 @@ def test_searches_find_what_the_database_holds() -> None:
     # A role of one plant of four gets fewer hits, and so fewer second pages.
     assert counts["owner"] >= counts["one plant"] >= 40
     assert any("Limit" in line for line in figures["plan"])
+
+
+@pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")
+def test_upgrades_keep_every_row_of_records_and_journal() -> None:
+    figures = measure_migrations(sheets=RUNS, progress=lambda line: None)
+    assert [row["step"] for row in figures["records"]][2:] == [name for name, _ in REVISIONS]
+    assert all(row["cpu_s"] > 0 for row in (*figures["records"], *figures["journal"]))
+    assert {row["bytes"] for row in figures["journal"]} != {0}
 
 
 def test_lags_near_a_fault_are_stated_apart() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.cmyk import INK_LETTERS
+from prooflight.detectors.matched_filter.fit.beat import RowBeats
 from prooflight.detectors.matched_filter.naming import kind_of
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     LINE_MODES,
@@ -195,6 +196,27 @@ def test_waves_rise_above_their_neighbours() -> None:
     assert best.statistic.mode == "gain-all"
     assert kind_of(best.statistic) == "banding"
     assert best.value > 5 * statistics["wave/void/one"].value
+
+
+def test_a_screens_own_wave_is_expected_and_a_stronger_one_is_not() -> None:
+    """A tint's light waves by 5 %: as much is no banding where the screen is known, ten times as much is."""
+    void, beat = MODES.index("void"), 0.05
+    tint = np.full((1, 4), 0.5, np.float32)
+    known = RowBeats(tints=tint, wave=np.array([beat], np.float32), sd=np.array([beat / 2**0.5], np.float32))
+
+    def greatest(times: float, of: RowBeats | None) -> float:
+        sums = drawn(5)
+        sums.tiles[2, void], sums.cover[:] = 0.5 * POWER, 0.5
+        sums.tiles[1, 0] = 1.0  # so little that light as a whole takes nothing of it
+        wave = times * beat * np.sin(2 * np.pi * np.arange(ROWS) * TILE_MM / 6.0)
+        sums.tiles[0, void] += 0.5 * POWER * wave[:, None].astype(np.float32)
+        waves = waves_of(replace(sums, row_beats=of), Scatter.white())
+        return max(float(one.waves.max()) for one in waves if one.mode == "void")
+
+    alone = greatest(0.0, None)
+    assert greatest(1.0, None) > 5 * alone
+    assert greatest(1.0, known) < alone
+    assert greatest(10.0, known) > 5 * alone
 
 
 def test_an_echo_of_the_page_is_said() -> None:

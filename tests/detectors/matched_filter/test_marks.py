@@ -170,6 +170,23 @@ def test_places_have_the_class_that_the_prediction_gives_them() -> None:
     assert places.areas.sum() == SIZES * inside.sum()
 
 
+def test_edges_of_a_design_are_edges_in_the_border_too_where_asked() -> None:
+    """The sheet's own edge, at which light falls to the backing outside, is none of the design's."""
+    light, white = half_solid(), np.full((1, SHAPE[1]), WHITE, np.float32)
+    light[:, :, :8] = 0
+    inside = np.ones(SHAPE, bool)
+    inside[:, :10] = False
+    text, border = PLACE_CLASSES.index("text"), PLACE_CLASSES.index("border")
+    usual, asked = (
+        classify(light, white, inside, pixel_mm=PIXEL_MM, edges_in_border=asked).of_windows[0]
+        for asked in (False, True)
+    )
+    assert usual[1, 99] == border
+    assert asked[1, 99] == text
+    assert asked[1, 50] == asked[SHAPE[0] // 2, 11] == border
+    np.testing.assert_array_equal(usual[50:-50, 50:-50], asked[50:-50, 50:-50])
+
+
 def test_what_edges_do_does_not_hide_what_lies_on_bare_paper() -> None:
     """Edges that are off ten times as much as stated widen their own class alone (seed 7)."""
     light, left = half_solid(), noise(7)

@@ -10,6 +10,7 @@ from fastapi import APIRouter, FastAPI, Request
 from fastapi.routing import APIRoute
 
 from prooflight_console.accounts.account_store import Accounts
+from prooflight_console.accounts.kiosks import Kiosk, Kiosks
 from prooflight_console.accounts.roles import Role, Scope, Who
 from prooflight_console.problems import Problem
 from prooflight_console.settings import ConsoleSettings
@@ -40,10 +41,12 @@ class EndpointError(RuntimeError):
     """An endpoint does not say who may ask it."""
 
 
-def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
+def needs(role: Role, scope: Scope | None = None, *, by_key: bool = False) -> Callable[..., Any]:
     """Return a dependency that requires at least this role and gives the ``Who`` of the requester.
 
-    A request that changes something, other than by a token, must carry the CSRF token of its session.
+    A request that changes something, other than by a token, must carry the CSRF token of its session. by_key: whether
+    people who signed in by badge or PIN may call an endpoint for which no token will do: passwords, tokens and PINs
+    are changed in a session by password alone.
     """
 
     def who_may(request: Request) -> Who:
@@ -56,6 +59,8 @@ def needs(role: Role, scope: Scope | None = None) -> Callable[..., Any]:
         if who.scopes is not None and scope not in who.scopes:
             requirement = "a user who is signed in" if scope is None else f"the scope {scope}"
             raise Problem(403, "scope", f"this requires {requirement}")
+        if who.by_key and scope is None and not by_key and request.method not in SAFE:
+            raise Problem(403, "password", "this requires a session by password: sign in with yours")
         if who.scopes is None and request.method not in SAFE:
             meant(request, settings)
             if not secrets.compare_digest(request.headers.get(CSRF_HEADER, "").encode(), who.csrf.encode()):
@@ -97,7 +102,25 @@ def authenticated(request: Request) -> Who | None:
             raise Problem(401, "token", detail, headers={"WWW-Authenticate": "Bearer"})
         return who
     secret = request.cookies.get(cookie_name(request.app.state.console.settings), "")
-    return accounts.of_session(secret) if secret else None
+    signed_in = accounts.of_session(secret) if secret else None
+    # What a page fetches by itself is no action of a person.
+    acts = request.method not in SAFE or request.headers.get("Sec-Fetch-Mode") == "navigate"
+    if signed_in is not None and signed_in.idle_s and acts:
+        accounts.kiosks.acted(signed_in)
+    return signed_in
+
+
+def kiosk_of(request: Request) -> Kiosk | None:
+    """Return the kiosk that sends the request; None: the device is none."""
+    state = request.app.state.console
+    secret = request.cookies.get(kiosk_cookie(state.settings), "")
+    kiosks: Kiosks = state.accounts.kiosks
+    return kiosks.one(secret) if secret else None
+
+
+def kiosk_cookie(settings: ConsoleSettings) -> str:
+    """Return the name of the cookie of a kiosk, as ``cookie_name``."""
+    return f"{cookie_name(settings)}-kiosk"
 
 
 def cookie_name(settings: ConsoleSettings) -> str:

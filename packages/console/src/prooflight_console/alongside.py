@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from prooflight.cli import faults
+from prooflight.cli import event_log, faults
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,6 +42,8 @@ def print_address(address: str, link: str | None) -> None:
 
     Standard output is the run's.
     """
+    if event_log.write("listening", address=address):
+        return  # the link belongs in no log; `prooflight serve user link` prints one
     faults.report(f"the console is at {address}")
     if link is not None:
         faults.report(f"nobody can sign in yet; open this link once to choose the admin's password: {link}")

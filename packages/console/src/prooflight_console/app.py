@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Final
@@ -21,27 +22,36 @@ from prooflight_console.alarms.alarm_store import AlarmStore
 from prooflight_console.api import ROUTERS as API_ROUTERS
 from prooflight_console.bodies import BoundedBodies
 from prooflight_console.console import Console
+from prooflight_console.engineering.notes import ChartNotes
+from prooflight_console.engineering.steps import step_aside
+from prooflight_console.engineering.versions import PressVersions
+from prooflight_console.engineering.work import Work
 from prooflight_console.headers import Headers
 from prooflight_console.pages import ROUTERS as PAGE_ROUTERS
 from prooflight_console.pages.shell import problem_page
 from prooflight_console.pictures.pictures import Pictures
+from prooflight_console.quality.index import SUFFIX, SearchIndex
+from prooflight_console.quality.saved import SavedSearches
 from prooflight_console.reading.gate import Gates
 from prooflight_console.reading.incidents import RunIncidents
 from prooflight_console.reading.live import Live
 from prooflight_console.reading.metrics import Metrics
+from prooflight_console.reading.queue import Queue
 from prooflight_console.reading.reprints import Reprints
 from prooflight_console.reading.runs import Reading
 from prooflight_console.reading.stations import Stations
 from prooflight_console.reading.trend import Trends
+from prooflight_console.request_log import RequestLog
 from prooflight_console.zones.prices import Prices
 from prooflight_console.zones.rasters import Rasters
 from prooflight_console.zones.service import ZonesService
-from prooflight_console.zones.tolerances import Tolerances
 from prooflight_line.journal.labels import LabelStore
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
+    from multiprocessing.connection import Connection
 
+    from prooflight_console.engineering.steps import StepRequest
     from prooflight_console.settings import ConsoleSettings
 
 DESCRIPTION: Final = """Runs of a press: sheets, verdicts, incidents, evidence, pictures, live events.
@@ -57,6 +67,7 @@ def console_app(
     ticking: Callable[[], float] = time.monotonic,
     passwords: Passwords | None = None,
     prices: Prices | None = None,
+    step: Callable[[StepRequest, Connection], None] = step_aside,
 ) -> FastAPI:
     """Return the application with all its services and endpoints.
 
@@ -68,6 +79,8 @@ def console_app(
         Monotonic time. [s]
     prices
         Service that computes prices of zones; None for the usual one.
+    step
+        Function that makes a version of the press, in a process of its own.
 
     Raises
     ------
@@ -83,7 +96,12 @@ def console_app(
     incidents = RunIncidents(reading, label_store, alarm_store)
     gates = Gates(reading, trays=settings.trays)
     reprints = Reprints(reading, incidents, label_store, gates, trays=settings.trays)
-    stations = Stations(presses=settings.presses, jobs=settings.jobs)
+    versions = PressVersions(settings.presses[0], accounts) if settings.presses else None
+    stations = Stations(
+        presses=settings.presses,
+        jobs=settings.jobs,
+        versions=tuple if versions is None else versions.files,
+    )
     pictures = Pictures(settings.tiles, bound_bytes=settings.tiles_bytes, stations=stations)
     zones = ZonesService(
         jobs=settings.jobs, presses=settings.presses, prices=prices or Prices(), accounts=accounts
@@ -104,9 +122,15 @@ def console_app(
         stations=stations,
         pictures=pictures,
         zones=zones,
-        tolerances=Tolerances(zones, reading, incidents),
         rasters=Rasters(pictures, settings.tiles, bound_bytes=settings.tiles_bytes),
         metrics=Metrics(reading, live, incidents, stations, reprints, queue=settings.queue, clock=ticking),
+        chart_notes=ChartNotes(accounts),
+        work=Work(versions, accounts, work=step),
+        index=SearchIndex(
+            settings.data.with_name(settings.data.name + SUFFIX), reading, incidents, label_store
+        ),
+        saved=SavedSearches(accounts),
+        queue=Queue(path=settings.queue),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )
@@ -114,13 +138,18 @@ def console_app(
     @asynccontextmanager
     async def alive(_app: FastAPI) -> AsyncIterator[None]:
         looking = asyncio.create_task(console.live.run())
+        indexing = threading.Thread(target=console.index.follow, name="index", daemon=True)
+        indexing.start()
         try:
             yield
         finally:
             console.live.close()
+            console.index.close()
             looking.cancel()
             await asyncio.gather(looking, return_exceptions=True)
+            indexing.join()
             console.zones.prices.close()
+            console.work.close()
             console.pictures.close()
             reading.close()
             accounts.close()
@@ -140,6 +169,7 @@ def console_app(
     app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
     app.add_middleware(Headers, secure=settings.secure)
+    app.add_middleware(RequestLog, reading=reading)
     if settings.trusted_proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(settings.trusted_proxies))
     refuse_unguarded(app)

@@ -11,19 +11,26 @@ from prooflight_console.accounts.roles import Role
 from prooflight_console.alarms.priority import Priority
 from prooflight_console.problems import Problem
 from prooflight_console.reading.alarms import handover_summary
-from prooflight_line.journal.labels import SEEN, run_key
+from prooflight_line.journal.labels import FALSE_ALARM, GOOD, SEEN, run_key
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from prooflight_console.accounts.account_store import Accounts
     from prooflight_console.accounts.passwords import Tries
     from prooflight_console.accounts.provider import Provider
     from prooflight_console.accounts.roles import Who
     from prooflight_console.alarms.alarm_store import AlarmStore, Handover, Shelving
+    from prooflight_console.engineering.notes import ChartNotes
+    from prooflight_console.engineering.work import Work
     from prooflight_console.pictures.pictures import Pictures
+    from prooflight_console.quality.index import SearchIndex
+    from prooflight_console.quality.saved import SavedSearches
     from prooflight_console.reading.gate import Gates
     from prooflight_console.reading.incidents import RunIncidents
     from prooflight_console.reading.live import Live
     from prooflight_console.reading.metrics import Metrics
+    from prooflight_console.reading.queue import Move, Queue
     from prooflight_console.reading.reprints import Reprints
     from prooflight_console.reading.runs import Reading
     from prooflight_console.reading.stations import Stations
@@ -31,7 +38,7 @@ if TYPE_CHECKING:
     from prooflight_console.settings import ConsoleSettings
     from prooflight_console.zones.rasters import Rasters
     from prooflight_console.zones.service import ZonesService
-    from prooflight_console.zones.tolerances import Tolerances
+    from prooflight_line.job_queue.listing import Listed
     from prooflight_line.journal.labels import Label, LabelStore
     from prooflight_line.journal.records import RunRow
 
@@ -55,9 +62,15 @@ class Console:
     stations: Stations
     pictures: Pictures
     zones: ZonesService
-    tolerances: Tolerances
     rasters: Rasters
     metrics: Metrics
+    chart_notes: ChartNotes
+    work: Work
+    """Steps that make versions of the first press."""
+    index: SearchIndex
+    """Index of sheets and defects over all runs."""
+    saved: SavedSearches
+    queue: Queue
     began_s: float
     """Unix time at which the console started. [s]"""
     provider: Provider | None = None
@@ -106,6 +119,45 @@ class Console:
         )
         return self._audited("words.say", record, word=label, note=record.note, upto=record.upto)
 
+    def label_sheets(
+        self, who: Who, label: str, sheets: Sequence[tuple[int, int]], *, note: str = ""
+    ) -> tuple[list[Label], int]:
+        """Label many sheets at once, each for itself; return the labels and the number of sheets left out.
+
+        Sheets that were not inspected are left out, since only a person with the sheet in hand can release it, one at
+        a time. On a sheet that was judged good, `false-alarm` is `good`.
+
+        Parameters
+        ----------
+        sheets
+            Run and number of each sheet.
+        """
+        by_label: dict[str, dict[str, list[int]]] = {}
+        left_out = 0
+        for run_id, number in sheets:
+            verdict = self.reading.written(run_id, number).page.verdict.verdict
+            if verdict == "not-inspected":
+                left_out += 1
+                continue
+            given = GOOD if label == FALSE_ALARM and verdict == "good" else label
+            key = run_key(self.reading.run(run_id))
+            by_label.setdefault(given, {}).setdefault(key, []).append(number)
+        labels = self.label_store.say_of_sheets(by_label, by=who.name, at_s=self.accounts.clock(), note=note)
+        if labels:
+            after = {"word": label, "sheets": len(labels), "first": labels[0].id, "last": labels[-1].id}
+            runs = {one.run for one in labels}
+            self.accounts.note(
+                who.name, "words.say", f"{len(labels)} sheets of {len(runs)} runs", after=after
+            )
+        return labels, left_out
+
+    def undo_labels(self, who: Who, first: int, last: int) -> list[Label]:
+        """Undo the labels of one ``label_sheets``; raises RequestError if none of them is in force."""
+        undone = self.label_store.undo_between(first, last, by=who.name, at_s=self.accounts.clock())
+        after = {"sheets": len(undone), "first": first, "last": last}
+        self.accounts.note(who.name, "words.undo", f"{len(undone)} sheets", after=after)
+        return undone
+
     def acknowledge_all(self, who: Who, run: RunRow, *, upto: int) -> list[int]:
         """Mark all incidents as seen that opened or came back up to a sheet, and return their numbers."""
         seen = {
@@ -147,6 +199,12 @@ class Console:
         """Add a note for the next shift, with the state of the alarms; raises RequestError if it is empty."""
         summary = handover_summary(self.live.now, self.incidents, now_s=self.accounts.clock())
         return self.alarm_store.hand_over(text, summary=summary, by=who.name)
+
+    def move_job(self, who: Who, key: str, move: Move) -> Listed:
+        """Move a job of the queue; raises RequestError if it is not where that can be done any more."""
+        job = self.queue.move(key, move, by=who.name)
+        self.accounts.note(who.name, f"queue.{move}", f"job {job.number}, {job.name}")
+        return job
 
     def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Label:
         """Record that a person has this one sheet in hand and that it is good.

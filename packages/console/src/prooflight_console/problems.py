@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     ProblemPage = Callable[[Request, int, str, str, Mapping[str, str]], Response]
 
+REQUEST_NAME: Final = "prooflight.request"
+"""Key of the request's name in its scope, by ``request_log``."""
 MEDIA_TYPE: Final = "application/problem+json"
 FOR_PROGRAMS: Final = ("/api/", "/metrics")
 TITLES: Final = {
@@ -72,6 +74,10 @@ def not_found(what: str) -> Problem:
 def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
     """Return the response to an exception; ``page`` makes the one that people read."""
     status, kind, detail, headers, errors = _described(error)
+    if status == 500 and (
+        name := request.scope.get(REQUEST_NAME)
+    ):  # made outside of the middleware that adds it
+        headers["X-Request-ID"] = name
     if not request.url.path.startswith(FOR_PROGRAMS):
         return page(request, status, kind, detail, headers)
     body = ProblemBody(

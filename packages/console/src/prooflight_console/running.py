@@ -12,10 +12,12 @@ import ssl
 import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import uvicorn
+from uvicorn.config import LOGGING_CONFIG
 
+from prooflight.cli import event_log, faults
 from prooflight.errors import RequestError
 from prooflight_console.app import console_app
 from prooflight_console.settings import ConsoleSettings
@@ -147,6 +149,7 @@ def serve(
             app,
             log_level="warning",
             access_log=False,
+            log_config=None if event_log.is_on() else LOGGING_CONFIG,
             server_header=False,
             timeout_graceful_shutdown=GRACE_S,
             ssl_certfile=listening.certificate,
@@ -182,20 +185,27 @@ def spawned(settings: ConsoleSettings, listening: Listening, ready: Callable[[st
     listening.check()
     listening.bound().close()
     process = multiprocessing.get_context("spawn").Process(
-        target=_serve_aside, args=(settings, listening, ready), name="console"
+        target=_serve_aside,
+        args=(settings, listening, ready, "json" if event_log.is_on() else "text"),
+        name="console",
     )
     process.start()
     return process
 
 
 def _serve_aside(
-    settings: ConsoleSettings, listening: Listening, ready: Callable[[str, str | None], None]
+    settings: ConsoleSettings,
+    listening: Listening,
+    ready: Callable[[str, str | None], None],
+    log: Literal["text", "json"],
 ) -> None:
     if hasattr(os, "nice"):
         os.nice(NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     _end_with_parent()
-    serve(settings, listening, ready=ready)
+    with faults.logged(["serve"]):
+        event_log.begin(log)
+        serve(settings, listening, ready=ready)
 
 
 def _end_with_parent() -> None:

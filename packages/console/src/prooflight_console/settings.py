@@ -27,6 +27,10 @@ class ConsoleSettings:
     """Press artefacts for repeating verdicts and picturing expected pages, selected by their digests."""
     jobs: tuple[Path, ...] = ()
     """Jobs, selected by their digests."""
+    scans: tuple[Path, ...] = ()
+    """Recorded scans of good pages of the jobs, in their order, from which the first press may learn."""
+    press_file: Path | None = None
+    """Press file from which the first press may be built again."""
     secure: bool = False
     """Whether the console is reached by TLS; cookies are then sent by TLS alone."""
     origins: tuple[str, ...] = field(default=())
@@ -36,7 +40,7 @@ class ConsoleSettings:
     records: str | None = None
     """URL of the database with the records of many presses; None: only this press is shown."""
     queue: Path | None = None
-    """Hot folder of the press, whose jobs are counted."""
+    """Hot folder of the press, whose jobs are counted and shown, and take uploads; None: there is none."""
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of proxies whose ``X-Forwarded-For`` is trusted."""
     provider: ProviderSettings | None = None

@@ -54,6 +54,7 @@ SCREENS: Final = {
     "reprint": ("/runs/3/reprint", "table"),
     "runs": ("/report", "table"),
     "report": ("/report/1", ".heat"),
+    "quality": ("/quality?since=2026-05-01", ".pareto"),
     "search": ("/search", "table"),
     "press": ("/press?run=2", "#charts[data-ready]"),
     "compare": ("/press?run=2&against=1", "#charts[data-ready]"),
@@ -77,7 +78,17 @@ SHOWN: Final = """async () => {
   await Promise.all([document.fonts.ready, ...seen.map((one) => one.decode().catch(() => null))]);
 }"""
 """Until fonts and pictures are there."""
-WHOLE: Final = ("now", "alarms", "alarm-statistics", "report", "press", "compare", "incident", "zones")
+WHOLE: Final = (
+    "now",
+    "alarms",
+    "alarm-statistics",
+    "report",
+    "quality",
+    "press",
+    "compare",
+    "incident",
+    "zones",
+)
 SMALL_PX: Final = 1080
 """Width of the copies for the docs."""
 COLOURS: Final = 256

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import uvicorn
 from packages.console.tests.consoles import PASSWORD, QUICK, Clock
+from packages.console.tests.engineering_steps import at_usual_priority
 
 from prooflight_console.accounts.roles import Role
 from prooflight_console.app import console_app
@@ -66,7 +67,14 @@ class Serving:
     def start(self) -> None:
         """Serve, at the same address as before where there was one."""
         made = ConsoleSettings.of(self.journal, **self.settings)
-        app = console_app(made, clock=self.clock, ticking=self.ticking, passwords=QUICK, prices=self.prices)
+        app = console_app(
+            made,
+            clock=self.clock,
+            ticking=self.ticking,
+            passwords=QUICK,
+            prices=self.prices,
+            step=at_usual_priority,
+        )
         bound = socket.socket()
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((LOOPBACK, self.port))

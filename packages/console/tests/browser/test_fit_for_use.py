@@ -1,4 +1,4 @@
-"""Fit for everybody, for gloves, and for slow lines: axe-core finds nothing, buttons are large, pages are small."""
+"""Fit for everybody, for gloves, for phones and for slow lines: axe-core finds nothing, all is in reach."""
 
 from __future__ import annotations
 
@@ -31,9 +31,14 @@ PAGES: Final = {
     "/alarms/hand-over": "textarea",
     "/report": "table",
     "/report/1": ".heat",
+    "/quality?since=2026-05-01": ".pareto",
     "/search": "table",
     "/press?run=2&against=1": "#charts[data-ready]",
+    "/press/engineering": "main h1",
+    "/press/history": ".histories",
+    "/kiosk": "main",
     "/setup": ".camera",
+    "/setup/kiosks": "form",
     "/setup/zones": ".empty",
     "/setup/users": "table",
     "/setup/tokens": "form",
@@ -46,12 +51,15 @@ ELSEWHERE: Final = {
     "/sign-in/provider": "below, where nobody answers",
     "/presses": "test_presses",
     "/presses/sheets": "test_presses",
+    "/queue": "test_queue_page",
 }
 """Pages that need more than runs; zones beside a job are looked at in ``test_zones_page``."""
 PARTS: Final = (
     *("/now/events", "/setup/camera/events", "/press/{run}/course", "/press/figures", "/setup/audit/chain"),
+    *("/press/engineering/thresholds", "/press/engineering/work", "/press/history/charts"),
     *("/runs/{run}/sheets/{sheet}/again", "/runs/{run}/sheets/{sheet}/thumbnail", "/runs/{run}/reprint.csv"),
     *("/runs/{run}/report.pdf", "/search.csv", "/search.json"),
+    "/queue/jobs",
     *("/setup/zones/{job}/picture", "/sign-in/provider/return", "/static/{name:path}"),
     *("/healthz", "/metrics", "/readyz"),
 )
@@ -63,6 +71,22 @@ TOO_SMALL: Final = """least => {
     return [...document.querySelectorAll(touched)]
         .filter((one) => one.offsetParent && one.getBoundingClientRect().height < least)
         .map((one) => one.outerHTML.slice(0, 120));
+}"""
+WIDTHS: Final = {360: "de-DE", 390: "en-GB", 1024: "de-DE", 1440: "en-GB"}
+"""Phones, a tablet and a desk, with the language that a test shows there: German words are the longer ones."""
+CUT_OFF: Final = """() => {
+    const cut = [];
+    for (const link of document.querySelectorAll(".tabs a, .subtabs a, .tools > *")) {
+        const box = link.getBoundingClientRect();
+        if (box.width && (box.left < -0.5 || box.right > innerWidth + 0.5 || link.scrollWidth > link.clientWidth + 1))
+            cut.push("navigation: " + link.textContent.trim());
+    }
+    for (const part of document.querySelectorAll("main *")) {
+        const way = getComputedStyle(part).overflowX;
+        if ((way === "auto" || way === "scroll") && part.scrollWidth > part.clientWidth + 1)
+            cut.push(`scrolls sideways: ${part.className}, ${part.scrollWidth} px in ${part.clientWidth}`);
+    }
+    return cut;
 }"""
 MOST_BYTES: Final = 300_000
 
@@ -90,6 +114,25 @@ def test_a_page_is_fit_for_everybody_and_for_gloves(
     page = visitor.goto(path)
     page.wait_for_selector(PAGES[path])
     fit_for_everybody(page)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_page_scrolls_sideways_and_no_navigation_is_cut_off(
+    standing: Serving, visit: Callable[..., Visitor], width: int
+) -> None:
+    visitor = visit(standing, viewport={"width": width, "height": 740}, locale=WIDTHS[width]).signed_in(
+        "admin"
+    )
+    visitor.expected.append("404")
+    faults = {}
+    for path, whole in PAGES.items():
+        page = visitor.goto(path)
+        page.wait_for_selector(whole)
+        over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        cut = [*page.evaluate(CUT_OFF), *page.evaluate(TOO_SMALL, LEAST_PX)]
+        if over > 0 or cut:
+            faults[path] = (over, cut)
+    assert faults == {}
 
 
 def test_no_page_is_left_out(standing: Serving) -> None:

@@ -10,6 +10,7 @@ import socket
 import ssl
 import subprocess
 import sys
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ from packages.console.tests.consoles import PASSWORD, write_run
 from prooflight.cli import run as prooflight
 from prooflight.cli.exit_codes import INTERRUPTED
 from prooflight.errors import RequestError
+from prooflight_console.accounts.account_store import Accounts
+from prooflight_console.accounts.roles import Scope
 from prooflight_console.running import Listening
 from prooflight_line.cli.watch.console import console_alongside
 
@@ -116,6 +119,23 @@ def test_users_are_added_listed_changed(tmp_path: Path, capsys: pytest.CaptureFi
         assert says in capsys.readouterr().err
     assert prooflight(["audit", "verify", *data]) == 0
     assert "5 rows" not in capsys.readouterr().out
+
+
+def test_a_token_is_printed_and_reads_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = ["--data", str(tmp_path / "console.sqlite")]
+    assert prooflight(["serve", "user", "add", "prometheus", "--role", "viewer", *data]) == 0
+    capsys.readouterr()
+    assert prooflight(["serve", "user", "token", "prometheus", *data]) == 0
+    with closing(Accounts(tmp_path / "console.sqlite")) as accounts:
+        who = accounts.of_token(capsys.readouterr().out.strip())
+    assert who is not None
+    assert (who.name, who.scopes) == ("prometheus", {Scope.READ})
+    for words, says in (
+        (["nobody"], "there is no 'nobody'"),
+        (["prometheus", "--scope", "all"], "choose read"),
+    ):
+        assert prooflight(["serve", "user", "token", *words, *data]) == 2
+        assert says in capsys.readouterr().err
 
 
 def test_an_audit_that_is_not_there_is_no_whole_one(

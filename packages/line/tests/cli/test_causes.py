@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from packages.line.tests.causes.rows import region, rolled, row
 from reportlab.pdfgen.canvas import Canvas
+from tests.cli.calls import call
 
-from prooflight.cli import run
 from prooflight.cli.show import people
 from prooflight.files.content import content_digest
 from prooflight.pages.pdf.rip import PdfJob
@@ -66,12 +66,6 @@ def journal(path: Path, records: list[PageRecord], *, digest: str = "", job: str
             opened.record(number, record)
         opened.end_run(number, RunEnd(ended_s=1.7e9 + 60, ending="finished"))
     return path
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_causes_by_the_press_file(tmp_path: Path, plant: Path, capsys: pytest.CaptureFixture[str]) -> None:

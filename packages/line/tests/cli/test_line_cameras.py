@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from packages.line.tests.cameras.peers import ID, gige_camera, numbered_lines
 from packages.line.tests.cli.test_watch import job, trigger, watch  # noqa: F401
+from tests.cli.calls import call
 
 from prooflight.cli import run
 from prooflight.press.press_file import PressFile
@@ -45,21 +46,15 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
 def test_cameras_are_listed_and_describe_themselves(
     plain_camera: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = called(capsys, "camera", "list", "--json")
+    code, out, _ = call(capsys, "camera", "list", "--json")
     assert code == 0
     assert [(one["id"], one["address"], one["backend"]) for one in json.loads(out)] == [
         (ID, "127.0.0.1", "aravis")
     ]
-    code, out, _ = called(
+    code, out, _ = call(
         capsys, "camera", "features", ID, "--set", "Height=64", "--set", "TriggerSoftware=-", "--json"
     )
     assert code == 0
@@ -90,7 +85,7 @@ def test_cameras_are_listed_and_describe_themselves(
 def test_what_cannot_be_done_is_said_in_one_line(
     plain_camera: None, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], line: str
 ) -> None:
-    code, _, err = called(capsys, "camera", *arguments)
+    code, _, err = call(capsys, "camera", *arguments)
     assert code == 2
     assert err.startswith(line)
     assert err.count("\n") == 1
@@ -101,7 +96,7 @@ def test_a_recording_holds_the_lines_and_their_faults(
 ) -> None:
     lines = numbered_lines(2048, 512)
     with gige_camera(lines, lost=0.01):
-        code, out, err = called(
+        code, out, err = call(
             capsys, "camera", "record", ID, "-o", tmp_path / "r.raw", "--lines", 40_000, "--json"
         )
     assert code == 0, err
@@ -161,7 +156,7 @@ def test_a_press_is_watched_over_the_wire_as_from_files(
     assert (health["lines_lost"], health["away"], health["present"]) == (0, 0, True)
     with gige_camera(np.concatenate([lines, quiet]).astype("<u2").view(np.uint8)):
         asked = "--lines", len(lines) + 200, "--camera", settings
-        assert called(capsys, "camera", "record", ID, "-o", recording, *asked)[0] == 0
+        assert call(capsys, "camera", "record", ID, "-o", recording, *asked)[0] == 0
     code, rows, err = watch(capsys, job, "--source", f"raw:{recording}", "--framed", *usual)
     assert verdicts(rows) == wanted, err
 

@@ -78,6 +78,21 @@ def test_jobs_are_taken_in_prepared_and_listed(
     assert "notes\\x1b.txt" in out
 
 
+def test_the_log_for_programs_names_each_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page(tmp_path / "a.tif")
+    (tmp_path / "notes.txt").write_text("no job")
+    options = ("--settle", 0.1, "--once", "--log", "json")
+    code, out, log = call(capsys, "queue", "fill", tmp_path, *options)
+    assert (code, out) == (0, "")
+    rows = {row["job"]: row for row in map(json.loads, log.splitlines())}
+    assert {row["event"] for row in rows.values()} == {"job"}
+    assert [(rows[name]["stage"], rows[name]["level"]) for name in ("a.tif", "notes.txt")] == [
+        ("queued", "info"),
+        ("rejected", "warning"),
+    ]
+    assert rows["notes.txt"]["reason"]
+
+
 def test_a_page_that_does_not_fit_the_press_is_rejected(
     tmp_path: Path, press_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,6 +145,27 @@ def test_watch_takes_the_next_job_and_puts_it_where_it_belongs(
     )
     assert code == 0, err
     assert stages(tmp_path) == {"first.tif": "done", "second.tif": "queued"}
+    ticket = (
+        '<XJDF xmlns="http://www.CIP4.org/JDFSchema_2_0" JobID="J-17" Types="Product">'
+        '<GeneralID IDUsage="prooflight:layout" IDValue="pages-a-set=1"/>'
+        '<ProductList><Product Amount="3"/></ProductList></XJDF>'
+    )
+    (tmp_path / "second.xjdf").write_text(ticket)
+    call(capsys, "queue", "fill", tmp_path, "--settle", 0.1, "--once")
+    code, out, err = call(capsys, "queue", "list", tmp_path, "--json")
+    rows = {row["job"]: row for row in json.loads(out)}
+    assert rows["second.tif"]["ticket"] == {"job_id": "J-17", "copies": 3, "layout": "pages-a-set=1"}
+    code, out, _ = call(capsys, "queue", "list", tmp_path)
+    assert "J-17, 3 copies" in " ".join(out.split())
+    trigger = press.geometry.lines(round(31.0 / 25.4 * 500) / 500 * 25.4)
+    run = ("--source", "drum", "--trigger", trigger, "--world", "ideal")
+    code, out, err = call(capsys, "watch", tmp_path, *given, *run)
+    assert code == 0, err
+    sets = [json.loads(line) for line in out.splitlines() if "set_verdict" in line]
+    assert [one["set_verdict"]["verdict"] for one in sets] == ["good"] * 3
+    assert stages(tmp_path) == {"first.tif": "done", "second.tif": "done"}
+    page(tmp_path / "third.tif", height_mm=32.0)
+    call(capsys, "queue", "fill", tmp_path, "--settle", 0.1, "--once")
     HotFolder.open(tmp_path).entries("queued")[0].file.unlink()
     code, _, err = call(capsys, "watch", tmp_path, *given, "--source", "drum")
     assert code == 2

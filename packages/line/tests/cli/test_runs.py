@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.cli.calls import call
 
-from prooflight.cli import run
 from prooflight.cli.show import people
 from prooflight.detectors.verdict import Region, Verdict
 from prooflight.inspection.inspector import Inspector
@@ -94,12 +94,6 @@ def journal(press: Press, page: Page, tmp_path_factory: pytest.TempPathFactory) 
         opened.end_run(first, RunEnd(ended_s=1.7e9 + 60, ending="stopped", detail="by hand"))
         opened.begin_run(facts)
     return path
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_runs_are_listed(journal: Path, capsys: pytest.CaptureFixture[str]) -> None:

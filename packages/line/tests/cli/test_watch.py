@@ -26,6 +26,7 @@ from prooflight.scans.recorded import recorded_scans
 from prooflight.simulation import ring
 from prooflight_line.cli.watch.running import _decided_first
 from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.labels import run_key
 from prooflight_line.journal.records import PageRecord
 from prooflight_line.run.monitor.run import PageEvidence
 from prooflight_line.run.outcomes import Outcome, skipped
@@ -103,6 +104,30 @@ def test_the_drum_is_watched_and_journalled(
         assert facts.end is not None
         assert facts.end.counts["good"] == 9
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
+
+
+def test_the_log_for_programs_names_each_sheet_and_leaves_standard_output_alone(
+    press_file: Path, job: Path, trigger: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    journal = tmp_path / "runs.sqlite"
+    code, rows, log = watch(
+        capsys, job, "--press", press_file, "--source", "drum", "--world", "ideal", "--sheets", 4,
+        "--trigger", trigger, "--journal", journal, "--misprint", "streak:1", "--every", 3, "--log", "json",
+    )  # fmt: skip
+    assert code == 1
+    assert rows == []
+    events = [json.loads(line) for line in log.splitlines()]
+    assert [one["event"] for one in events if one["event"] != "phase"] == [
+        "run-begun", *["sheet"] * 4, "run-ended",
+    ]  # fmt: skip
+    with Journal.open(str(journal), read_only=True) as opened:
+        (run,) = opened.runs()
+    sheets = [one for one in events if one["event"] == "sheet"]
+    assert [one["id"] for one in sheets] == [f"{run_key(run)}/{sheet}" for sheet in range(4)]
+    assert {(one["press"], one["run"]) for one in sheets} == {(run.facts.press, run.id)}
+    assert [one["level"] for one in sheets].count("warning") == run.misprints > 0
+    assert all(one["time"].endswith("+00:00") for one in events)
+    assert not people.quiet
 
 
 def test_a_program_hears_at_once_that_the_run_is_prepared_and_then_that_it_inspects(

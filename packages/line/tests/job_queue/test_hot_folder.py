@@ -17,8 +17,8 @@ from prooflight.errors import RequestError
 from prooflight.files.content import content_digest
 from prooflight_line.job_queue.arrivals import Arrivals, being_written
 from prooflight_line.job_queue.examining import Examined
-from prooflight_line.job_queue.filling import fill_once
-from prooflight_line.job_queue.hot_folder import REASON, STAGES, HotFolder
+from prooflight_line.job_queue.filling import Examine, fill_once
+from prooflight_line.job_queue.hot_folder import OWN, REASON, STAGES, HotFolder
 
 FILES = {"a.pdf": b"good a", "b.pdf": b"bad b", "again.pdf": b"good a", "c.tif": b"good c", REASON: b"bad r"}
 
@@ -27,7 +27,7 @@ class Killed(BaseException):
     """The process is no more."""
 
 
-def examine(path: Path) -> Examined:
+def examine(path: Path, _ticket: object = None) -> Examined:
     return Examined(pages=1, refused="" if path.read_bytes().startswith(b"good") else "is bad")
 
 
@@ -42,7 +42,7 @@ def write(folder: HotFolder) -> None:
         os.utime(folder.path / name, ns=(0, 10**18 + age))  # the order of arrival
 
 
-def fill(folder: HotFolder, examine: Callable[[Path], Examined] = examine) -> list[tuple[str, str]]:
+def fill(folder: HotFolder, examine: Examine = examine) -> list[tuple[str, str]]:
     arrivals = Arrivals(folder=folder.path, settle_s=0.0)
     ended = [one.entry for one in fill_once(folder, arrivals, examine)]
     return [(one.stage, one.file.name) for one in ended]
@@ -52,7 +52,7 @@ def contents(folder: HotFolder) -> Counter[bytes]:
     """What lies anywhere in the folder, except reasons and locks."""
     files = [
         path for path in folder.path.rglob("*")
-        if path.is_file() and path.suffix != ".lock" and not (path.name == REASON and path.parent != folder.path)
+        if path.is_file() and path.suffix != ".lock" and not (path.name in OWN and path.parent != folder.path)
     ]  # fmt: skip
     return Counter(path.read_bytes() for path in files)
 
@@ -223,7 +223,7 @@ def test_a_file_that_changes_while_it_is_examined_is_examined_again(folder: HotF
     job = folder.path / "job.pdf"
     job.write_bytes(b"bad: half of ")
 
-    def written_meanwhile(path: Path) -> Examined:
+    def written_meanwhile(path: Path, _ticket: object) -> Examined:
         first = examine(path)
         path.write_bytes(b"good: a whole job")
         return first
@@ -240,7 +240,7 @@ def test_a_fault_of_one_file_costs_that_file_and_one_of_the_machine_none(
     (folder.path / "link.pdf").symlink_to("/dev/zero")
     os.mkfifo(folder.path / "pipe.pdf")
 
-    def failing(path: Path) -> Examined:
+    def failing(path: Path, _ticket: object) -> Examined:
         if path.name == "b.pdf":
             raise ZeroDivisionError("no pages")
         if path.name == "c.tif":
@@ -265,7 +265,7 @@ from prooflight_line.job_queue.examining import Examined
 from prooflight_line.job_queue.filling import fill_once
 from prooflight_line.job_queue.hot_folder import HotFolder
 
-def examine(path):
+def examine(path, ticket):
     time.sleep(0.002)
     return Examined(pages=1, refused="" if path.read_bytes().startswith(b"good") else "is bad")
 

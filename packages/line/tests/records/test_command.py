@@ -44,3 +44,20 @@ def test_from_an_empty_database_to_a_hit(
         assert [row["sheet"] for row in csv.DictReader(file)] == ["3", "2", "1", "0"]
     (state,) = json.loads(run("presses", "--hours", "1e6", "--json"))
     assert (state["press"], state["running"], state["sheets"], state["misprints"]) == ("one", "job.pdf", 4, 1)
+
+
+def test_the_log_for_programs_names_the_sheets_that_were_shipped(
+    records: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "journal.sqlite"
+    with Journal.open(str(path)) as journal:
+        number = journal.begin_run(facts(started_s=1e9))
+        for sheet in range(2):
+            journal.record(number, record(sheet))
+    options = ("--press", "one", "--plant", "north", "--journal", str(path), "--once", "--log", "json")
+    code, out, log = call(capsys, "records", "ship", "--to", records, *options)
+    assert (code, out) == (0, "")
+    events = [json.loads(line) for line in log.splitlines()]
+    assert [(one["event"], one["press"], one["id"]) for one in events] == [
+        ("shipped", "one", f"{number}@1000000000/{sheet}") for sheet in range(2)
+    ]

@@ -54,6 +54,9 @@ class SheetInspector:
         self.prepared.append(page)
         return SimpleNamespace(page=page, additional=SMALL.arrays, nbytes=1)
 
+    def close(self) -> None:
+        """It has no processes."""
+
     def warm_up(self, ready: Any) -> None:
         pass
 

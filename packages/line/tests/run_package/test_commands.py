@@ -7,14 +7,7 @@ from pathlib import Path
 
 import pytest
 from packages.line.tests.run_package.conftest import Packed, copied
-
-from prooflight.cli import run
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
+from tests.cli.calls import call
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -18,6 +18,7 @@ from prooflight.reporting.wording import count
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from prooflight.cli.jobs.stated_spots import StatedSpots
     from prooflight.pages.check import CheckedPage, EarlyWarnings
     from prooflight.pages.job import Job
     from prooflight.pages.pdf.facts import PlacedImage
@@ -50,10 +51,12 @@ def check(
 
     Exits 1 if there is a warning, 3 if a page cannot be used and would not be inspected.
     """
+    from prooflight.cli.jobs.stated_spots import StatedSpots
     from prooflight.pages.check import checked_page
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.press.artefact import Press
     from prooflight.press.pages import job_source
+    from prooflight.press.print_condition import condition_warnings
 
     loaded = None if press is None else Press.load(press)
     if loaded is None:
@@ -62,6 +65,7 @@ def check(
         source = job_source(job, loaded, profile=profile)
     done: list[CheckedPage] = []
     with source.open() as opened:
+        spots = StatedSpots.of(opened, loaded)
         numbers = parse_pages(pages, len(opened)) if pages else tuple(range(1, len(opened) + 1))
         draw = None if pictures is None else _drawing(pictures, loaded)
         for number in numbers if json else show.progress(numbers, total=len(numbers), what="checking"):
@@ -70,14 +74,16 @@ def check(
             if draw is not None and page is not None:
                 draw(page)
             if json:
-                show.print_json(_plain(checked, loaded))
+                show.print_json(_plain(checked, loaded, spots))
         of_files = [warning for warning in opened.warnings if warning.page < 0]
+        if loaded is not None:
+            of_files += [*condition_warnings(opened, loaded.print_condition), *spots.warnings]
         name = opened.name
     if json:
         tell_warnings(of_files, json=True)
     else:
         title = f"{name}, as {'MuPDF draws it' if loaded is None else f'press {loaded.name} prints it'}"
-        _show(done, of_files, title, loaded)
+        _show(done, of_files, title, loaded, spots)
         if pictures is not None and any(page.coverage is not None for page in done):
             show.written(pictures)
     refused = sum(bool(page.refused) for page in done)
@@ -87,14 +93,18 @@ def check(
         raise typer.Exit(EXIT_MISPRINT)
 
 
-def checked_early(job: Job, *, json: bool) -> EarlyWarnings:
-    """Print warnings of a job before its first sheet: lines of JSON for programs, standard error for people."""
+def checked_early(job: Job, *, json: bool, more: Sequence[PageWarning] = ()) -> EarlyWarnings:
+    """Print warnings of a job before its first sheet: lines of JSON for programs, standard error for people.
+
+    more: warnings that are known already.
+    """
     from prooflight.pages.check import early_warnings
 
     def shown(numbers: Iterable[int], total: int) -> Iterable[int]:
         return numbers if json else show.progress(numbers, total=total, what="checking the job")
 
     early = early_warnings(job, shown=shown)
+    early = replace(early, warnings=(*more, *early.warnings))
     tell_warnings(early.warnings, json=json)
     if early.remark and not json:
         faults.report(early.remark)
@@ -127,7 +137,7 @@ def _drawing(folder: Path, press: Press | None) -> Callable[[Page], None]:
     return draw
 
 
-def _plain(page: CheckedPage, press: Press | None) -> dict[str, Any]:
+def _plain(page: CheckedPage, press: Press | None, stated: StatedSpots) -> dict[str, Any]:
     """Return the data of one page for programs; ink is in per cent."""
     from prooflight.cmyk import INK_NAMES
     from prooflight.pages.check import plain
@@ -135,7 +145,11 @@ def _plain(page: CheckedPage, press: Press | None) -> dict[str, Any]:
     facts = {} if page.facts is None else asdict(page.facts)
     spots = [
         spot
-        | {"cmyk_percent": _percent(page.spots.get(spot["name"])), "srgb": _srgb(page, spot["name"], press)}
+        | {
+            "cmyk_percent": _percent(page.spots.get(spot["name"])),
+            "srgb": _srgb(page, spot["name"], press),
+            "delta_e00": stated.delta_e00(spot["name"], page.spots.get(spot["name"])),
+        }
         for spot in facts.pop("spots", [])
     ]
     size = page.size_mm
@@ -170,7 +184,13 @@ def _srgb(page: CheckedPage, name: str, press: Press | None) -> str | None:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, press: Press | None) -> None:
+def _show(
+    done: Sequence[CheckedPage],
+    of_files: Sequence[Any],
+    title: str,
+    press: Press | None,
+    stated: StatedSpots,
+) -> None:
     """Print one row a page for people, then what its cells only count, then every warning."""
     from prooflight.pages.check import warning_text
 
@@ -180,7 +200,7 @@ def _show(done: Sequence[CheckedPage], of_files: Sequence[Any], title: str, pres
     for page in done:
         table.add_row(page.name, *_cells(page))
     show.people.print(table)
-    _show_spots(done, press)
+    _show_spots(done, press, stated)
     for title, lines in (
         ("Output intents", _by_page(done, lambda facts: [facts.output_intent or "none"])),
         (
@@ -274,7 +294,7 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + more
 
 
-def _show_spots(done: Sequence[CheckedPage], press: Press | None) -> None:
+def _show_spots(done: Sequence[CheckedPage], press: Press | None, stated: StatedSpots) -> None:
     """Print the inks of each spot colour, with the pages that list it."""
     rows: dict[tuple[str, tuple[int, ...], bool], list[CheckedPage]] = {}
     for page in done:
@@ -290,6 +310,8 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None) -> None:
         table.add_column(letter, justify="right")
     for heading in text_columns[1:] if press is not None else text_columns[2:]:
         table.add_column(heading)
+    if stated.inks:
+        table.add_column("off its spectrum [CIEDE2000]", justify="right")
     for (name, cmyk, painted), pages in rows.items():
         inks = [f"{ink:g}" for ink in _percent(cmyk) or ()] or ["–"] * 4
         colour = _srgb(pages[0], name, press)
@@ -298,7 +320,8 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None) -> None:
             if press is None
             else [Text.assemble(("   ", f"on {colour}"), f" {colour}") if colour else Text("–")]
         )
-        table.add_row(
-            visible(name), *inks, *swatch, "yes" if painted else "no", _few([page.name for page in pages])
-        )
+        off = stated.delta_e00(name, cmyk or None)
+        spectral = ["–" if off is None else f"{off:.1f}"] if stated.inks else []
+        shown = "yes" if painted else "no"
+        table.add_row(visible(name), *inks, *swatch, shown, _few([page.name for page in pages]), *spectral)
     show.people.print(table)

@@ -38,12 +38,9 @@ if TYPE_CHECKING:
     from prooflight.cli.jobs.inspected import Inspected
     from prooflight.inspection.guarantee import GuaranteeMonitor, Judged
     from prooflight.pages.check import EarlyWarnings
-    from prooflight.pages.job import JobSource
     from prooflight.pages.parallel import Processes
     from prooflight.pages.warnings import PageWarning
-    from prooflight.press.artefact import Press
     from prooflight.reporting.report import PageEntry
-    from prooflight.reporting.zones_at_work import ZonesAtWork
 
 InRun = TypeVar("InRun", "Judged", "PageEntry")
 
@@ -71,9 +68,6 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("prooflight-demo"),
     world: World = "press",
     profile: Profile = None,
-    zones: Annotated[
-        bool, typer.Option("--zones", help="Also show zones at work, on a letter; a minute more.")
-    ] = False,
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
@@ -91,10 +85,6 @@ def demo(
     from prooflight.simulation.worlds import world_named
 
     into = world_named(world)
-    if zones and (job is not None or into != "press"):
-        what = "zones are shown on the sample job, in the press world"
-        remedy = "leave --job and --world out, or draw zones of your own: docs/how-to/zones.md"
-        raise RequestError("demo --zones", what, remedy=remedy)
     say = show.steps(quiet=json)
     with ThreadPoolExecutor(max_workers=1) as composer:
         if job is None:
@@ -136,42 +126,16 @@ def demo(
     summary = RunSummary.today(inspector, job=name, pages_per_s=pages_per_s, world=into, seed=seed)
     report = out / "report.html"
     say("writing the report")
-    at_work = _zones_at_work(source, press, titles, sizes, seed=seed, json=json) if zones else None
     write_report(
         report,
         entries,
         summary,
         worlds=next((one.worlds for one in done if one.worlds), None),
-        zones=at_work,
         visible=done[0].visible,
     )
     _print_totals(entries, title=f"{name} on press {press.name}", pages_per_s=pages_per_s, json=json)
     if not json:
         show.people.print("Open", show.strong(report))
-
-
-def _zones_at_work(
-    source: JobSource,
-    press: Press,
-    titles: tuple[str, ...],
-    sizes_mm: Sequence[tuple[float, float]],
-    *,
-    seed: int,
-    json: bool,
-) -> ZonesAtWork:
-    """Price two zones of the sample job's letter, and inspect prints of it with them and without."""
-    from prooflight.cli.jobs import demo_zones
-
-    number = titles.index(demo_zones.LETTER) + 1
-    show.steps(quiet=json)(f"pricing two zones of page {number} by few prints, which takes about a minute")
-    return demo_zones.zones_at_work(
-        source,
-        press,
-        demo_zones.zones_of_letter(number, sizes_mm),
-        number=number,
-        seed=seed,
-        shown=lambda prints, total, what: _shown(prints, total, what, quiet=json),
-    )
 
 
 def _print_totals(entries: Sequence[PageEntry], *, title: str, pages_per_s: float, json: bool) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.fit.modes import AddedInks
     from prooflight.detectors.matched_filter.fit.nuisance import Fit, PlacedScan
 
-MODES_OF_KIND: Final = {
+MODES_OF_AMOUNT: Final = {
     "streak": ("light", "void", *GAINED, *ADDED),
     "spots-voids": ("light", "void", *GAINED, *ADDED),
     "scum": ADDED,
@@ -89,7 +89,7 @@ def amount_in(
         return Amount()
     fits = [
         _Fitted.of(name, mode, off)
-        for name, mode in _modes(MODES_OF_KIND.get(kind, ()), placed, added, rows, columns)
+        for name, mode in _modes(MODES_OF_AMOUNT.get(kind, ()), placed, added, rows, columns)
         if mode.any()
     ]
     if not fits:

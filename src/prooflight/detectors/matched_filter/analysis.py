@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 import numpy as np
 
 from prooflight.cmyk import INKS
-from prooflight.detectors.matched_filter.fit.beat import beat_contrasts
+from prooflight.detectors.matched_filter.fit.beat import RowBeats, beat_contrasts, row_beats
 from prooflight.detectors.matched_filter.fit.binning import (
     binned_geometry,
     binned_sensor,
@@ -40,7 +40,7 @@ from prooflight.detectors.matched_filter.glyphs.scoring import (
     score_glyphs,
 )
 from prooflight.detectors.matched_filter.scan_images import DesignImages, HostImages, PlacedPage
-from prooflight.detectors.matched_filter.statistics.local_evidence import MODES
+from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, PERIODS_MM, tile_side
 from prooflight.detectors.matched_filter.statistics.marks import measure_marks, speck_shares
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.registration.coarse import SHRINK
@@ -115,6 +115,8 @@ class PreparedPage:
     """None: glyphs are not tested."""
     beat: NDArray[np.float64] | None = None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+    row_beats: RowBeats | None = None
+    """See ``row_beats``."""
     own_light: InkLight | None = None
     """See ``prepare_page``."""
 
@@ -132,6 +134,7 @@ class PreparedPage:
             images=self.images,
             hidden=self.hidden,
             beat=self.beat,
+            row_beats=self.row_beats,
             unresolved=self.unresolved,
             added=self.added,
             colours=self.colours,
@@ -229,11 +232,15 @@ def prepare_page(
     if zones is not None:
         images, ignored = ZoneImages.of(zones, page, at), ignored_tiles(zones, page, geometry, SHRINK)
         inside = inside & (images.images[0] < 0.5)
-    halftone, beat = HALFTONE, None
+    halftone, beat, along = HALFTONE, None, None
     if screen is not None:
         single = _beat(screen, sensors, geometry, correlated=False)
         halftone = max(HALFTONE, float(np.sqrt(single.max())))
         beat = _beat(screen, sensors, geometry, bins=bins)
+        line_mm, tile_lines = at.line_pitch_mm, tile_side(at)
+        along = row_beats(
+            modes.cover, *screen, taken_as, line_mm=line_mm, tile_lines=tile_lines, periods_mm=PERIODS_MM
+        )
     landmarks = prepare(
         page,
         expected,
@@ -264,6 +271,7 @@ def prepare_page(
         specks=speck_shares(prior, taken_as, at.pixel_pitch_mm),
         glyphs=prepare_glyphs(page, sensors=taken_as, geometry=at) if glyphs else None,
         beat=beat,
+        row_beats=along,
         own_light=own_light,
     )
 
@@ -428,6 +436,7 @@ def analyse_registered(
         page_width_mm=page.width_mm,
         unresolved=images.unresolved,
         hidden=images.hidden,
+        edges_in_border=prepared.own_light is not None,
         tolerance=prior.place,
         specks=prepared.specks,
         floor_share=floor_share,

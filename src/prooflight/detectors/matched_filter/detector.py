@@ -35,7 +35,7 @@ from prooflight.detectors.matched_filter.explaining import (
     regions_of,
     whole_page,
 )
-from prooflight.detectors.matched_filter.extents import MODES_OF_KIND, extended
+from prooflight.detectors.matched_filter.extents import MODES_OF_EXTENT, extended
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
@@ -456,7 +456,7 @@ class MatchedFilterPage:
             return self._places(kind, strongest, [], analysis)
         places, kinds = _ordered(strongest, kind)
         sums, fit = analysis.sums, analysis.fit
-        if kind in MODES_OF_KIND and not careful:
+        if kind in MODES_OF_EXTENT and not careful:
             places, kinds = extended(kind, places, sums, fit.gain), [kind] * len(places)
         distinct = distinct_inks(self.detector.press_context.sensors)
 

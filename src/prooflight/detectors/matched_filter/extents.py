@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
 
 ADDED, GAINED = (tuple(f"{way}-{ink}" for ink in INK_LETTERS) for way in ("add", "gain"))
-MODES_OF_KIND: Final = {
+MODES_OF_EXTENT: Final = {
     "streak": ("light", "void", *ADDED, *GAINED),
     "spots-voids": ("light", "void"),
     "ghost-smear": ADDED,
@@ -83,7 +83,7 @@ def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.flo
     sums : of the scan.
     gains : (4, 3) ``Fit.gain``, which the residuals lack.
     """
-    modes = [mode for mode in MODES_OF_KIND.get(kind, ()) if mode in sums.modes]
+    modes = [mode for mode in MODES_OF_EXTENT.get(kind, ()) if mode in sums.modes]
     grids = [_columns(sums, mode) if kind == "streak" else _tiles(sums, mode, gains) for mode in modes]
     places = [seed for seed in seeds if not math.isnan(seed[0])]
     if kind in OF_THE_PAGE:

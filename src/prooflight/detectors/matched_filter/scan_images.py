@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.matched_filter.fit.beat import RowBeats
     from prooflight.detectors.matched_filter.fit.modes import AddedInks, PixelMap, QuantisedImages
     from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, ResidualVariance
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
@@ -53,6 +54,8 @@ class DesignImages:
     """See ``hidden_edges``."""
     beat: NDArray[np.float64] | None
     """See ``beat_contrasts``, the greatest of all sensors; None: the press's screen is not stated."""
+    row_beats: RowBeats | None
+    """See ``row_beats``."""
     unresolved: NDArray[np.float32] | None
     """See ``unresolved_places``."""
     added: AddedInks
@@ -272,6 +275,7 @@ def sums_of(
         page_width_mm=design.page.width_mm,
         prior=design.prior,
         analysed_modes=modes,
+        row_beats=None if page.residual_variance.exact else design.row_beats,
         threads=threads,
     )
 

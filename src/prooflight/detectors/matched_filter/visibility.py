@@ -222,12 +222,13 @@ class ExpectedPage:
         residual_variance: ResidualVariance,
         unresolved: NDArray[np.float32] | None = None,
         hidden: NDArray[np.float32] | None = None,
+        edges_in_border: bool = False,
         threads: int = 1,
     ) -> Self:
         """Predict a page in its nominal place, in binned pixels.
 
         modes: of the page; inside: its inspected part; sensors, geometry: of binned pixels; unresolved, hidden:
-        as in ``PreparedPage``.
+        as in ``PreparedPage``; edges_in_border: as in ``classify``.
         """
         seen = predict(page, sensors=sensors, geometry=geometry, threads=threads)
         offset = np.stack([one.column_offset_dn for one in sensors])
@@ -256,6 +257,7 @@ class ExpectedPage:
             pixel_mm=geometry.pixel_pitch_mm,
             unresolved=None if unresolved is None else unresolved > 0,
             hidden=hidden,
+            edges_in_border=edges_in_border,
             threads=threads,
         )
         return cls(light=light, weight=weight, white=white, places=places)
@@ -344,6 +346,7 @@ def visible_marks(
         residual_variance=model.residual_variance,
         unresolved=design.unresolved,
         hidden=design.hidden,
+        edges_in_border=design.own_light is not None,
         threads=press_context.threads or 1,
     )
     limiting_t = limits(model, threshold, design.page_features, expected.windows)

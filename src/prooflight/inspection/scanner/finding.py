@@ -113,7 +113,8 @@ def placed_scans(
         starts = {number: most_likely(seen_coarsely(picture, kept(number)), kept(number)) for number in near}
         best = max(starts, key=lambda number: starts[number].likeness)
         greatest = starts[best].likeness
-        where, trouble = placed(picture, kept(best), starts[best], pages.press)
+        expected = kept(best).fed_by(pages.feeder.of_scan(turn))
+        where, trouble = placed(picture, expected, starts[best], pages.press)
         results.append(PlacedScan.of(scan, where, trouble, sensors=sensors))
         for number, start in starts.items():
             likeness[turn, number - 1] = start.likeness

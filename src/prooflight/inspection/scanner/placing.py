@@ -89,6 +89,15 @@ class ExpectedPage:
         near = cv2.dilate(printed, np.ones((NEAR_PIXELS, NEAR_PIXELS), np.uint8)) > 0
         return cls(page=page, due=due, near_print=near, landmarks=landmarks, feeder=feeder)
 
+    def fed_by(self, feeder: FeederPrior) -> ExpectedPage:
+        """Return the page as another feeder lays it, that of the sheet's other side; cheap."""
+        if feeder is self.feeder:
+            return self
+        basis = self.landmarks.basis.loosened(
+            turn_deg=feeder.skew_deg, stretch_percent=feeder.stretch_percent
+        )
+        return replace(self, landmarks=replace(self.landmarks, basis=basis), feeder=feeder)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whereabouts:

@@ -191,6 +191,13 @@ class PdfFile:
             named = write_swatches(page, swatches)
             return {"facts": page_facts(page, printed), "swatches": named}
 
+    def document_facts(self) -> dict[str, Any]:
+        """Return facts of the whole file (``document_facts``); JobError: it is damaged."""
+        from prooflight.pages.pdf.document_facts import document_facts
+
+        with self._listening("the PDF is damaged"):
+            return document_facts(self._pdf())
+
     def draw(
         self,
         number: int,

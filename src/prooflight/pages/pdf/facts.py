@@ -1,4 +1,4 @@
-"""Facts of a PDF page that determine its print, for people who check a job before it is printed."""
+"""Facts of a PDF and its pages that determine its print, for people who check a job before it is printed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,42 @@ from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DocumentFacts:
+    """Facts of a whole PDF."""
+
+    condition: str
+    """Printing condition of its PDF/X output intent, such as FOGRA51; empty: it states none."""
+    record_pages: tuple[int, ...]
+    """Pages of each record of a PDF/VT, in order; empty: the file has no records."""
+    spectra: Mapping[str, str]
+    """CxF/X-4 of spot inks as text, by the names of the inks."""
+
+    @property
+    def pages_a_record(self) -> int | None:
+        """Pages of each record; None: there are no records, or they are not of one length."""
+        lengths = set(self.record_pages)
+        return lengths.pop() if len(lengths) == 1 else None
+
+    @property
+    def records_text(self) -> str:
+        """The records in a few words; empty: there are none."""
+        if not self.record_pages:
+            return ""
+        least, most = min(self.record_pages), max(self.record_pages)
+        of = f"{least}" if least == most else f"{least} to {most}"
+        return f"{len(self.record_pages)} records of {of} page" + ("" if most == 1 else "s")
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """Return the facts from their form in JSON (``document_facts.document_facts``)."""
+        return cls(
+            condition=plain["condition"],
+            record_pages=tuple(plain["record_pages"]),
+            spectra=dict(plain["spectra"]),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,7 +27,7 @@ from prooflight.errors import JobError, ProfileError, RequestError
 from prooflight.pages.files import check_dpi, page_name
 from prooflight.pages.memory import file_head, file_size, file_stamp
 from prooflight.pages.pdf import process as rip_process
-from prooflight.pages.pdf.facts import PageFacts
+from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
 from prooflight.pages.pdf.rip_model import UNSTATED
 from prooflight.pages.raster import MM_PER_INCH, POINTS_PER_INCH, Page
 from prooflight.pages.warnings import PageWarning
@@ -174,6 +174,10 @@ class PdfJob:
                         names = answer["swatches"][first * SWATCHES_A_PAGE :]
                         printed |= dict(zip(names, colours, strict=False))
         return PageFacts.from_plain(answer["facts"]), printed
+
+    def document_facts(self) -> DocumentFacts:
+        """Return facts of the whole file; JobError: it is damaged."""
+        return DocumentFacts.from_plain(self._answer("reading it", do="document")["facts"])
 
     def extract(self, numbers: Sequence[int], out: Path) -> None:
         """Write a PDF of these pages, from 1, in this order, one as often as it is named; errors as ``page``."""

@@ -150,6 +150,10 @@ class Worker:
         file.warnings()  # what is wrong with the page is said when it is drawn
         return facts | {"warnings": []}
 
+    def _document(self, request: dict[str, Any]) -> dict[str, Any]:
+        file = self._file(request)
+        return {"facts": file.document_facts(), "warnings": _plain(file.warnings())}
+
     def _extract(self, request: dict[str, Any]) -> dict[str, Any]:
         file = self._opened(request)  # a document of its own, as it is in the file
         try:

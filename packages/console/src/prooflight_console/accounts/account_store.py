@@ -14,6 +14,7 @@ from prooflight.errors import RequestError
 from prooflight_console.accounts import audit
 from prooflight_console.accounts.database import (
     identities_table,
+    kiosk_sessions_table,
     links_table,
     open_file,
     people_table,
@@ -21,6 +22,7 @@ from prooflight_console.accounts.database import (
     tokens_table,
     writing,
 )
+from prooflight_console.accounts.kiosks import FULL_IDLE_S, IDLE_S, Kiosks
 from prooflight_console.accounts.names import MOST_NAME, appearance, checked_name, readable
 from prooflight_console.accounts.passwords import Passwords
 from prooflight_console.accounts.roles import Role, Scope, Who
@@ -80,6 +82,7 @@ class Accounts:
         self.path, self.clock = path, clock
         self._engine = open_file(path)
         self._passwords = passwords or Passwords()
+        self.kiosks = Kiosks(self, self._passwords)
 
     def close(self) -> None:
         """Close the file."""
@@ -311,18 +314,29 @@ class Accounts:
         """Return the requester whose session this is; None if it is unknown or has ended."""
         with self._engine.begin() as connection:
             row = connection.execute(
-                select(people_table, sessions_table.c.csrf, sessions_table.c.ends_s, sessions_table.c.digest)
+                select(
+                    people_table,
+                    sessions_table.c.csrf,
+                    sessions_table.c.ends_s,
+                    sessions_table.c.digest,
+                    kiosk_sessions_table.c.full,
+                )
                 .join(sessions_table, sessions_table.c.person_id == people_table.c.id)
+                .outerjoin(kiosk_sessions_table, kiosk_sessions_table.c.digest == sessions_table.c.digest)
                 .where(sessions_table.c.digest == _digest(secret), sessions_table.c.ends_s > self.clock())
             ).first()
         if row is None or row.locked:
             return None
+        role, by_key = Role(row.role), row.full is not None and not row.full
         return Who(
             id=row.id,
             name=row.name,
-            role=Role(row.role),
+            # By badge or PIN nobody is more than an operator.
+            role=Role.OPERATOR if by_key and role.may(Role.OPERATOR) else role,
             csrf=row.csrf,
             session=row.digest,
+            by_key=by_key,
+            idle_s=0.0 if row.full is None else FULL_IDLE_S if row.full else IDLE_S,
             ends_s=row.ends_s,
             language=row.language,
         )

@@ -4,6 +4,7 @@ Schema history:
 1: console, people, links, sessions, tokens, audit.
 2: identities, of people who sign in at an OpenID provider.
 3: shelvings of alarms, and notes of hand-over. An older file gets its missing tables when it is opened.
+4: notes on the history of a press; kiosks, their sessions, and the PINs and badges of people.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy import Connection, Engine
 
-SCHEMA: Final = 3
+SCHEMA: Final = 4
 BUSY_S: Final = 10.0
 
 
@@ -123,6 +124,39 @@ handovers_table = Table(
     *_filled(String, "by", "text"),
     *_filled(JSON, "summary"),
 )
+chart_notes_table = Table(
+    "chart_notes",
+    tables,
+    Column("id", Integer, primary_key=True),
+    *_filled(Float, "at_s", "written_s"),
+    *_filled(String, "by", "text"),
+    Column("removed_by", String),
+)
+kiosks_table = Table(
+    "kiosks",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("digest", String, nullable=False, unique=True),
+    *_filled(String, "name", "by"),
+    *_filled(Float, "enrolled_s"),
+    Column("revoked_s", Float),
+)
+kiosk_keys_table = Table(
+    "kiosk_keys",
+    tables,
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("pin", String),
+    Column("badge", String, unique=True),
+    *_filled(Integer, "failed"),
+)
+kiosk_sessions_table = Table(
+    "kiosk_sessions",
+    tables,
+    Column("digest", ForeignKey("sessions.digest", ondelete="CASCADE"), primary_key=True),
+    Column("kiosk_id", ForeignKey("kiosks.id"), nullable=False),
+    *_filled(Boolean, "full"),
+)
+kiosk_salt_table = Table("kiosk_salt", tables, Column("salt", String, primary_key=True))
 _APPEND_ONLY: Final = tuple(
     f"CREATE TRIGGER {table}_{way} BEFORE {way} ON {table} BEGIN SELECT RAISE(ABORT, '{table} is append-only'); END"
     for table in ("audit",)

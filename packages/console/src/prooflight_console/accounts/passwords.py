@@ -50,6 +50,11 @@ class Passwords:
         with self._room:
             return self._hasher.hash(password)
 
+    def hashed_pin(self, pin: str) -> str:
+        """Return the hash of a PIN, whose form was checked."""
+        with self._room:
+            return self._hasher.hash(pin)
+
     def right(self, stored: str | None, password: str) -> bool:
         """Return whether the password matches the hash; without a hash the check takes as long."""
         with self._room:

@@ -37,6 +37,8 @@ class Scope(StrEnum):
     """Scope for labelling alarms."""
     ZONES = "zones"
     """Scope for pricing zones and putting them in force."""
+    JOBS = "jobs"
+    """Scope for sending jobs into the queue and for changing their order."""
     AUDIT = "audit"
     """Scope for reading the audit."""
     PEOPLE = "people"
@@ -56,6 +58,10 @@ class Who:
     """Digest of the session's or the token's secret."""
     scopes: frozenset[Scope] | None = None
     """Scopes of the token; None for a person."""
+    by_key: bool = False
+    """Whether they signed in by badge or PIN."""
+    idle_s: float = 0.0
+    """Time without an action after which the session ends, at a kiosk; 0: it ends at ``ends_s``. [s]"""
     ends_s: float = 0.0
     """Unix time at which the session or token ends. [s]"""
     language: str | None = None

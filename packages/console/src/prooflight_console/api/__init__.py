@@ -9,6 +9,7 @@ from prooflight_console.api import (
     monitoring,
     people,
     press,
+    queue,
     runs,
     session,
     sheets,
@@ -19,5 +20,5 @@ from prooflight_console.api import (
 ROUTERS = (
     *(session.router, runs.router, sheets.router, incidents.router, alarms.router, press.router, gate.router),
     *(events.router, people.router, audit.router, zones.router, tolerances.router),
-    monitoring.router,
+    *(queue.router, monitoring.router),
 )

@@ -19,6 +19,7 @@ MOST_AT_ONCE: Final = 500
 
 Viewer = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
 Operator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.LABELS))]
+JobsOperator = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.JOBS))]
 OperatorThemselves = Annotated[Who, Depends(needs(Role.OPERATOR))]
 """A person who signed in; no token is accepted."""
 Engineer = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.READ))]

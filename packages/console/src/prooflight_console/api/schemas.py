@@ -55,6 +55,35 @@ class RunsAnswer(Answer):
     damaged: int
 
 
+class QueuedJobAnswer(Answer):
+    """A job of the queue."""
+
+    number: int
+    key: str
+    name: str
+    stage: Literal["checking", "queued", "held", "printing", "done", "rejected"]
+    first: bool
+    reason: str
+    ticket: dict[str, Any] | None
+    examined: dict[str, Any]
+
+
+class QueueAnswer(Answer):
+    """The queue of jobs."""
+
+    waiting: list[QueuedJobAnswer]
+    ended: list[QueuedJobAnswer]
+    arriving: list[str] = Field(description="Files that were not taken in yet.")
+    filled: bool = Field(description="Whether a process takes jobs in.")
+
+
+class SentAnswer(Answer):
+    """A file that was sent into the queue."""
+
+    name: str
+    bytes: int
+
+
 class SheetAnswer(Answer):
     """A sheet with its verdict."""
 
@@ -412,6 +441,9 @@ class NowAnswer(Answer):
     alarm: bool
     run: RunAnswer | None
     cause: int | None
+    start: dict[str, Any] | None = Field(
+        description="Stage of a start, its steps done and in total, and the seconds left; null: nothing starts."
+    )
     overload: dict[str, int] | None
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
     incidents: list[dict[str, Any]] = Field(description="The most urgent of those that need action.")

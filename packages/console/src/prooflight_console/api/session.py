@@ -8,7 +8,7 @@ import anyio
 from fastapi import APIRouter, Depends, Request, Response
 
 from prooflight import __version__
-from prooflight_console.access import cookie_name, needs, open_to_all
+from prooflight_console.access import cookie_name, kiosk_of, needs, open_to_all
 from prooflight_console.accounts.account_store import SESSION_S
 from prooflight_console.accounts.passwords import Tries
 from prooflight_console.accounts.roles import Role, Who
@@ -37,7 +37,7 @@ def whoami(who: Viewer) -> SessionAnswer:
 
 
 @router.delete("/session", status_code=204, responses=responses(401, 403))
-def sign_out(request: Request, who: Annotated[Who, Depends(needs(Role.VIEWER))]) -> Response:
+def sign_out(request: Request, who: Annotated[Who, Depends(needs(Role.VIEWER, by_key=True))]) -> Response:
     """End the session."""
     console(request).accounts.end(who)
     response = Response(status_code=204)
@@ -74,9 +74,9 @@ async def tried(request: Request, name: str, password: str) -> str:
     """
     state = console(request)
     address = request.client.host if request.client else ""
-    _refuse_tries(state.tries, name, address)
+    refuse_tries(state.tries, name, address)
     async with state.tries.in_turn(name, address):
-        _refuse_tries(state.tries, name, address)
+        refuse_tries(state.tries, name, address)
         secret = await anyio.to_thread.run_sync(state.accounts.sign_in, name, password)
         if secret is None:
             state.tries.failed(name, address)
@@ -86,15 +86,21 @@ async def tried(request: Request, name: str, password: str) -> str:
     return secret
 
 
-def _refuse_tries(tries: Tries, name: str, address: str) -> None:
+def refuse_tries(tries: Tries, name: str, address: str) -> None:
+    """Raise ``Problem`` 429 after too many failures of a name or an address."""
     if wait_s := tries.wait_s(name, address):
         headers = {"Retry-After": f"{wait_s:.0f}"}
         detail = f"wait {max(wait_s / 60, 1):.0f} minutes, or ask an admin for a link"
         raise Problem(429, "tries", detail, headers=headers)
 
 
-def set_cookie(request: Request, response: Response, secret: str) -> None:
-    """Set the cookie of a session; requests that change something need its CSRF token as well."""
+def set_cookie(request: Request, response: Response, secret: str, *, by_key: bool = False) -> None:
+    """Set the cookie of a session; requests that change something need its CSRF token as well.
+
+    On a kiosk the session ends when nobody acts. by_key: it was begun by badge or PIN, and is bound already.
+    """
+    if not by_key and (kiosk := kiosk_of(request)) is not None:
+        console(request).accounts.kiosks.bound(kiosk, secret, full=True)
     set_secret(request, response, cookie_name(console(request).settings), secret, seconds=SESSION_S)
 
 

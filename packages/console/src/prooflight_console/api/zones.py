@@ -85,15 +85,11 @@ class ZonesBody(BaseModel):
     )
 
 
-class PriceSize(BaseModel):
-    """Numbers of prints from which a price is computed."""
+class PriceBody(ZonesBody):
+    """Zones to price, and the numbers of prints from which their price is computed."""
 
     prints: int = Field(90, ge=12, le=2000, description="Good prints that calibrate them.")
     trials: int = Field(24, ge=0, le=500, description="Prints with a defect, of each sort in each zone.")
-
-
-class PriceBody(ZonesBody, PriceSize):
-    """Zones to price."""
 
 
 class JobAnswer(Answer):

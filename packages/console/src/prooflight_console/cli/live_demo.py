@@ -9,6 +9,7 @@ import typer
 
 from prooflight.cli import show
 from prooflight.errors import ProoflightError
+from prooflight_line.journal.start import Start, StartFile
 
 if TYPE_CHECKING:
     from prooflight_console.running import Listening
@@ -24,11 +25,35 @@ SEED: Final = 1
 
 
 def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float = 1.0) -> None:
-    """Create job and press if they do not exist yet, and watch the press print until Ctrl-C."""
+    """Serve the console, create job and press if they do not exist yet, and watch the press print until Ctrl-C.
+
+    The console is there from the beginning, and shows how far all that has got.
+    """
+    from prooflight_console import alongside
+
+    journal, job, press = (FOLDER / name for name in (JOURNAL, JOB, PRESS))
+    FOLDER.mkdir(exist_ok=True)
+    console = alongside.start(
+        journal=journal.absolute(),
+        press=press.absolute(),
+        job=job.absolute(),
+        port=listening.port,
+        trays=None,
+        announce=None,
+    )
+    start_file = StartFile(journal=journal)
+    try:
+        _prepare(job, press, start_file)
+        _watch(job, press, sheets=sheets, pages_per_s=pages_per_s)
+    finally:
+        start_file.clear()
+        console.terminate()
+        console.join()
+
+
+def _watch(job: Path, press: Path, *, sheets: int, pages_per_s: float) -> None:
     from prooflight_line.cli.watch.command import watch
 
-    job, press = FOLDER / JOB, FOLDER / PRESS
-    _prepare(job, press)
     watch(
         job,
         press,
@@ -46,12 +71,10 @@ def live_demo(listening: Listening, *, sheets: int = SHEETS, pages_per_s: float 
         fault_every=FAULT_EVERY,
         profile=None,
         seed=SEED,
-        serve=True,
-        serve_port=listening.port,
     )
 
 
-def _prepare(job: Path, press: Path) -> None:
+def _prepare(job: Path, press: Path, start_file: StartFile) -> None:
     from prooflight.cli.jobs.demonstration import demo_press, sample_job
     from prooflight.pages.job import JobSource
     from prooflight.press.artefact import Press
@@ -59,18 +82,22 @@ def _prepare(job: Path, press: Path) -> None:
     say = show.steps(quiet=False)
     if not job.exists():
         say("composing the sample job")
+        start_file.write(Start(stage="job"))
         sample_job(job, seed=SEED)
     try:
         Press.load(press)
     except (OSError, ProoflightError):
         with JobSource(path=job, dpi=1.0).open() as opened:
             sizes = opened.page_sizes_mm
+        start_file.write(Start(stage="press"))
         built = demo_press(
             sizes,
             world="press",
             seed=SEED,
             progress=say,
-            shown=lambda days, total, what: show.progress(iter(days), total=total, what=what),
+            shown=lambda days, total, what: start_file.noted(
+                show.progress(iter(days), total=total, what=what), total=total, stage="press"
+            ),
         )
         built.save(press)
 

@@ -9,7 +9,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import Json
 from prooflight.errors import RequestError, visible
 
@@ -76,7 +77,24 @@ TraysOption = Annotated[
     ),
 ]
 QueueOption = Annotated[
-    Path | None, typer.Option("--queue", metavar="FOLDER", help="Hot folder whose jobs /metrics counts.")
+    Path | None,
+    typer.Option(
+        "--queue", metavar="FOLDER", help="Hot folder of jobs: shown, and sent to from the browser."
+    ),
+]
+ScansOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--scans",
+        metavar="SCANS",
+        help="Recorded scans of a --job's good pages, for learning in the console.",
+    ),
+]
+PressFileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--press-file", metavar="PRESS.toml", help="Press file, for building the press again in the console."
+    ),
 ]
 RecordsOption = Annotated[
     str | None,
@@ -127,10 +145,13 @@ def serve(
     trusted_proxy: TrustedProxyOption = None,
     trays: TraysOption = None,
     queue: QueueOption = None,
+    scans: ScansOption = None,
+    press_file: PressFileOption = None,
     records: RecordsOption = None,
     oidc: OidcOption = None,
     tiles_mb: TilesMbOption = 2000,
     demo: DemoOption = False,
+    log: LogOption = "text",
 ) -> None:
     """Serve the console: runs, sheets and incidents in a browser, live. Ctrl-C ends it.
 
@@ -139,6 +160,7 @@ def serve(
     """
     if context.invoked_subcommand is not None:
         return
+    event_log.begin(log)
     from prooflight_console.accounts.provider_file import ProviderSettings
     from prooflight_console.running import Listening
     from prooflight_console.running import serve as run
@@ -151,7 +173,9 @@ def serve(
     if demo:
         _serve_demo(listening)
         return
-    for path in (*(press or ()), *(job or ())):
+    if len(scans or ()) > len(job or ()):
+        raise RequestError("--scans", "has no job", remedy="give --job and --scans in the same order")
+    for path in (*(press or ()), *(job or ()), *(scans or ()), *((press_file,) if press_file else ())):
         if not path.exists():
             raise RequestError(
                 path, "does not exist", remedy="give the artefact or job of a run, or leave it out"
@@ -167,6 +191,8 @@ def serve(
         tiles_bytes=tiles_mb * 10**6,
         presses=tuple(press or ()),
         jobs=tuple(job or ()),
+        scans=tuple(scans or ()),
+        press_file=press_file,
         secure=certificate is not None or any(one.startswith("https:") for one in addresses),
         origins=addresses,
         trays=None if trays is None else trays.absolute(),
@@ -203,6 +229,8 @@ def _network(text: str) -> str:
 
 def print_address(address: str, link: str | None) -> None:
     """Print the console's address, and the link for its first admin; this link is in no log and works once."""
+    if event_log.write("listening", address=address):
+        return  # `prooflight serve user link` prints one
     show.people.print("The console is at", show.strong(address), "- Ctrl-C ends it.", soft_wrap=True)
     if link is not None:
         show.people.print("Nobody can sign in yet. Open this link once to choose the admin's password:")
@@ -234,6 +262,26 @@ def link(
     """Print a new link for a user who lost theirs, or their password."""
     accounts = _accounts(journal, data)
     _link(name, accounts.link(name, by=_me()), address, json=json)
+
+
+@user.command("token")
+def token(
+    name: Name,
+    scope: Annotated[
+        list[str] | None, typer.Option("--scope", metavar="SCOPE", help="Scope of the token; default read.")
+    ] = None,
+    journal: JournalUrl = None,
+    data: Data = None,
+) -> None:
+    """Print a new token of a user for a program, as Prometheus; it is shown this once."""
+    from prooflight_console.accounts.roles import Scope
+
+    for one in scope or ():
+        if one not in list(Scope):
+            raise RequestError("scope", f"there is no {one[:40]!r}", remedy=f"choose {', '.join(Scope)}")
+    scopes = [Scope(one) for one in scope or [Scope.READ]]
+    _, secret = _accounts(journal, data).new_token(name, "command line", scopes, by=_me())
+    show.people.print(secret, soft_wrap=True, highlight=False)
 
 
 @user.command("list")

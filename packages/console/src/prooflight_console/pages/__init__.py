@@ -4,11 +4,17 @@ from prooflight_console.pages import (
     alarms,
     assets,
     camera,
+    engineering,
+    history,
     incident,
+    kiosk,
     now,
     press,
     presses,
     provider,
+    quality,
+    queue,
+    recalculation,
     report,
     reprint,
     search,
@@ -18,7 +24,8 @@ from prooflight_console.pages import (
 )
 
 ROUTERS = (
-    *(assets.router, sign_in.router, provider.router),
-    *(now.router, incident.router, alarms.router, reprint.router),
-    *(report.router, search.router, press.router, presses.router, setup.router, camera.router, zones.router),
+    *(assets.router, sign_in.router, kiosk.router, provider.router),
+    *(now.router, incident.router, alarms.router, reprint.router, queue.router),
+    *(report.router, search.router, recalculation.router, quality.router, history.router),
+    *(press.router, engineering.router, presses.router, setup.router, camera.router, zones.router),
 )

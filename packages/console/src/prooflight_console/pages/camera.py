@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -47,6 +48,8 @@ class Profile:
     mean: str
     """Points of the polyline of the mean of all lines."""
     facts: dict[str, Any]
+    picture: str = ""
+    """Picture of its lines with saturated places in red, as PNG in base64; empty: there is none."""
 
 
 @router.get("/setup/camera/events")
@@ -127,7 +130,13 @@ def _profile(sensor: dict[str, Any], top: float) -> Profile:
         paper=_points(sensor["paper_dn"], top),
         mean=_points(sensor["mean_dn"], top),
         facts=sensor,
+        picture=_base64(sensor.get("picture", "")),
     )
+
+
+def _base64(text: object) -> str:
+    """Return a text of base64; empty if it is none, as another process wrote it."""
+    return text if isinstance(text, str) and re.fullmatch(r"[A-Za-z0-9+/]*={0,2}", text) else ""
 
 
 def _points(values: list[float], top: float) -> str:

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from prooflight_console.quality.pareto import Group
+    from prooflight_console.quality.trends import Drift
 
 A4_MM: Final = (210.0, 297.0)
 """Least size at which a page is drawn: the journal does not store the size of pages."""
@@ -95,3 +101,65 @@ def bars(counts: dict[str, int]) -> list[Bar]:
     """Return the bars of named counts, in their order."""
     most = max(counts.values(), default=0)
     return [Bar(name=name, count=count, share=count / most) for name, count in counts.items()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """A row of a Pareto chart."""
+
+    group: Group
+    value: float
+    length: float
+    """Length relative to the longest bar, 0..1."""
+    cumulated: float
+    """Share that this group and all before it have of all groups shown, 0..1."""
+
+
+def shares(groups: Sequence[Group], values: Sequence[float]) -> list[Share]:
+    """Return the rows of a Pareto chart of groups, the greatest first. values: number or cost of each."""
+    total, most, running = sum(values), max(values, default=0.0), 0.0
+    rows = []
+    for group, value in zip(groups, values, strict=True):
+        running += value
+        length, cumulated = (value / most, running / total) if most else (0.0, 0.0)
+        rows.append(Share(group=group, value=value, length=length, cumulated=cumulated))
+    return rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriftChart:
+    """Lines of one chart of drifts over periods, each period 10 units wide, in a drawing 100 units high."""
+
+    lines: tuple[tuple[Drift, str], ...]
+    """Each drift with the path of its line; a period without a value leaves a gap."""
+    zero: float
+    """Height of the value 0."""
+    least: float
+    greatest: float
+    unit: str
+
+
+def drift_lines(drifts: Sequence[Drift], chart: str) -> DriftChart | None:
+    """Return the drawing of the drifts of one chart; None if there are none."""
+    chosen = [one for one in drifts if one.chart == chart]
+    values = [mean for one in chosen for mean in one.means if mean is not None]
+    if not values:
+        return None
+    least, greatest = min(*values, 0.0), max(*values, 0.0)
+    span = (greatest - least) or 1.0
+
+    def height(value: float) -> float:
+        return 96 - 92 * (value - least) / span
+
+    lines = []
+    for one in chosen:
+        path, connected = "", False
+        for at, mean in enumerate(one.means):
+            if mean is not None:
+                # A step as wide as its period, so that a single one is seen.
+                path += f"{'L' if connected else 'M'}{10 * at + 1} {height(mean):.1f}H{10 * at + 9}"
+            connected = mean is not None
+        lines.append((one, path))
+    return DriftChart(
+        lines=tuple(lines), zero=height(0.0), least=least, greatest=greatest, unit=chosen[0].unit
+    )

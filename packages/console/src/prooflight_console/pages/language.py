@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from importlib.resources import files
+from math import ceil
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from prooflight.reporting.defect_phrases import KINDS
@@ -26,7 +27,8 @@ class Language:
         folder = files("prooflight_console.pages") / "languages"
         self._words = {f"kind.{name}": text for name, text in KINDS[code].items()}
         self._words["kind.none"] = KINDS[code]["unknown"]
-        for name in (f"{code}.json", f"{code}-office.json"):
+        rooms = ("", "-office", "-engineering", "-kiosk", "-quality")
+        for name in (f"{code}{room}.json" for room in rooms):
             self._words |= json.loads((folder / name).read_text("utf-8"))
 
     def __call__(self, key: str, **values: Any) -> str:
@@ -37,9 +39,16 @@ class Language:
         """Return the text of an item of a group (``kind``, ``action``, ...), or its name if untranslated."""
         return self._words.get(f"{group}.{name or 'none'}", str(name))
 
-    def count(self, key: str, number: int) -> str:
-        """Return a number and its noun: ``KEY.one`` or ``KEY.many``."""
-        return self._words[f"{key}.one" if number == 1 else f"{key}.many"].format(n=self.number(number))
+    def count(self, key: str, number: int, **values: Any) -> str:
+        """Return a number and its noun: ``KEY.one`` or ``KEY.many``, with other values inserted."""
+        text = self._words[f"{key}.one" if number == 1 else f"{key}.many"]
+        return text.format(n=self.number(number), **values)
+
+    def duration(self, seconds: float) -> str:
+        """Return a time in seconds or minutes, rounded up."""
+        if seconds < 90:
+            return self("seconds", n=ceil(seconds))
+        return self("minutes", n=ceil(seconds / 60))
 
     def number(self, value: float, digits: int = 0) -> str:
         """Return a number with the language's separators."""

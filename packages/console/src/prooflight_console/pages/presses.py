@@ -8,8 +8,9 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request
 
+from prooflight.cmyk import INK_LETTERS
 from prooflight_console.api.common import console
-from prooflight_console.pages.search import Day, Text, day_s
+from prooflight_console.pages.search import Day, Short, Text, conditions_of, day_s
 from prooflight_console.pages.shell import ViewerPage, page
 from prooflight_console.problems import Problem
 from prooflight_line.records.database import connect, refused
@@ -56,24 +57,36 @@ def sheets_page(
     job: Text = "",
     kind: Text = "",
     verdict: Text = "misprint",
+    page_name: Annotated[str, Query(alias="page", max_length=200)] = "",
+    ink: Short = "",
+    size: Short = "",
+    x: Short = "",
+    y: Short = "",
+    width: Short = "",
+    height: Short = "",
+    within: Short = "",
     since: Day = "",
     until: Day = "",
     before: Position = "",
 ) -> Response:
     """Return matching sheets of all presses, the latest first; for the next page htmx gets rows alone."""
     verdict = verdict if verdict in VERDICTS else "misprint"
+    place = {"x": x, "y": y, "width": width, "height": height, "within": within}
     query = SheetQuery(
         press=press.strip() or None,
         plant=plant.strip() or None,
         job=job.strip() or None,
         kind=kind.strip() or None,
         verdict=None if verdict == "any" else verdict,
+        page=page_name.strip() or None,
+        defect=conditions_of(ink=ink, size=size, **place),
         since=_day(since),
         until=_day(until, days=1),
     )
     with _records(request) as connection, refused("records", "the search failed"):
         hits = find(connection, query, before=_position(before), limit=AT_ONCE)
     entries = {"press": press, "plant": plant, "job": job, "kind": kind}
+    entries |= {"page": page_name, "ink": ink, "size": size, **place}
     entries |= {"verdict": verdict, "since": since, "until": until}
     next_page = None
     if len(hits) == AT_ONCE:
@@ -82,7 +95,9 @@ def sheets_page(
     values: dict[str, Any] = {"hits": hits, "next_page": next_page}
     if request.headers.get("HX-Request") and before:
         return page(request, who, "presses/rows", **values)
-    return page(request, who, "presses/sheets", entries=entries, verdicts=VERDICTS, **values)
+    return page(
+        request, who, "presses/sheets", entries=entries, verdicts=VERDICTS, inks=INK_LETTERS, **values
+    )
 
 
 def _records(request: Request) -> Any:

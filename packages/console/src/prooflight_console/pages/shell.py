@@ -14,7 +14,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from prooflight import __version__
-from prooflight_console.access import authenticated, needs
+from prooflight_console.access import authenticated, kiosk_of, needs
 from prooflight_console.accounts.account_store import LANGUAGES
 from prooflight_console.accounts.roles import Role, Scope, Who
 from prooflight_console.pages.defects import incident_text, sheet_text
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 ViewerPage = Annotated[Who, Depends(needs(Role.VIEWER, Scope.READ))]
 OperatorPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.LABELS))]
+JobsPage = Annotated[Who, Depends(needs(Role.OPERATOR, Scope.JOBS))]
 EngineerPage = Annotated[Who, Depends(needs(Role.ENGINEER, Scope.ZONES))]
 MOST_LETTERS: Final = 2000
 
@@ -101,6 +102,7 @@ def page(
         version=__version__,
         trouble=state.live.trouble,
         many_presses=state.settings.records is not None,
+        has_queue=state.settings.queue is not None,
         may_speak=who is not None and who.role.may(Role.OPERATOR),
         **values,
     )
@@ -116,7 +118,8 @@ def problem_page(
     wants_page = "HX-Request" not in request.headers
     if status == 401 and wants_page and request.method == "GET":
         back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
-        return RedirectResponse(f"/sign-in?next={quote(back[:MOST_LETTERS], safe='')}", 303)
+        where = "/sign-in" if kiosk_of(request) is None else "/kiosk"
+        return RedirectResponse(f"{where}?next={quote(back[:MOST_LETTERS], safe='')}", 303)
     try:
         who = authenticated(request)
     except Problem:

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 
 from prooflight.errors import RequestError
-from prooflight_console.access import cookie_name, needs, open_to_all
+from prooflight_console.access import cookie_name, kiosk_of, needs, open_to_all
 from prooflight_console.accounts.roles import Role, Who
 from prooflight_console.api.common import console
 from prooflight_console.api.session import set_cookie, tried
@@ -23,7 +23,7 @@ router = APIRouter(include_in_schema=False)
 
 Text = Annotated[str, Form(max_length=400)]
 Anybody = Annotated[Who | None, Depends(open_to_all())]
-Signed = Annotated[Who, Depends(needs(Role.VIEWER))]
+Signed = Annotated[Who, Depends(needs(Role.VIEWER, by_key=True))]
 
 
 @router.get("/sign-in")
@@ -123,6 +123,7 @@ def sign_in_page(
         name=name,
         wrong=wrong,
         told=inserted or {},
+        kiosk=kiosk_of(request),
         provider=None if provider is None else provider.settings,
     )
 

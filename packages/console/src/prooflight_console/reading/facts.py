@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from prooflight_line.journal.exporting import page_facts, run_facts
+from prooflight_line.journal.schema import finite
 
 if TYPE_CHECKING:
     from prooflight_console.reading.incidents import LabelledIncident
@@ -70,7 +71,7 @@ def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     fields = asdict(labelled.incident)
     del fields["last_verdict"]  # a sheet's, not the incident's
     return {
-        **_finite(fields),
+        **finite(fields),
         "open": labelled.incident.open,
         "priority": labelled.priority.value,
         "shelved_until_s": labelled.shelving.ends_s if labelled.shelving and labelled.shelved else None,
@@ -112,24 +113,17 @@ def now_facts(now: Now) -> dict[str, Any]:
         "unseen": now.unseen,
         "shelved": len(now.shelved),
         "flood": now.flood,
+        "start": None if now.start is None else asdict(now.start),
         "overload": None
         if now.overload is None
         else dict(zip(("late", "recent"), now.overload, strict=True)),
         "to_print_again": now.reprints.count,
         "unprinted": now.reprints.unprinted,
         "together": None if now.together is None else now.together.facts,
-        "health": _finite(health)
+        "health": finite(health)
         | {
             "camera": now.health.camera,
             "inspection": now.health.inspection,
             "gate": None if now.gate is None else asdict(now.gate) | {"lamp": now.gate.lamp},
         },
     }
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: _finite(part) for name, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

@@ -23,6 +23,7 @@ from prooflight_console.reading.imposition import imposed_sheets
 from prooflight_console.reading.now import RECENT, Now, now
 from prooflight_console.reading.reprints import Counted
 from prooflight_line.journal.schema import JournalError
+from prooflight_line.journal.start import StartFile
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -101,6 +102,7 @@ class Live:
         )
         self._reprints, self._alarm_store = reprints, alarm_store
         self._gate = GateFollower(reading.path)
+        self._start_file = StartFile(journal=reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
         self._row, self._state_label = -1, (-1, -1)
@@ -223,6 +225,7 @@ class Live:
             together=counts,
             gate=None if run is None else self._gate.of(run, reprints.gated),
             handover=self._alarm_store.last_handover(),
+            start=self._start_file.read(),
             begun_s=() if run is None else self._incidents.begun_s(run),
         )
         return self._publish("now", facts.now_facts(self._now))

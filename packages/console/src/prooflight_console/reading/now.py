@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from prooflight_console.reading.incidents import LabelledIncident
     from prooflight_console.reading.reprints import Counted
     from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.journal.start import Start
 
 State = Literal[
     "no-run",
@@ -37,10 +38,10 @@ State = Literal[
 ]
 """State of the press.
 
-waiting: for the first sheet. overload: inspection does not keep pace with the press. stop: misprints go on, of one
-cause or of several, and the press has not stopped since somebody saw them. blind: sheets are not inspected, one
-after the other. look: an alarm of medium priority needs action. good: none does, though one of low priority may.
-silent: no sheet comes. fault, interrupted, ended: how the run ended.
+waiting: for the first sheet, of a run that has started or starts. overload: inspection does not keep pace with the
+press. stop: misprints go on, of one cause or of several, and the press has not stopped since somebody saw them.
+blind: sheets are not inspected, one after the other. look: an alarm of medium priority needs action. good: none
+does, though one of low priority may. silent: no sheet comes. fault, interrupted, ended: how the run ended.
 """
 SILENT_S: Final = 10.0
 """Time without a sheet after which the camera is reported as silent, as ``watch`` does. [s]"""
@@ -108,6 +109,8 @@ class Now:
     """Health of the gate; None if the run has no gate."""
     handover: Handover | None = None
     """The last note of hand-over, if it is of the last shift."""
+    start: Start | None = None
+    """How far the start of the next run has got; None: nothing starts."""
     overload: tuple[int, int] | None = None
     """Late sheets, and how many of the last they are of; None if inspection keeps pace."""
 
@@ -180,6 +183,7 @@ def now(
     gate: GateHealth | None = None,
     begun_s: Sequence[float] = (),
     handover: Handover | None = None,
+    start: Start | None = None,
 ) -> Now:
     """Return the current state of the press.
 
@@ -217,8 +221,11 @@ def now(
             state = "silent"
         else:
             state = "look" if any(one.priority is not Priority.LOW for one in pending) else "good"
+    if start is not None and not (going and pages):
+        state = "waiting"
     return Now(
         state=state,
+        start=start,
         run=run,
         cause=pending[0] if pending else None,
         incidents=tuple(pending),

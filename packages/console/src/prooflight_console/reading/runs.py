@@ -123,13 +123,21 @@ class Reading:
 
     def sheet(self, run_id: int, sheet: int) -> PageRecord:
         """Return one sheet with its evidence."""
+        self.written(run_id, sheet)
+        follower = self.follower
+        assert follower is not None
+        return follower.page(run_id, sheet)
+
+    def written(self, run_id: int, sheet: int) -> Written:
+        """Return one sheet with its row, without its evidence."""
         follower = self.follower
         one = PageQuery(run_id=run_id, first_sheet=sheet, last_sheet=sheet)
         if follower is None or not 0 <= sheet <= MOST_ID or not 0 < run_id <= MOST_ID:
             raise not_found(f"run {run_id} has no sheet {sheet}")
-        if not follower.sheets(one, limit=1):
+        rows = follower.sheets(one, limit=1)
+        if not rows:
             raise not_found(f"run {run_id} has no sheet {sheet}")
-        return follower.page(run_id, sheet)
+        return rows[0]
 
     def first_time_s(self, run: RunRow) -> float:
         """Return the time of a run's first sheet, by the source's clock; 0 if there is none. [s]"""

@@ -13,7 +13,7 @@ from prooflight.pages.memory import file_stamp
 from prooflight.press.artefact import Press
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from prooflight_line.journal.records import RunRow
@@ -25,8 +25,15 @@ LOADED: Final = 2
 class Stations:
     """Presses and jobs by digest; a file is read again if it has changed."""
 
-    def __init__(self, *, presses: Sequence[Path], jobs: Sequence[Path]) -> None:
-        self._presses, self._jobs = tuple(presses), tuple(jobs)
+    def __init__(
+        self,
+        *,
+        presses: Sequence[Path],
+        jobs: Sequence[Path],
+        versions: Callable[[], Sequence[Path]] = tuple,
+    ) -> None:
+        """``versions`` returns the artefacts of further versions of the presses."""
+        self._presses, self._jobs, self._versions = tuple(presses), tuple(jobs), versions
         self._guard = threading.Lock()
 
     def warm(self) -> None:
@@ -50,7 +57,7 @@ class Stations:
 
     def _press_of(self, run: RunRow) -> tuple[Path, Press] | None:
         with self._guard:
-            for path in self._presses:
+            for path in (*self._presses, *self._versions()):
                 try:
                     stamp = content_stamp(path)
                     press, digest = press_of(path, stamp)

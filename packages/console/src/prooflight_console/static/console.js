@@ -34,6 +34,17 @@ document.addEventListener("htmx:afterRequest", (event) => {
   if (event.detail.successful && "reload" in event.target.dataset) location.reload();
 });
 
+// --- on a phone the cells of a long table name themselves, as its head is not shown ---
+
+const name_cells = () => {
+  for (const table of document.querySelectorAll("table.stack")) {
+    const heads = [...table.tHead.rows[0].cells].map((head) => (head.querySelector(".unseen") ? "" : head.textContent.trim()));
+    for (const cell of table.querySelectorAll("tbody td:not([colspan])")) if (heads[cell.cellIndex]) cell.dataset.label = heads[cell.cellIndex];
+  }
+};
+name_cells();
+document.addEventListener("htmx:afterSettle", name_cells);
+
 // --- the menu closes by itself ---
 
 document.addEventListener("click", (event) => {

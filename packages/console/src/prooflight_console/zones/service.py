@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.optional import PricesZones
@@ -33,7 +31,6 @@ DPI: Final = 72.0
 """Resolution at which a job is opened for the sizes of its pages alone."""
 MOST_NAMED: Final = 200
 """Largest number of zones that a row of the audit names."""
-NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,10 +159,8 @@ class ZonesService:
         *,
         tag: str,
         who: Who,
-        what: str = "zones.save",
-        about: Mapping[str, Any] = NOTHING,
     ) -> ZonesAsSaved:
-        """Put zones in force, with the price that was computed of exactly these. what, about: for the audit.
+        """Put zones in force, with the price that was computed of exactly these.
 
         Raises ``Problem`` 409 if there is no price, 412 if the file has changed, and 503 if it cannot be
         written.
@@ -175,31 +170,13 @@ class ZonesService:
         )
         if task is None or task.priced is None:
             raise Problem(409, "unpriced", "these zones have no price on this press: ask for it first")
-        priced = zones.priced(task.priced.entry)
-        return self._written(job, priced, tag=tag, who=who, what=what, about=about)
+        return self._written(job, zones.priced(task.priced.entry), tag=tag, who=who)
 
-    def remove(
-        self,
-        job: GivenJob,
-        *,
-        tag: str,
-        who: Who,
-        what: str = "zones.remove",
-        about: Mapping[str, Any] = NOTHING,
-    ) -> ZonesAsSaved:
+    def remove(self, job: GivenJob, *, tag: str, who: Who) -> ZonesAsSaved:
         """Remove all zones, for which no price is needed; raises ``Problem`` as ``save``."""
-        return self._written(job, None, tag=tag, who=who, what=what, about=about)
+        return self._written(job, None, tag=tag, who=who)
 
-    def _written(
-        self,
-        job: GivenJob,
-        zones: JobZones | None,
-        *,
-        tag: str,
-        who: Who,
-        what: str,
-        about: Mapping[str, Any],
-    ) -> ZonesAsSaved:
+    def _written(self, job: GivenJob, zones: JobZones | None, *, tag: str, who: Who) -> ZonesAsSaved:
         with self._saving:
             before = self.saved(job)
             if tag != before.tag:
@@ -207,8 +184,13 @@ class ZonesService:
                     412, "changed", "somebody has saved zones of this job meanwhile: read them first"
                 )
             # Record in the audit first, so that nothing is ever in force without a record.
-            after = {**about, **_summary(zones)}
-            self._accounts.note(who.name, what, job.zones.name, before=_summary(before.zones), after=after)
+            self._accounts.note(
+                who.name,
+                "zones.remove" if zones is None else "zones.save",
+                job.zones.name,
+                before=_summary(before.zones),
+                after=_summary(zones),
+            )
             try:
                 if zones is None:
                     job.zones.unlink(missing_ok=True)

@@ -41,11 +41,12 @@ def list_cameras(backend: str | None = None) -> list[CameraInfo]:
     return cameras
 
 
-def camera_named(name: str, *, backend: str | None = None) -> CameraInfo:
+def camera_named(name: str) -> CameraInfo:
     """Return the camera of an ID, serial number or address, with or without its backend and a colon before it.
 
     RequestError names the cameras that answer.
     """
+    backend = None
     head, colon, rest = name.partition(":")
     if colon and head in {one.name for one in BACKENDS}:
         name, backend = rest, head

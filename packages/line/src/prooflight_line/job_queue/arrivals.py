@@ -34,12 +34,14 @@ class Arrivals:
     clock: Callable[[], float] = time.monotonic
     _since: dict[str, tuple[State, float]] = field(default_factory=dict)
     """State of each file, and since when it has been so."""
+    _whole: frozenset[str] = frozenset()
+    """Names of the files that were whole when last looked at."""
     _changes: Iterator[object] | None = None
 
     @property
     def pending(self) -> list[str]:
         """Names of the files that were not whole when last looked at."""
-        return sorted(self._since)
+        return sorted(self._since.keys() - self._whole)
 
     def whole(self) -> list[str]:
         """Return the names of files that are whole, the one that was changed first at first.
@@ -61,15 +63,15 @@ class Arrivals:
                 continue
             earlier = before.get(name)
             since = now if earlier is None or earlier[0] != state else earlier[1]
+            self._since[name] = (state, since)
             if now - since >= self.settle_s and not being_written(path):
                 ready.append((state[2], name))
-            else:
-                self._since[name] = (state, since)
+        self._whole = frozenset(name for _, name in ready)
         return [name for _, name in sorted(ready)]
 
     def wait(self) -> None:
         """Wait until there may be something new."""
-        if self._since:
+        if self.pending:
             time.sleep(min(POLL_S, max(self.settle_s / 4, 0.01)))
         elif self._changes is not None:
             next(self._changes)

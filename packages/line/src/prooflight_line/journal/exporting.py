@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from prooflight.pages.check import in_line
 from prooflight_line.journal.columns import QUERY_COLUMNS
 from prooflight_line.journal.records import COUNTED
-from prooflight_line.journal.schema import json_text
+from prooflight_line.journal.schema import finite, json_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -36,7 +35,7 @@ def run_facts(run: RunRow) -> dict[str, Any]:
     settings = facts.pop("settings")
     started = _time(facts.pop("started_s"))
     end = run.end
-    return _finite(
+    return finite(
         {
             "id": run.id,
             "state": run.state,
@@ -67,7 +66,7 @@ def job_warnings(run: RunRow) -> tuple[str, ...]:
 
 def page_facts(page: PageRecord) -> dict[str, Any]:
     """Return one page as an object of JSON: its verdict as `prooflight inspect` prints it, and the run's data."""
-    return _finite(
+    return finite(
         {
             **asdict(page.verdict),
             "disposition": page.disposition,
@@ -112,12 +111,3 @@ def csv_row(page: PageRecord) -> dict[str, Any]:
 
 def _time(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="seconds")
-
-
-def _finite(value: Any) -> Any:
-    """Return the value with None for NaN and infinity, which JSON does not have."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: _finite(part) for name, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

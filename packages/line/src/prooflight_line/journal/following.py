@@ -8,9 +8,9 @@ either process.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from sqlalchemy import case, func, literal_column, select
+from sqlalchemy import and_, case, func, literal_column, or_, select, text
 
 from prooflight.files.lock import writer_lives
 from prooflight_line.journal import rows
@@ -20,7 +20,7 @@ from prooflight_line.journal.records import COUNTED
 from prooflight_line.journal.schema import JournalError, stored_pages, stored_runs
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
     from sqlalchemy import ColumnElement, Engine, Select
@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from prooflight_line.journal.records import PageRecord, RunRow
 
 ROW: Any = literal_column("pages.rowid").label("rowid")
+QUARTER_S: Final = 900
+"""Length of the parts of time in which sheets are counted: any offset of local time is a multiple of it. [s]"""
+SAMPLED_EVERY: Final = 20
+"""One sheet in so many is read for means of nuisance amounts. Assumed: drifts take hundreds of sheets."""
+AT_ONCE: Final = 20_000
+"""Rows that are read at once."""
+_STARTS: Final = """WITH starts AS MATERIALIZED (SELECT runs.id, runs.started_s - coalesce((SELECT first.time_s
+    FROM pages AS first WHERE first.run_id = runs.id ORDER BY first.sheet LIMIT 1), 0) AS start_s FROM runs)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +72,40 @@ class Counted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """Number of sheets of a run in one quarter of an hour."""
+
+    run_id: int
+    quarter: int
+    """Unix time of the sheets, divided by ``QUARTER_S`` and rounded down."""
+    sheets: int
+    misprints: int
+    not_inspected: int
+    first_sheet: int
+    last_sheet: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelSum:
+    """Sum of one nuisance amount over the sampled sheets of a run in one quarter of an hour."""
+
+    run_id: int
+    quarter: int
+    channel: str
+    count: int
+    total: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSpan:
+    """The part of a run between two times of its source's clock; None: no bound. [s]"""
+
+    run_id: int
+    since_s: float | None = None
+    until_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PageQuery:
     """Conditions on pages; None: no condition."""
 
@@ -83,6 +125,8 @@ class PageQuery:
     late: bool | None = None
     first_sheet: int | None = None
     last_sheet: int | None = None
+    spans: tuple[RunSpan, ...] | None = None
+    """Parts of runs, of which pages of any are selected."""
     sheets: tuple[int, ...] | None = None
     """Numbers of sheets; with ``job_pages``, pages of either are selected."""
     job_pages: tuple[int, ...] | None = None
@@ -118,6 +162,8 @@ class PageQuery:
             conditions.append(page.sheet <= self.last_sheet)
         if self.sheets is not None or self.job_pages is not None:
             conditions.append(page.sheet.in_(self.sheets or ()) | page.job_page.in_(self.job_pages or ()))
+        if self.spans is not None:
+            conditions.append(_within(self.spans))
         if self.to_review:
             conditions.append(~rows.clearly_good())
         return conditions
@@ -210,8 +256,13 @@ class JournalFollower(JournalReader):
             last = connection.execute(query).scalar()
         return last if isinstance(last, int) else -1
 
-    def run_rows(self, *, after: int, also: Collection[int] = ()) -> list[RunColumns]:
-        """Return the rows of runs above a number, and of these others, oldest first; their pages are not counted."""
+    def run_rows(
+        self, *, after: int, also: Collection[int] = (), damaged: Damaged = refuse
+    ) -> list[RunColumns]:
+        """Return the rows of runs above a number, and of these others, oldest first; their pages are not counted.
+
+        damaged: called for each that cannot be read.
+        """
         run = stored_runs.c
         query = select(stored_runs).where((run.id > after) | run.id.in_(also)).order_by(run.id)
         with self._reading("runs"), self._engine.begin() as connection:
@@ -221,7 +272,7 @@ class JournalFollower(JournalReader):
             try:
                 valid.append(RunColumns(**row._asdict()))
             except ValueError as error:
-                raise self._bad_row(f"run {row.id}", error) from error
+                damaged(self._bad_row(f"run {row.id}", error))
         return valid
 
     def first_time_s(self, run_id: int) -> float | None:
@@ -255,6 +306,49 @@ class JournalFollower(JournalReader):
         if run_id is not None:
             query = query.where(stored_pages.c.run_id == run_id)
         return self._written(query, damaged)
+
+    def to_review_between(
+        self, *, after: int, upto: int, run_id: int | None = None, damaged: Damaged = refuse
+    ) -> Iterator[Written]:
+        """Yield the pages above a row and up to another that need review or were sampled.
+
+        damaged: called for each that cannot be read.
+        """
+        query = select(ROW, stored_pages).where(~rows.clearly_good() | stored_pages.c.asked.is_not(None))
+        if run_id is not None:
+            query = query.where(stored_pages.c.run_id == run_id)
+        for first in range(after, upto, AT_ONCE):  # windows of rows bound the memory
+            window = (_row() > first) & (_row() <= min(first + AT_ONCE, upto))
+            yield from self._written(query.where(window).order_by(_row()), damaged)
+
+    def tallies(self, *, after: int, upto: int, run_id: int | None = None) -> list[Tally]:
+        """Count the pages above a row and up to another, by run and quarter of an hour of their own time."""
+        query = f"""{_STARTS} SELECT pages.run_id, CAST((starts.start_s + pages.time_s) / {QUARTER_S} AS INTEGER),
+            count(*), sum(pages.verdict = 'misprint'), sum(pages.verdict = 'not-inspected'),
+            min(pages.sheet), max(pages.sheet) FROM pages
+            JOIN starts ON starts.id = pages.run_id
+            WHERE pages.rowid > :after AND pages.rowid <= :upto{_of_run(run_id)} GROUP BY 1, 2"""
+        names = ("run_id", "quarter", "sheets", "misprints", "not_inspected", "first_sheet", "last_sheet")
+        values = {"after": after, "upto": upto, "run_id": run_id}
+        with self._reading("pages"), self._engine.begin() as connection:
+            raw = connection.execute(text(query), values).all()
+        return [
+            Tally(**dict(zip(names, row, strict=True))) for row in raw if all(isinstance(n, int) for n in row)
+        ]
+
+    def channel_sums(self, *, after: int, upto: int, run_id: int | None = None) -> list[ChannelSum]:
+        """Add up nuisance amounts of one in ``SAMPLED_EVERY`` pages, by run, quarter of an hour and channel."""
+        query = f"""{_STARTS} SELECT pages.run_id, CAST((starts.start_s + pages.time_s) / {QUARTER_S} AS INTEGER),
+            amounts.key, count(*), sum(amounts.value)
+            FROM pages JOIN starts ON starts.id = pages.run_id,
+            json_each(CASE WHEN json_valid(pages.nuisance) THEN pages.nuisance ELSE '{{}}' END) AS amounts
+            WHERE pages.rowid > :after AND pages.rowid <= :upto{_of_run(run_id)}
+            AND pages.sheet % {SAMPLED_EVERY} = 0 AND amounts.type IN ('real', 'integer') GROUP BY 1, 2, 3"""
+        names = ("run_id", "quarter", "channel", "count", "total")
+        values = {"after": after, "upto": upto, "run_id": run_id}
+        with self._reading("pages"), self._engine.begin() as connection:
+            raw = connection.execute(text(query), values).all()
+        return [ChannelSum(**dict(zip(names, row, strict=True))) for row in raw if isinstance(row[1], int)]
 
     def search(
         self, wanted: PageQuery, *, before: int | None = None, limit: int = 100, damaged: Damaged = refuse
@@ -291,6 +385,24 @@ class JournalFollower(JournalReader):
 def _row() -> Any:
     """Return the row's number for use in conditions, where a label is not allowed."""
     return literal_column("pages.rowid")
+
+
+def _of_run(run_id: int | None) -> str:
+    return "" if run_id is None else " AND pages.run_id = :run_id"
+
+
+def _within(spans: tuple[RunSpan, ...]) -> ColumnElement[bool]:
+    """Return the condition that a page lies in one of these parts of runs."""
+    page = stored_pages.c
+    whole = [span.run_id for span in spans if span.since_s is None and span.until_s is None]
+    conditions: list[ColumnElement[bool]] = [page.run_id.in_(whole)]
+    for span in spans:
+        if span.since_s is not None or span.until_s is not None:
+            bounds = [page.run_id == span.run_id]
+            bounds += [] if span.since_s is None else [page.time_s >= span.since_s]
+            bounds += [] if span.until_s is None else [page.time_s < span.until_s]
+            conditions.append(and_(*bounds))
+    return or_(*conditions)
 
 
 def follow(path: Path, *, version: str) -> JournalFollower | None:

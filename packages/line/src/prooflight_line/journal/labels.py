@@ -105,6 +105,11 @@ def key_of(run_id: int, started_s: float) -> str:
     return f"{run_id}@{started_s:.0f}"
 
 
+def sheet_id(key: str, sheet: int) -> str:
+    """Return the name of a sheet of the run with this key, by which logs and traces of all processes know it."""
+    return f"{key}/{sheet}"
+
+
 def labels_path(journal: Path) -> Path:
     """Return the file of the labels of a journal's sheets."""
     return journal.with_name(journal.name + SUFFIX)
@@ -151,6 +156,41 @@ class LabelStore:
             {"run": run, "incident": str(number), "word": label, "upto": last}
             for number, last in upto.items()
         ]
+        return self._add_all(rows, by=by, at_s=at_s)
+
+    def say_of_sheets(
+        self, sheets: Mapping[str, Mapping[str, Sequence[int]]], *, by: str, at_s: float, note: str = ""
+    ) -> list[Label]:
+        """Add labels to many sheets, all or none. RequestError: as ``say``.
+
+        sheets: numbers of sheets by label, and by the key of their run; at_s: Unix time. [s]
+        """
+        for label in sheets.keys() - set(LABELS):
+            raise RequestError("word", f"there is no {label[:40]!r}", remedy=f"say {', '.join(LABELS)}")
+        rows = [
+            {"run": run, "sheet": sheet, "word": label, "note": note}
+            for label, runs in sheets.items()
+            for run, numbers in runs.items()
+            for sheet in numbers
+        ]
+        return self._add_all(rows, by=by, at_s=at_s)
+
+    def undo_between(self, first: int, last: int, *, by: str, at_s: float) -> list[Label]:
+        """Undo all labels of sheets that a person gave with these numbers and that are in force, all or none.
+
+        RequestError: there is none, or one is somebody else's. at_s: Unix time. [s]
+        """
+        given = self._read("id BETWEEN ? AND ? AND sheet IS NOT NULL ORDER BY id", (first, last))
+        undone = {one.undoes for one in self._read("undoes BETWEEN ? AND ?", (first, last))}
+        rows = [
+            {"run": one.run, "sheet": one.sheet, "word": UNDONE, "undoes": one.id}
+            for one in given
+            if one.word not in NO_LABEL and one.id not in undone
+        ]
+        if not rows or any(one.by != by for one in given):
+            raise RequestError(
+                "word", f"none of yours stands from {first} to {last}", remedy="see what was said of the run"
+            )
         return self._add_all(rows, by=by, at_s=at_s)
 
     def vouch(self, *, run: str, sheet: int, by: str, at_s: float, reason: str) -> Label:

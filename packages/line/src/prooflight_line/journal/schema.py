@@ -9,6 +9,7 @@ Schema history:
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -108,6 +109,18 @@ stored_runs, stored_packs, stored_pages = (
 def json_text(value: Any) -> str:
     """Return the JSON of ``plain`` values; NaN and infinity are kept."""
     return json.dumps(plain(value))
+
+
+def finite(value: Any) -> Any:
+    """Return the value with None for every number that is not finite, which JSON does not have; lists for tuples."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case dict():
+            return {str(name): finite(part) for name, part in value.items()}
+        case list() | tuple():
+            return [finite(part) for part in value]
+    return value
 
 
 def plain(value: Any) -> Any:

@@ -22,6 +22,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 
 from prooflight.detectors.disposition import DecidedBy, Disposition
 from prooflight.detectors.verdict import VerdictName
+from prooflight_line.journal.schema import finite
 
 if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
@@ -406,18 +407,6 @@ def schema() -> dict[str, Any]:
         "title": "Event of Prooflight",
     }
     return head | {name: value for name, value in document.items() if name != "title"}
-
-
-def finite(value: Any) -> Any:
-    """Return the value with None for every number that is not finite, and lists for tuples."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case dict():
-            return {str(name): finite(inner) for name, inner in value.items()}
-        case list() | tuple():
-            return [finite(inner) for inner in value]
-    return value
 
 
 # --- from what the run says ---

@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from prooflight_line.journal.schema import finite
 from prooflight_line.plant.events import (
     EventsLost,
     IncidentChanged,
@@ -17,7 +18,6 @@ from prooflight_line.plant.events import (
     SheetAtGate,
     SheetJudged,
     StateChanged,
-    finite,
 )
 
 if TYPE_CHECKING:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Final
+
+from prooflight_line.journal.defect_conditions import DefectConditions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -14,6 +16,11 @@ if TYPE_CHECKING:
 _COLUMNS: Final = (
     "s.at, p.name AS press, p.plant, r.key AS run, r.job, s.sheet, s.page, s.verdict, s.kind, s.disposition, s.score, "
     "s.threshold, s.late, s.run_id"
+)
+
+_BOX: Final = (
+    *("(d.value ->> 'x_mm')::float8", "(d.value ->> 'y_mm')::float8"),
+    *("(d.value ->> 'width_mm')::float8", "(d.value ->> 'height_mm')::float8"),
 )
 
 
@@ -27,6 +34,10 @@ class SheetQuery:
     """The job's name, or the beginning of the name."""
     verdict: str | None = None
     kind: str | None = None
+    page: str | None = None
+    """The page's name in the job, or its beginning."""
+    defect: DefectConditions = field(default_factory=DefectConditions)
+    """Conditions on one defect besides its kind, of which sheets that are not good store all."""
     since: datetime | None = None
     until: datetime | None = None
     """Time before which the sheet was seen."""
@@ -57,7 +68,20 @@ class SheetQuery:
             if (value := getattr(self, name)) is not None:
                 conditions.append(text)
                 values.append(value)
-        if self.verdict not in (None, "good") or (self.kind is not None and self.verdict is None):
+        if self.page is not None:
+            conditions.append("s.page LIKE %s")
+            values.append(_begins(self.page))
+        if not self.defect.any_defect:
+            defect, more = self.defect.sql(
+                kind="d.value ->> 'kind'", ink="d.value ->> 'ink'", box=_BOX, mark="%s", greatest="greatest"
+            )
+            conditions.append(
+                f"EXISTS (SELECT 1 FROM jsonb_array_elements(s.details -> 'regions') AS d WHERE {defect})"
+            )
+            values += more
+        if self.verdict not in (None, "good") or (
+            self.verdict is None and (self.kind is not None or not self.defect.any_defect)
+        ):
             conditions.append("s.verdict <> 'good'")  # by an index of few rows; a good sheet has no kind
         if before is not None:
             conditions.append("s.at <= %s AND (s.at < %s OR (s.run_id, s.sheet) > (%s, %s))")

@@ -10,13 +10,15 @@ is not the page that was shipped, all is shipped again, which changes nothing th
 from __future__ import annotations
 
 import json
-import math
+import re
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight_line.journal.labels import LabelStore, key_of
+from prooflight_line.journal.labels import LabelStore, key_of, sheet_id
+from prooflight_line.journal.schema import finite, plain
 from prooflight_line.records.database import RecordsError, UnreachableError, connect, first_line, shown
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from prooflight_line.journal.schema import JournalError
     from prooflight_line.records.pictures import ObjectStore
 
+NUL: Final = re.compile(r"(?<!\\)((?:\\\\)*)\\u0000")
+"""The character NUL in JSON, where its backslash is no escaped one; PostgreSQL stores it nowhere."""
 ROWS_A_STEP: Final = 1000
 """Assumed: some half a megabyte, which a slow link takes in a second or two."""
 _COLUMNS: Final = (
@@ -80,10 +84,18 @@ class LinkDownError(OSError):
 class Step:
     """Result of one step."""
 
-    sheets: int = 0
+    ids: tuple[str, ...] = ()
+    """The sheets that were shipped, by ``labels.sheet_id``."""
     labels: int = 0
+    seconds: float = 0.0
+    """Time that it took."""
     more: bool = False
     """Whether the journal held more than one step takes."""
+
+    @property
+    def sheets(self) -> int:
+        """Number of sheets that were shipped."""
+        return len(self.ids)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +173,7 @@ class Shipper:
 
         RecordsError: the server refuses what no repetition would change. JournalError: the journal cannot be read.
         """
+        begun_s = time.monotonic()
         upto = self.journal.row_after(self._row, count=ROWS_A_STEP)
         damaged: list[JournalError] = []
         written = self.journal.written_after(self._row, limit=ROWS_A_STEP, damaged=damaged.append)
@@ -194,8 +207,13 @@ class Shipper:
         for error in damaged:
             self.announce(str(error))
         return Step(
-            sheets=len(written),
+            ids=tuple(
+                sheet_id(run.key, one.page.sheet)
+                for one in written
+                if (run := self._runs.get(one.run_id)) is not None
+            ),
             labels=len(labels),
+            seconds=time.monotonic() - begun_s,
             more=len(written) + len(damaged) == ROWS_A_STEP or len(labels) == ROWS_A_STEP,
         )
 
@@ -309,26 +327,14 @@ def plain_text(value: Any) -> Any:
 
 
 def json_text(value: Any) -> str:
-    """Return JSON as PostgreSQL takes it: without NUL, with NaN and infinities as texts."""
-    return json.dumps(_finite(value), allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else repr(value)
-    if isinstance(value, dict):
-        return {plain_text(str(name)): _finite(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(part) for part in value]
-    return plain_text(value)
+    """Return JSON as PostgreSQL takes it: without the character NUL, and null for numbers that are not finite."""
+    return NUL.sub(r"\1\\ufffd", json.dumps(finite(value), allow_nan=False))
 
 
 def _details(one: Written) -> str | None:
     """Return what a person needs to see of a sheet that is not good; of good ones the journal has the rest."""
     if one.page.verdict.verdict == "good":
         return None
-    from prooflight_line.journal.schema import plain
-
     return json_text(plain(one.page.verdict))
 
 

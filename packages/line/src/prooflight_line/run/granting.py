@@ -50,11 +50,6 @@ def with_zone(job_zones: JobZones | None, entry: ZoneEntry) -> tuple[ZoneEntry, 
     return (*before, entry)
 
 
-def is_tolerance(entry: ZoneEntry) -> bool:
-    """Return whether a zone is a granted tolerance, which only its name shows."""
-    return entry.kind == "ignore" and entry.name.startswith(f"{NAME}: ")
-
-
 def _number(name: str, pages: int) -> int:
     match = PAGE.fullmatch(name)
     if match is None or not 1 <= int(match[1]) <= pages:

@@ -35,6 +35,7 @@ NoticeKind = Literal[
     "gate-ready",
     "outlet-away",
     "outlet-ready",
+    "resumed",
 ]
 
 

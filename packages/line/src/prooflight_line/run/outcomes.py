@@ -27,6 +27,20 @@ CORRUPTED: Final = frozenset({"slip", "stretch", "lost-lines", "extra-lines", "b
 LEFT_OUT: Final = "not a number that a page can have: {}; left out of the run"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetTimes:
+    """Times of a sheet on its way to its verdict, by the clock of the run. [s]"""
+
+    lines_s: float
+    """Time that the sheet took to pass the camera."""
+    last_line_s: float
+    placed_s: float
+    """Time at which it was cut from the lines, and its page identified."""
+    begun_s: float
+    """Time at which its inspection began."""
+    decided_s: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outcome:
     """The outcome of one sheet, or of one page that did not come."""
@@ -42,6 +56,8 @@ class Outcome:
     """Announcements of the run monitor at this sheet; set once the outcomes are in order."""
     notices: tuple[Notice, ...] = ()
     """Notices of the run at this sheet that belong to no channel."""
+    times: SheetTimes | None = None
+    """None: it was not inspected."""
 
 
 def outcome(
@@ -54,6 +70,7 @@ def outcome(
     evidence: PageEvidence | None = None,
     stored_evidence: Mapping[str, NDArray[Any]] | None = None,
     asked: float | None = None,
+    times: SheetTimes | None = None,
 ) -> Outcome:
     """Return the outcome of a sheet that was inspected."""
     kinds = kinds_of(seen.faults)
@@ -72,7 +89,7 @@ def outcome(
         asked=asked,
         evidence=stored_evidence,
     )
-    return Outcome(record=record, latency_s=latency_s, evidence=usable)
+    return Outcome(record=record, latency_s=latency_s, evidence=usable, times=times)
 
 
 def skipped(number: int, seen: SeenPage, why: str, *, name: str | None = None) -> Outcome:
@@ -102,7 +119,7 @@ def unknown_sheet(
 
 
 def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | None = None) -> Outcome:
-    """Return the outcome of a page of the job that did not come; name: its own."""
+    """Return the outcome of a page of the job that did not come, or that nothing watched; name: its own."""
     reason = "; ".join(fault.detail for fault in page.faults)
     record = PageRecord(
         sheet=number,
@@ -113,7 +130,7 @@ def missing_page(number: int, page: MissingPage, time_s: float, *, name: str | N
         time_s=time_s,
         faults=kinds_of(page.faults) or ("missing",),
     )
-    return Outcome(record=record, evidence=PageEvidence(), came=False)
+    return Outcome(record=record, evidence=PageEvidence(), came=page.is_unwatched)
 
 
 def lost_lines(seen: SeenPage) -> tuple[str, ...]:
@@ -131,8 +148,9 @@ def kinds_of(faults: Sequence[Fault]) -> tuple[str, ...]:
 class InOrder:
     """Reorder buffer: releases outcomes in the order of their sheets; every sheet has exactly one."""
 
-    def __init__(self) -> None:
-        self._next = 0
+    def __init__(self, first: int = 0) -> None:
+        """Begin with the sheet ``first``."""
+        self._next = first
         self._early: dict[int, Outcome] = {}
 
     def put(self, outcome: Outcome) -> list[Outcome]:

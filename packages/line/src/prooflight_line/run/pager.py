@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from prooflight.scans.lines import LineBlock
     from prooflight_line.run.sheets.fitting import Fit
     from prooflight_line.run.sheets.following import Match
+    from prooflight_line.run.sheets.readings import Readings
 
 SLIP_MM: Final = 1.2
 """Displacement from which a sheet counts as slipped: good ones of the press world lie within 0.76 mm."""
@@ -106,10 +107,12 @@ class Pager:
         *,
         expected: Expected,
         start: PageStart | None = None,
+        readings: Readings | None = None,
     ) -> None:
         """expected: thumbnails in job order, read when they are near; the same object for the same design.
 
-        A thumbnail that is not known yet is None.
+        A thumbnail that is not known yet is None. readings: hypotheses about the position of a run that is
+        resumed.
         """
         geometry = press.geometry
         self._geometry, self._start = geometry, start or SheetEdge()
@@ -117,7 +120,7 @@ class Pager:
             round(mm / geometry.line_pitch_mm) for mm in (geometry.lead_in_mm, geometry.lead_out_mm)
         )
         self._unseen_edge = min(UNSEEN_EDGE_LINES, self._lead_in // 2)
-        self._following = Following(expected=expected, geometry=geometry)
+        self._following = Following(expected=expected, geometry=geometry, readings=readings)
         self._longest = max(self._lengths(), default=2 * geometry.pixels)
         self._store = LineStore(press, longest=self._longest)
         self._finder = SheetFinder(self._store, lengths=self._lengths, like_gap=self._like_gap)
@@ -126,7 +129,8 @@ class Pager:
         self._faults: deque[tuple[int, Fault]] = deque()
         self._rhythm = Rhythm(tolerance=SLIP_MM / geometry.line_pitch_mm)
         self._before: Sheet | None = None
-        self._untriggered = False  # an unknown number of lines was lost, and with it the triggers' positions
+        # An unknown number of lines was lost, and with it the triggers' positions.
+        self._untriggered = readings is not None
 
     @property
     def next_page(self) -> int:
@@ -217,6 +221,7 @@ class Pager:
         seen = SeenPage(
             scan=cut.scan,
             first_line=count - (sheet.start - cut.first),  # lines were lost between them
+            first_line_time_s=self._store.time_at(max(cut.first, 0)),
             last_line_time_s=self._store.time_at(min(cut.first + cut.scan.shape[1], self._store.end) - 1),
             job_page=match.job_page,
             faults=tuple(faults),
@@ -302,8 +307,7 @@ class Pager:
 
     def _begins_unseen(self, sheet: Sheet) -> bool:
         """Return whether a run's first sheet begins with its lines; counted triggers say where it begins."""
-        first = self._before is None and sheet.start <= self._unseen_edge
-        return first and isinstance(self._start, SheetEdge)
+        return self._before is None and sheet.start <= self._unseen_edge and self._by_edge
 
     def _cut_short(self, sheet: Sheet, page: Thumbnail | None) -> list[SeenPage | MissingPage]:
         """Return a sheet of which only the beginning was read, too little to identify its page."""

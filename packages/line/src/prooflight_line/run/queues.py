@@ -26,6 +26,8 @@ class Sheet:
     seen: SeenPage
     arrived_s: float
     """Time at which its last line was read, by the watcher's clock."""
+    placed_s: float
+    """Time at which it was queued, by the same clock."""
     deadline_s: float
     """Time at which its verdict is due, by the same clock; infinite if the source can wait."""
 

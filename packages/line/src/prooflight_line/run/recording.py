@@ -12,6 +12,8 @@ from prooflight_line.journal.records import RunEnd
 from prooflight_line.run.status import Phase
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from prooflight_line.journal.journal import Journal
     from prooflight_line.journal.records import Ending, PageRecord
     from prooflight_line.run.status import Status
@@ -35,9 +37,12 @@ class Recorder:
     Pages that are ``unrecorded`` after its end will not be recorded by this process.
     """
 
-    def __init__(self, journal: Journal, run_id: int) -> None:
+    def __init__(self, journal: Journal, run_id: int, *, recorded: int = 0) -> None:
+        """``recorded`` is the number of rows that the run has before."""
+        self.committed: Callable[[int], None] = lambda _rows: None
+        """Called after each commit with the number of pages on the disk, by the thread that writes."""
         self.journal, self.run_id = journal, run_id
-        self._recorded = 0
+        self._recorded = recorded
         self._due, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._commit_all, name="journal", daemon=True)
 
@@ -83,5 +88,6 @@ class Recorder:
             self._due.clear()
             try:
                 self.journal.commit()
+                self.committed(self.durable)
             except Exception:  # whatever it was, later pages must be written
                 _log.exception("the journal %s", self.journal.path)

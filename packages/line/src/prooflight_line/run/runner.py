@@ -17,6 +17,7 @@ import os
 import queue
 import threading
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import MappingProxyType
@@ -33,6 +34,7 @@ from prooflight_line.run.notices import Notice, Silence, Unusable
 from prooflight_line.run.outcomes import (
     InOrder,
     Outcome,
+    SheetTimes,
     kinds_of,
     lost_lines,
     missing_page,
@@ -44,6 +46,7 @@ from prooflight_line.run.pace import NO_ROOM, NOT_READY, TOO_LATE, out_of_time
 from prooflight_line.run.page_store import ThumbnailCache
 from prooflight_line.run.prefetch import DesignPrefetcher
 from prooflight_line.run.queues import Sheet, Waiting
+from prooflight_line.run.resuming import Past
 from prooflight_line.run.sheets.records import MissingPage, SeenPage
 from prooflight_line.run.sheets.thumbnails import Thumbnail
 from prooflight_line.run.status import VERDICTS, Phase, Status, Tally
@@ -106,6 +109,7 @@ class Running:
         durable: Callable[[], int] = lambda: 0,
         stored: Callable[[Hashable], PackedDesign | None] = lambda _design: None,
         store: Callable[[Hashable, PackedDesign], None] = lambda _design, _packed: None,
+        past: Past | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Store the parts of a run.
@@ -130,6 +134,8 @@ class Running:
             Returns a design that was prepared before the run for the press as it was then; None: it was not.
         store
             Called with designs that were prepared now for the press as it was then.
+        past
+            Recorded part of a run that is resumed, which ``watch`` has followed; None: the run is new.
         """
         self._press, self._source, self._make_pager, self._page_store = press, source, pager, page_store
         self._inspector, self._watch, self._settings = inspector, watch, settings
@@ -137,7 +143,8 @@ class Running:
         self._tell, self._notice, self._on_arrived, self._name = tell, notice, arrived, name
         self._flaws, self._durable, self._clock = flaws, durable, clock
         self._stored, self._store = stored, store
-        self.tally = Tally()
+        past = past or Past()
+        self.tally = Tally(counts=Counter(past.counts), faults=Counter(past.faults))
         self._waiting: Waiting[Sheet] = Waiting(settings.room, source_waits=settings.source_waits)
         self._thumbnails = ThumbnailCache(page_store)
         self._done: queue.SimpleQueue[Outcome | Notice | None] = queue.SimpleQueue()
@@ -157,8 +164,9 @@ class Running:
             store=self._store_first,
             clock=clock,
         )
-        self._order = InOrder()
-        self._sheets = self._finished = 0
+        self._order = InOrder(past.first_sheet)
+        self._sheets = self._finished = past.first_sheet
+        self._first_due = min(past.due, max(len(page_store) - 1, 0))
         self._noted: list[str] = []
         self._behind = False
         self._unready = 0  # sheets since the last whose design was ready
@@ -166,6 +174,7 @@ class Running:
         self._ended = threading.Event()
         self._started_s = clock()
         self._threads: list[threading.Thread] = []
+        self._follow(past.first_sheet)
 
     def start(self) -> None:
         """Start the threads; return at once."""
@@ -223,6 +232,7 @@ class Running:
             for thread in inspectors:
                 if thread.ident is not None:
                     thread.join()
+            self._inspector.close()
             self._source.close()
             self._prefetcher.close()
             self._done.put(None)
@@ -246,11 +256,12 @@ class Running:
                 break
             self._prefetcher.begin(first[count : count + self._settings.preparers])
             self._ready(sheet)
-        self._prefetcher.expect(0)
+        self._prefetcher.expect(self._first_due)
         if self._stopping.is_set():
             return
         if not self._prefetcher.ready:
-            self._prefetcher.get(0)  # raises the error: none of the first designs can be used
+            # Raises the error: none of the first designs can be used.
+            self._prefetcher.get(self._first_due)
         # On all threads at once and with the largest design, so that each has memory for its pages when sheets come.
         inspector, ready, _ = self._prefetcher.largest()
         threads = self._settings.inspectors
@@ -272,8 +283,9 @@ class Running:
         These are all designs of the job, for a press does not wait. A source that does wait needs a few ahead.
         """
         if self._settings.start_at_once:
-            return [0]
-        sheets = range(max(min(MOST_DESIGNS, len(self._page_store)), 1))
+            return [self._first_due]
+        until = max(min(self._first_due + MOST_DESIGNS, len(self._page_store)), 1)
+        sheets = range(self._first_due, until)
         first = list({self._page_store.design(sheet): sheet for sheet in reversed(sheets)}.values())[::-1]
         return first[: self._settings.ahead] if self._settings.source_waits else first
 
@@ -343,7 +355,7 @@ class Running:
         number, now_s = self._sheets, self._clock()
         self._sheets += 1
         if isinstance(page, MissingPage):
-            self.tally.count("missing")
+            self.tally.count("missing", by=not page.is_unwatched)
             name = self._name(page.job_page)
             self._done.put(missing_page(number, page, now_s if block is None else block.time_s, name=name))
             return
@@ -362,7 +374,12 @@ class Running:
         arrived_s = page.last_line_time_s if self._settings.source_clock else now_s
         deadline_s = math.inf if self._settings.source_waits else arrived_s + self._settings.deadline_s
         sheet = Sheet(
-            number=number, job_page=page.job_page, seen=page, arrived_s=arrived_s, deadline_s=deadline_s
+            number=number,
+            job_page=page.job_page,
+            seen=page,
+            arrived_s=arrived_s,
+            placed_s=now_s,
+            deadline_s=deadline_s,
         )
         if self._dropping.is_set():
             self._pass(sheet, STOPPED)
@@ -447,7 +464,14 @@ class Running:
                     sheet=sheet.number,
                 )
             decided_s = self._clock()
-            done = self._outcome(sheet, result, used, decided_s)
+            times = SheetTimes(
+                lines_s=sheet.seen.lines_s,
+                last_line_s=sheet.arrived_s,
+                placed_s=sheet.placed_s,
+                begun_s=begun_s,
+                decided_s=decided_s,
+            )
+            done = self._outcome(sheet, result, used, times)
         except Exception as error:
             why = f"it could not be inspected: {reason_of(error, of=f'sheet {sheet.number}')}"
             return skipped(sheet.number, sheet.seen, why, name=self._name(sheet.job_page))
@@ -456,7 +480,7 @@ class Running:
         return done
 
     def _outcome(
-        self, sheet: Sheet, result: SheetResult, used: NDArray[np.float64] | None, decided_s: float
+        self, sheet: Sheet, result: SheetResult, used: NDArray[np.float64] | None, times: SheetTimes
     ) -> Outcome:
         evidence, adapting = result.evidence, self._watch.adapting
         if adapting is not None and used is not None:
@@ -465,11 +489,12 @@ class Running:
             sheet.number,
             sheet.seen,
             result.verdict,
-            late=decided_s > sheet.deadline_s,
-            latency_s=decided_s - sheet.arrived_s,
+            late=times.decided_s > sheet.deadline_s,
+            latency_s=times.decided_s - sheet.arrived_s,
             evidence=evidence,
             stored_evidence=result.stored_evidence,
             asked=result.asked,
+            times=times,
         )
 
     def _pass(self, sheet: Sheet, why: str) -> None:
@@ -518,16 +543,21 @@ class Running:
         for notice in finished.notices:  # the record has it among its notes
             self._finish_one(f"notice {notice.kind}", self._notice, notice)
         self.tally.count("announcements", by=len(finished.announcements))
-        adapting = self._watch.adapting
-        if adapting is not None and (press := adapting.renewed(self._press, record.sheet)) is not None:
-            self._inspector = inspector = self._inspector.following(press)
-            used = adapting.used.copy()
-            self._prefetcher.renew(
-                self._maker(inspector), again=lambda ready: (inspector, inspector.renewed(ready[1]), used)
-            )
+        self._follow(record.sheet)
         self._tell(finished)
 
     # --- parts ---
+
+    def _follow(self, sheet: int) -> None:
+        """Predict for the press as it is followed now, if it has changed enough until ``sheet``."""
+        adapting = self._watch.adapting
+        if adapting is None or (press := adapting.renewed(self._press, sheet)) is None:
+            return
+        self._inspector = inspector = self._inspector.following(press)
+        used = adapting.used.copy()
+        self._prefetcher.renew(
+            self._maker(inspector), again=lambda ready: (inspector, inspector.renewed(ready[1]), used)
+        )
 
     def _noting(self, finished: Outcome) -> Outcome:
         """Return an outcome with the notices since the last sheet in its notes, for the journal."""

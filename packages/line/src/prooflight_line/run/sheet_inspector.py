@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
 
 import numpy as np
 
@@ -44,7 +44,25 @@ class SheetResult:
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+class Workers(Protocol):
+    """Processes that inspect (``inspection_workers``)."""
+
+    def inspect(
+        self, inspector: SheetInspector, ready: PackedDesign, scan: NDArray[np.uint16], **arguments: Any
+    ) -> SheetResult:
+        """Inspect a scan in one of them."""
+        ...
+
+    def provide(self, inspector: SheetInspector, ready: PackedDesign) -> object:
+        """Let them read a design."""
+        ...
+
+    def close(self) -> None:
+        """End them."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class SheetInspector:
     """Inspector of sheets; safe to call from several threads at once."""
 
@@ -52,12 +70,17 @@ class SheetInspector:
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     sampling: Sampling = field(default_factory=Sampling)
+    workers: Workers | None = None
+    """Processes that inspect; None: the calling thread does."""
 
     def prepare(self, page: Page) -> PackedDesign:
         """Prepare a design ahead of its sheets.
 
         It runs in this thread alone, since it must not delay the sheets that come meanwhile.
         """
+        return self._provided(self._packed(page))
+
+    def _packed(self, page: Page) -> PackedDesign:
         planned = self.inspector.planned(page, threads=1)
         prepared = self.inspector.prepare(planned)
         thumbnail = thumbnail_of(page, planned.expected, self.inspector.press)
@@ -95,6 +118,9 @@ class SheetInspector:
         ScanError
             The scan does not fit the press or the page.
         """
+        if self.workers is not None:
+            arguments = {"name": name, "seed": seed, "unseen": unseen, "sheet": sheet}
+            return self.workers.inspect(self, ready, scan, **arguments)
         threads = self.inspector.detector.press_context.threads or os.cpu_count() or 1
         prepared, press = ready.unpacked(threads=threads), self.inspector.press
         inspection = inspect_where_seen(
@@ -134,7 +160,12 @@ class SheetInspector:
             scan = np.roll(expected, off, axis=(1, 2))
             scan[:, lines, pixels] = hole
             self.inspect(ready, scan, name="warm-up", seed=0)
-        self.prepare(page)
+        self._packed(page)
+
+    def close(self) -> None:
+        """End the processes that inspect."""
+        if self.workers is not None:
+            self.workers.close()
 
     def following(self, press: Press) -> Self:
         """Return the same inspector for a press whose light has changed a little."""
@@ -146,4 +177,11 @@ class SheetInspector:
         adapted = ready.bare.prepared_page.under(context)
         if adapted is None:
             return self.prepare(ready.unpacked().page)
-        return replace(ready, bare=replace(ready.bare, prepared_page=adapted))
+        bare = replace(ready.bare, prepared_page=adapted)
+        return self._provided(replace(ready, bare=bare, origin=ready.origin or ready))
+
+    def _provided(self, ready: PackedDesign) -> PackedDesign:
+        """Return a design that the workers can read, so that its first sheet need not wait for that."""
+        if self.workers is not None:
+            self.workers.provide(self, ready)
+        return ready

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.following import Adapting
+from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
 from prooflight_line.run.monitor.evidence import columns_mm
 from prooflight_line.run.monitor.run import RunMonitor
 from prooflight_line.run.outcomes import RunWatch
 from prooflight_line.run.pager import Pager, SheetEdge
+from prooflight_line.run.resuming import Past
 from prooflight_line.run.runner import Running
 from prooflight_line.run.sampling import Sampling
 from prooflight_line.run.settings import Settings
 from prooflight_line.run.sheet_inspector import SheetInspector
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from prooflight.inspection.inspector import Inspector
     from prooflight.scans.lines import LineSource
+    from prooflight_line.journal.records import PageRecord
     from prooflight_line.run.pager import PageStart
     from prooflight_line.run.prefetch import PageStore
     from prooflight_line.run.sheet_inspector import Keep
@@ -35,18 +41,16 @@ def watched(
     keep: Keep = "none",
     follow: bool = True,
     false_alarms: float = 1.0,
+    recorded: Iterable[PageRecord] | None = None,
     **told: Any,
 ) -> Running:
     """Return a run that is ready to start.
 
     follow: whether slow changes of lamp and paper are adapted to. false_alarms: stated rate of the run's monitor,
-    per 100,000 pages. told: ``tell``, ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of
-    ``Running``.
+    per 100,000 pages. recorded: rows of a run that is resumed, in their order; None: the run is new. told: ``tell``,
+    ``notice``, ``arrived``, ``name``, ``flaws``, ``durable`` and ``clock`` of ``Running``.
     """
     press = inspector.press
-
-    def pager(thumbnails: Expected) -> Pager:
-        return Pager(press, expected=thumbnails, start=start or SheetEdge())
 
     monitor = RunMonitor.begin(
         sensors=[sensor.name for sensor in press.sensors],
@@ -54,23 +58,36 @@ def watched(
         costs=press.costs,
         false_alarms=false_alarms,
     )
+    workers = worker_count(settings.inspectors, inspector)
+    if workers:
+        settings = replace(settings, inspectors=workers)
+    threads = THREADS_A_WORKER if workers else threads_a_sheet(settings)
+    watch = RunWatch(
+        monitor=monitor,
+        adapting=Adapting.begin(press) if follow else None,
+        sheets=len(page_store) or None,
+        guarantee=GuaranteeMonitor.of(inspector.detector, seed=settings.seed),
+    )
+    past = None if recorded is None else Past.of(recorded, watch)
+
+    def pager(thumbnails: Expected) -> Pager:
+        readings = None if past is None else past.readings(len(thumbnails))
+        return Pager(press, expected=thumbnails, start=start or SheetEdge(), readings=readings)
+
     return Running(
         press=press,
         source=source,
         pager=pager,
         page_store=page_store,
         inspector=SheetInspector(
-            inspector=inspector.with_threads(threads_a_sheet(settings)),
+            inspector=inspector.with_threads(threads),
             keep=keep,
             sampling=Sampling(sample=settings.sample, seed=settings.seed),
+            workers=InspectionWorkers(workers) if workers else None,
         ),
-        watch=RunWatch(
-            monitor=monitor,
-            adapting=Adapting.begin(press) if follow else None,
-            sheets=len(page_store) or None,
-            guarantee=GuaranteeMonitor.of(inspector.detector, seed=settings.seed),
-        ),
+        watch=watch,
         settings=settings,
+        past=past,
         **told,
     )
 

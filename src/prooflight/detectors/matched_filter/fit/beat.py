@@ -7,11 +7,17 @@ as ``ResidualVariance.contrast`` is.
 
 A beat is correlated, so that a box, line or column of pixels that it fits sums it up where noise would average
 out. What the sums of patches vary more than sums of noise would is a factor on the variance: the greatest of all sizes.
+
+Along whole rows a beat does not average out at all where a lattice, or the pattern that the lattices of several inks
+make together, lies level with the camera's lines: a dark tint of four inks shows waves along the travel over the
+whole page. They are computed from patches of the page's own tints (``row_beats``).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -21,6 +27,8 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.screen import screened
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.fit.modes import Modes
@@ -28,6 +36,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.sampling import Footprint
     from prooflight.pages.screen import Screen
+    from prooflight.prediction.tables import SensorModel
 
 LEVELS: Final = (26, 64, 128, 191, 230)
 """Bytes of the tints that are tried: 10, 25, 50, 75 and 90 %."""
@@ -37,6 +46,13 @@ BOXES: Final = (2, 4, 8, 16)
 """Sides of boxes, and lengths of pieces of lines and columns, whose sums are compared with sums of noise. Twelve
 to a side remain of the largest, so that its variance is known within a tenth."""
 LEAST_SHARE: Final = 1e-9
+TINTS: Final = 8
+"""Greatest number of a page's tints whose beat along rows is computed."""
+STEPS: Final = 16
+"""Steps of ink area to which tints are rounded."""
+TINT_MM: Final = (12.0, 64.0)
+"""Width and height of their patches: 43 cells of 175 lpi across, of which what is not level averages out, and more than
+the longest wave."""
 
 
 @lru_cache(maxsize=8)
@@ -108,12 +124,124 @@ def add_beat(modes: Modes, contrasts: NDArray[np.float64], residual_variance: Re
             modes.texture[index] += factor * modes.gain[index, ink] * modes.dot[index, ink]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RowBeats:
+    """Beat of a page's tints along whole rows of tiles, as shares of their light."""
+
+    tints: NDArray[np.float32]
+    """(n, 4) ink areas."""
+    wave: NDArray[np.float32]
+    """(n,) amplitude of the strongest wave along the travel within ``periods_mm``. [-]"""
+    sd: NDArray[np.float32]
+    """(n,) standard deviation of rows. [-]"""
+
+    def at(self, cover: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return wave and standard deviation of the nearest tint at places of ink areas (4, rows, columns)."""
+        off = np.abs(self.tints[:, :, None, None] - cover).sum(axis=1)
+        nearest = off.argmin(axis=0)
+        return self.wave[nearest], self.sd[nearest]
+
+
+def row_beats(
+    cover: NDArray[np.float32],
+    screen: Screen,
+    light: InkLight,
+    sensors: Sequence[SensorModel],
+    *,
+    line_mm: float,
+    tile_lines: int,
+    periods_mm: tuple[float, float],
+) -> RowBeats | None:
+    """Return the beat of a page's commonest tints along rows of tiles.
+
+    Parameters
+    ----------
+    cover
+        (4, lines, pixels) ink area of the page.
+    screen, light
+        As in ``beat_contrasts``.
+    sensors
+        Of these pixels; the one that sees most of a beat counts.
+    line_mm, tile_lines
+        Pitch of the lines, and lines of a tile.
+    periods_mm
+        Shortest and longest wave that is inspected.
+
+    Returns
+    -------
+    RowBeats | None
+        None: dots are scattered by error diffusion, which averages out along rows, or the page has no tints.
+    """
+    if screen.kind == "error-diffusion":
+        return None
+    steps = np.rint(cover[:, ::4, ::4].reshape(INKS, -1) * np.float32(STEPS)).clip(0, STEPS).astype(np.int64)
+    counts = np.bincount(np.ravel_multi_index(tuple(steps), (STEPS + 1,) * INKS))
+    tints = np.stack(np.unravel_index(np.flatnonzero(counts), (STEPS + 1,) * INKS), axis=1)
+    counts = np.where((tints % STEPS != 0).any(axis=1), counts[counts > 0], 0)
+    chosen = tints[np.argsort(-counts, kind="stable")[: min(TINTS, np.count_nonzero(counts))]]
+    if not len(chosen):
+        return None
+    seen = np.array(
+        [
+            np.max(
+                [
+                    _row_beat(
+                        tuple(tint.tolist()), screen, light, one.footprint, line_mm, tile_lines, periods_mm
+                    )
+                    for one in sensors
+                ],
+                axis=0,
+            )
+            for tint in chosen
+        ]
+    )
+    without = np.array(list(product((0.0, 1.0), repeat=INKS)))  # bare paper and solids have none
+    areas = np.concatenate([without, chosen / STEPS]).astype(np.float32)
+    wave, sd = np.concatenate([np.zeros((len(without), 2)), seen]).astype(np.float32).T
+    return RowBeats(tints=areas, wave=wave, sd=sd)
+
+
+@lru_cache(maxsize=256)
+def _row_beat(
+    tint: tuple[int, ...],
+    screen: Screen,
+    light: InkLight,
+    footprint: Footprint,
+    line_mm: float,
+    tile_lines: int,
+    periods_mm: tuple[float, float],
+) -> tuple[float, float]:
+    """Return ``RowBeats.wave`` and ``sd`` of one tint, in ``STEPS``."""
+    device_mm = MM_PER_INCH / screen.dpi
+    lines = int((TINT_MM[1] - 2 * footprint.reach_mm) / line_mm) // tile_lines * tile_lines
+    along = _seen_by(footprint.along, footprint.reach_mm, line_mm, device_mm, pixels=lines)
+    plates = np.empty((along.shape[1], round(TINT_MM[0] / device_mm), INKS), np.uint8)
+    plates[:] = np.rint(np.array(tint) * (255 / STEPS))
+    screened(plates, screen, tone=light, out=plates)
+    left = np.ones(plates.shape[:2], np.float32)
+    for ink, curve in enumerate(light):
+        takes = np.interp(np.linspace(0, 1, 256), np.linspace(0, 1, len(curve)), curve)
+        left *= (1 - takes).astype(np.float32)[plates[..., ink]]
+    tiles = (along @ left.mean(axis=1, dtype=np.float64)).reshape(-1, tile_lines).mean(axis=1)
+    beat = tiles / tiles.mean() - 1
+    window = np.hanning(beat.size)
+    amplitude = 2 * np.abs(np.fft.rfft(beat * window, 4 * beat.size)) / window.sum()
+    frequency = np.fft.rfftfreq(4 * beat.size, tile_lines * line_mm)
+    wanted = (frequency >= 1 / periods_mm[1]) & (frequency <= 1 / periods_mm[0])
+    return float(amplitude[wanted].max(initial=0)), float(beat.std())
+
+
 def _seen_by(
-    edges: NDArray[np.float64], reach_mm: float, pitch_mm: float, device_mm: float
+    edges: NDArray[np.float64],
+    reach_mm: float,
+    pitch_mm: float,
+    device_mm: float,
+    *,
+    pixels: int = PATCH_PIXELS,
 ) -> NDArray[np.float64]:
-    """Return the weights of device pixels in camera pixels, (PATCH_PIXELS, device pixels); each row sums to 1."""
-    count = int(np.ceil((PATCH_PIXELS * pitch_mm + 2 * reach_mm) / device_mm)) + 1
-    centres = reach_mm + (np.arange(PATCH_PIXELS) + 0.5) * pitch_mm
+    """Return the weights of device pixels in camera pixels, (pixels, device pixels); each row sums to 1."""
+    count = int(np.ceil((pixels * pitch_mm + 2 * reach_mm) / device_mm)) + 1
+    centres = reach_mm + (np.arange(pixels) + 0.5) * pitch_mm
     borders = np.arange(count + 1) * device_mm
     places = np.linspace(-reach_mm, reach_mm, edges.size)
     return np.asarray(np.diff(np.interp(borders - centres[:, None], places, edges), axis=1))

@@ -6,14 +6,12 @@ gap there, or overlaps, and shows a line that no slope of the expected light ann
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.kernels.memory import unset
 from prooflight.kernels.residuals.hidden_edges import hidden_slopes
-from prooflight.pages.parallel import parts_of, shared_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,16 +29,13 @@ LEAST_SLOPE: Final = 0.03
 """Hidden slope that matters somewhere on a page, as a share of white a pixel: that of a place near an edge."""
 
 
-def hidden_edges(
-    modes: Modes, sensors: Sequence[SensorModel], *, threads: int = 1
-) -> NDArray[np.float32] | None:
+def hidden_edges(modes: Modes, sensors: Sequence[SensorModel]) -> NDArray[np.float32] | None:
     """Return the squared slope of edges that do not show in the light of a page.
 
     Parameters
     ----------
     modes : of the page in its nominal place, in binned pixels.
     sensors : of binned pixels.
-    threads : number of threads that share the lines.
 
     Returns
     -------
@@ -51,18 +46,10 @@ def hidden_edges(
         return None
     shape = modes.cover.shape[1:]
     out = unset((len(sensors), *shape))
-    parts = [(index, *part) for index in range(len(sensors)) for part in parts_of(shape[0], threads)]
-    most = shared_out(
-        [
-            partial(hidden_slopes, modes.gain[index], modes.cover, first, last, out[index])
-            for index, first, last in parts
-        ],
-        threads=threads,
-    )
-    seen = any(
-        value >= (LEAST_SLOPE * sensors[index].white_dn) ** 2
-        for value, (index, _, _) in zip(most, parts, strict=True)
-    )
+    seen = False
+    for index, sensor in enumerate(sensors):
+        most = hidden_slopes(modes.gain[index], modes.cover, 0, shape[0], out[index])
+        seen |= most >= (LEAST_SLOPE * sensor.white_dn) ** 2
     return out if seen else None
 
 

@@ -218,7 +218,7 @@ def samples(
     for w, s, lines in streaks(sums):
         for mode in range(len(LINE_MODES)):
             put(draws["streaks"][mode, w, s], *lines[:, mode])
-    of_rows = rows(sums)
+    of_rows = rows(sums)[:3]
     for mode in range(len(MODES)):
         put(draws["bands"][mode], *(one[mode] for one in of_rows))
     seen = ghosts(sums)

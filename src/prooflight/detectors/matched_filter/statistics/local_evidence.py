@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.matched_filter.fit.beat import RowBeats
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan
     from prooflight.detectors.matched_filter.statistics.statistic import Box
     from prooflight.scans.geometry import ScanGeometry
@@ -112,6 +113,8 @@ class Sums:
     """(sensors, pixels) gain that was removed from each column of the camera. [-]"""
     modes: tuple[str, ...] = MODES
     """Modes that were summed up, of ``MODES``; light is the first."""
+    row_beats: RowBeats | None = None
+    """Beat of a stated screen along rows; None: there is none."""
 
     def of_modes(self, names: Sequence[str]) -> Sums:
         """Select modes, light the first, and the energy.
@@ -164,6 +167,7 @@ def summed(
     page_width_mm: float,
     prior: PrintPrior,
     analysed_modes: tuple[str, ...] = MODES,
+    row_beats: RowBeats | None = None,
     threads: int = 1,
 ) -> Sums:
     """Sum up the residuals of all sensors in one pass.
@@ -181,6 +185,7 @@ def summed(
     page_width_mm : width of the page [mm].
     prior : of good prints.
     analysed_modes : modes that are summed up, of ``MODES``, light the first.
+    row_beats : see ``Sums``.
     threads : number of threads that share the work.
     """
     left = left.copy()
@@ -246,6 +251,7 @@ def summed(
         page_width_mm=page_width_mm,
         prior=prior,
         modes=analysed_modes,
+        row_beats=row_beats,
     )
 
 
@@ -276,6 +282,7 @@ def sums_from(
     page_width_mm: float,
     prior: PrintPrior,
     modes: tuple[str, ...],
+    row_beats: RowBeats | None = None,
 ) -> Sums:
     """Return sums with their place on the page.
 
@@ -296,6 +303,7 @@ def sums_from(
         prior=prior,
         column_gains=gains,
         modes=modes,
+        row_beats=row_beats,
     )
 
 
@@ -321,12 +329,12 @@ class Scatter:
         return replace(self, boxes=self.boxes[which], streaks=self.streaks[lines], bands=self.bands[which])
 
     @classmethod
-    def white(cls, prior: PrintPrior | None = None) -> Scatter:
-        """Return the scatter of noise alone; prior: of good prints; None: of an office-class press."""
+    def white(cls) -> Scatter:
+        """Return the scatter of noise alone, of an office-class press."""
         one = np.array([1.0, 1.0, 0.0])
         shapes = SCATTER_SHAPES.items()
         scatters = {name: np.broadcast_to(one, (*shape, 3)).copy() for name, shape in shapes}
-        return cls(**scatters, light=assumed_light(prior or PrintPrior()))
+        return cls(**scatters, light=assumed_light(PrintPrior()))
 
 
 def without_common(
@@ -421,9 +429,10 @@ def with_unevenness(maps: NDArray[np.float32], variance: NDArray[np.floating]) -
 
 
 def rows(sums: Sums) -> NDArray[np.float32]:
-    """Return N', D' and edges (3, modes, tile rows) over the whole width, with the local level removed.
+    """Return N', D', edges and a screen's wave (4, modes, tile rows) over the whole width, the local level removed.
 
-    As for columns, all three are reduced by the variance that light which varies along a row adds to N'.
+    As for columns, all are reduced by the variance that light which varies along a row adds to N', and by that of a
+    screen's beat. The wave is the amplitude of N' that its strongest wave has, if the dots of all tiles are in step.
     """
     tiles = sums.tiles[:, : len(sums.modes)]
     own, power, edges = without_common(tiles.sum(axis=-1), sums.prior.place)
@@ -438,22 +447,48 @@ def rows(sums: Sums) -> NDArray[np.float32]:
     of_light = shared.sum(axis=-1) / (light.sum(axis=-1) + np.float32(1 / sums.prior.place**2))
     unevenness = np.zeros_like(maps[0])
     unevenness[1:] = ((shared - light * of_light[..., None]) ** 2).sum(axis=-1)
-    return with_unevenness(maps, sums.prior.place**2 * unevenness)
+    wave, sd = _row_beat(sums, tiles)
+    maps = np.concatenate([maps, wave[None]])
+    return with_unevenness(maps, sums.prior.place**2 * unevenness + sd**2)
+
+
+def _row_beat(sums: Sums, tiles: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return what a screen's beat adds to N', (2, modes, tile rows): amplitude of its wave, and standard deviation.
+
+    Only tiles without edges count: the mean ink of others is no tint.
+    """
+    out = np.zeros((2, *tiles.shape[1:3]), np.float32)
+    if sums.row_beats is None:
+        return out
+    flat = 1 - np.minimum(sums.tiles[3, 0] / np.maximum(sums.tiles[1, 0], np.float32(1e-9)), 1)
+    level = tiles[1, 0].sum(axis=-1) + np.float32(1 / sums.prior.place**2)
+    for beat, of_beat in zip(sums.row_beats.at(sums.cover), out, strict=True):
+        push = (tiles[2] * (beat * flat)).sum(axis=-1)
+        push[0] = (tiles[1, 0] * (beat * flat)).sum(axis=-1)
+        of_beat[:] = push
+        of_beat[1:] -= tiles[2, 1:].sum(axis=-1) * (push[0] / level)
+    return np.abs(out)
 
 
 def periodogram(
     own: NDArray[np.float32],
     power: NDArray[np.float32],
     edges: NDArray[np.float32],
+    beat: NDArray[np.float32],
     scatter: NDArray[np.float64],
     tile_mm: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return frequencies [1/mm], wave power (chi-square of 2 on good prints), and power with harmonics."""
+    """Return frequencies [1/mm], wave power (chi-square of 2 on good prints), and power with harmonics.
+
+    A screen's wave (``rows``) may have any frequency, so that the power which it has at its own is expected at all.
+    """
     noise, at_edges, tolerance = scatter
     share = edges / np.maximum(power, 1e-9)
     trust = 1 / (noise * (1 - share) + at_edges * share + tolerance * power.astype(np.float64))
     transform = np.fft.rfft(own * trust, 4 * own.size)
-    spectrum = np.asarray(2 * np.abs(transform) ** 2 / (power * trust).sum().clip(min=1e-9), np.float64)
+    information = (power * trust).sum().clip(min=1e-9)
+    spectrum = np.asarray(2 * np.abs(transform) ** 2 / information, np.float64)
+    spectrum /= 1 + float((beat * trust).sum()) ** 2 / (4 * information)
     frequency = np.fft.rfftfreq(4 * own.size, tile_mm)
     lowest, highest = 1 / PERIODS_MM[1], 1 / PERIODS_MM[0]
     wanted = np.flatnonzero((frequency >= lowest) & (frequency <= highest))

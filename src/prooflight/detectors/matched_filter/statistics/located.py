@@ -119,8 +119,8 @@ class Waves(NamedTuple):
 def waves_of(sums: Sums, scatter: Scatter) -> list[Waves]:
     """Return the waves of every mode."""
     result = []
-    for name, of_bands, own, power, edges in zip(sums.modes, scatter.bands, *rows(sums), strict=True):
-        waves = periodogram(own, power, edges, of_bands, sums.tile_mm)
+    for name, of_bands, own, power, edges, beat in zip(sums.modes, scatter.bands, *rows(sums), strict=True):
+        waves = periodogram(own, power, edges, beat, of_bands, sums.tile_mm)
         result.append(Waves(name, own, power, edges, *waves))
     return result
 

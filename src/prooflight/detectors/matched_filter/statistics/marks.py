@@ -62,6 +62,8 @@ SLOPES: Final = (0.006, 0.03, 0.15)
 """Upper limits of the steepest slope within reach of a place, for flat tint, gradient and edge; text is
 beyond. [shares of white a pixel] Assumed: a flat tint of a smooth raster has less than 0.6 %, letters of 8 pt
 have 15 % and more at 0.25 mm."""
+EDGE: Final = 2
+"""Number of these limits that an edge exceeds."""
 BARE_LIGHT: Final = 0.85
 """Share of white's light from which a place without an edge counts as bare paper: a light tint varies as paper
 does. (assumed)"""
@@ -104,6 +106,7 @@ def classify(
     pixel_mm: float,
     unresolved: NDArray[np.bool_] | None = None,
     hidden: NDArray[np.float32] | None = None,
+    edges_in_border: bool = False,
     threads: int = 1,
 ) -> Places:
     """Return the class of every place of a scan, from its expected light alone.
@@ -117,6 +120,7 @@ def classify(
     unresolved : (lines, pixels) places of which windows say nothing (``unresolved_places``); None: there are none.
     hidden : (sensors, lines, pixels) squared slope of edges that do not show in the light (``hidden_edges``)
         [DN^2/pixel^2]; None: there are none.
+    edges_in_border : whether places near the design's edges are of the edges' classes in the page's border too.
     threads : number of threads that share the work.
     """
     slope = unset(inside.shape)
@@ -132,13 +136,15 @@ def classify(
         steps += slope >= np.float32(limit)
     within = inside.view(np.uint8)
     border = _eroded(within, round(BORDER_MM / pixel_mm), beyond=0)
+    of_design = within * (steps >= EDGE).view(np.uint8)  # the sheet's own edge is no edge of the design
     classes = np.empty((SIZES, *inside.shape), np.uint8)
     parts = parts_of(len(inside), threads)
     areas = np.zeros((len(parts), SIZES, CLASSES), np.int64)
     for size, window in enumerate(WINDOWS):
         reach = REACH + window // 2
         bare = _eroded(np.asarray(paper), reach, beyond=1)
-        near = cv2.dilate(steps, _square(reach)), bare, border, _without(within, unresolved, window // 2)
+        inner = border | cv2.dilate(of_design, _square(reach)) if edges_in_border else border
+        near = cv2.dilate(steps, _square(reach)), bare, inner, _without(within, unresolved, window // 2)
         shared_out(
             [
                 partial(classes_of, *near, *part, classes[size], areas[n, size])
@@ -237,6 +243,7 @@ def measure_marks(
     page_width_mm: float,
     unresolved: NDArray[np.bool_] | None = None,
     hidden: NDArray[np.float32] | None = None,
+    edges_in_border: bool = False,
     tolerance: float,
     specks: NDArray[np.float32],
     floor_share: float,
@@ -253,7 +260,7 @@ def measure_marks(
     weight : (sensors, lines, pixels) inverse variance of residuals [1/DN^2].
     geometry : of the pixels.
     page_width_mm : width of the page [mm].
-    unresolved, hidden : see ``classify``.
+    unresolved, hidden, edges_in_border : see ``classify``.
     tolerance : standard deviation of a change common to all light of a window, as a share of the light.
     specks : (sizes,) see ``speck_shares``.
     floor_share : share of paper white beyond which a flat place counts for the floor; 0: there is no floor.
@@ -262,7 +269,14 @@ def measure_marks(
     white = np.stack([one.white_dn * one.column_gain for one in sensors]).astype(np.float32)
     pixel_mm = geometry.pixel_pitch_mm
     places = classify(
-        light, white, inside, pixel_mm=pixel_mm, unresolved=unresolved, hidden=hidden, threads=threads
+        light,
+        white,
+        inside,
+        pixel_mm=pixel_mm,
+        unresolved=unresolved,
+        hidden=hidden,
+        edges_in_border=edges_in_border,
+        threads=threads,
     )
     lines = left.shape[1]
     parts = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import signal
 import threading
+import time
 from dataclasses import asdict, fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import Json
 from prooflight.errors import visible
 from prooflight.files.atomic import whole_file
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
     from prooflight_line.records.searching import Hit
     from prooflight_line.records.shipping import Shipper, Step
+    from prooflight_line.reporting.traces import Traces
 
 SHOWN_EVERY_S: Final = 10.0
 """Time between two lines of a shipper that works."""
@@ -74,6 +77,7 @@ def ship(
         ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Ship what the journal holds now, and end.")] = False,
+    log: LogOption = "text",
 ) -> None:
     """Ship this press's journal as it grows. A server that is away is waited for; the journal keeps all.
 
@@ -83,8 +87,10 @@ def ship(
     from prooflight_line.records.database import connect, url_or_variable
     from prooflight_line.records.pictures import ObjectStore
     from prooflight_line.records.service import ShippingService
+    from prooflight_line.reporting.traces import Traces
 
-    url, total = url_or_variable(to), _Total()
+    event_log.begin(log)
+    url, total = url_or_variable(to), _Total(press, Traces.of_environment(**{"prooflight.press": press}))
     service = ShippingService(
         url=url,
         press=press,
@@ -107,6 +113,7 @@ def ship(
             signal.signal(number, lambda *_: stop.set())
         service.run(stop)
     show.people.print(total.line())
+    total.close()
 
 
 @app.command("presses")
@@ -213,7 +220,8 @@ def allow(
 class _Total:
     """Counts of what was shipped, and a line about it now and then."""
 
-    def __init__(self) -> None:
+    def __init__(self, press: str, traces: Traces | None) -> None:
+        self._press, self._traces = press, traces
         self._sheets = self._labels = 0
         self._shown = datetime.now(UTC)
 
@@ -221,9 +229,25 @@ class _Total:
         """Count a step."""
         self._sheets += step.sheets
         self._labels += step.labels
+        for one in step.ids:
+            event_log.write("shipped", press=self._press, id=one)
+        if self._traces is not None:
+            self._traces.shipped(step.ids, (time.time() - step.seconds, time.time()))
         if (now := datetime.now(UTC)) - self._shown >= timedelta(seconds=SHOWN_EVERY_S):
             self._shown = now
+            event_log.write(
+                "progress",
+                press=self._press,
+                sheets=self._sheets,
+                labels=self._labels,
+                rows_behind=shipper.waiting_rows,
+            )
             show.people.print(f"{self.line()}; {count(shipper.waiting_rows, 'row')} behind")
+
+    def close(self) -> None:
+        """Export the traces that wait."""
+        if self._traces is not None:
+            self._traces.close()
 
     def line(self) -> str:
         """Return what was shipped so far, in words."""

@@ -141,12 +141,8 @@ def _unit(one: Correction) -> str:
 
 def _write_xjmf(path: Path, row: RunRow, offers: list[Correction]) -> None:
     from prooflight.files.atomic import whole_file
+    from prooflight_line.plant.outlets.xjmf_messages import offered
 
-    try:
-        from prooflight_line.plant.outlets.xjmf_messages import offered
-    except ImportError:
-        remedy = 'pip install "prooflight-line[plant]"'
-        raise RequestError("--xjmf", "XJMF needs lxml", remedy=remedy) from None
     lines = [
         f"{one.channel.what}: offset {one.channel.scale * one.offset:+.3f} {one.channel.unit}, "
         f"standard deviation {one.channel.scale * one.sd:.3f}, by {count(one.sheets, 'sheet')} up to {one.last_sheet}"

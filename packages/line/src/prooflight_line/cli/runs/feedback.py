@@ -19,7 +19,8 @@ from prooflight.reporting.wording import count
 from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, run_of
 
 if TYPE_CHECKING:
-    from prooflight.press.artefact import Press
+    from collections.abc import Sequence
+
     from prooflight_line.journal.records import RunRow
     from prooflight_line.run.labelled_sheets import Replayed, SampledSheet
     from prooflight_line.run.tolerances import Proposal
@@ -260,68 +261,47 @@ def recalibrate(
     json: Json = False,
 ) -> None:
     """Set the threshold again by the labels of alarms and of the random sample; X.press stays as it is."""
-    from prooflight.detectors.optional import Recalibrates
-    from prooflight.detectors.registry import default_name, present
     from prooflight.press.artefact import Press
-    from prooflight_line.journal.labels import LabelStore
-    from prooflight_line.run.labelled_sheets import labelled_pages, replayed_run, sample_of_run
+    from prooflight_line.run.recalibrating import recalibrated
 
     press = Press.load(artefact)
-    name = present(detector) if detector else default_name(press)
-    model = press.detectors.get(name)
-    if not isinstance(model, Recalibrates):
-        what = f"{name!r} of press {press.name} has no threshold that labels could set"
-        raise RequestError(artefact, what, remedy="build it with `prooflight press build --detector quick`")
     if out.exists() and out.samefile(artefact):
         raise RequestError(out, "is the press that is to be replaced", remedy="give another --out")
-    digests = press.digests | {labelled.replaces for labelled in model.told}
-
-    def is_of_press(run: RunRow) -> bool:
-        return run.facts.detector == name and run.facts.press_digest in digests
-
     with ExitStack() as stack:
         given: list[str | None] = [*journal] if journal else [None]
-        journals = [stack.enter_context(reading(one)) for one in given]
-        sampled = [
-            [(run, sample_of_run(opened, LabelStore(opened.path), run)) for run in opened.runs()]
-            for opened in journals
-        ]
-        labelled = labelled_pages(
-            [one for of_journal in sampled for one in of_journal if is_of_press(one[0])],
-            replaces=press.digest,
-            rate=1 / promise if promise else model.guarantee.rate,
-            now_s=time.time(),
-            journals=[opened.path.name for opened in journals],
+        done = recalibrated(
+            press,
+            [stack.enter_context(reading(one)) for one in given],
+            detector=detector,
+            guaranteed_pages=promise,
             half_life_days=half_life,
+            replay=replay,
+            now_s=time.time(),
+            where=artefact,
         )
-        new = model.recalibrated(labelled)
-        replays: list[Replayed] = []
-        for opened, of_journal in zip(journals, sampled, strict=True):
-            of_press = [one for one in of_journal if is_of_press(one[0])]
-            for run, sheets in of_press[max(len(of_press) - replay, 0) :]:
-                replays.append(replayed_run(run, opened.pages(run.id), sheets, threshold=new.threshold))
-    digest = press.with_detector(name, new).save(out)
+    digest = done.press.save(out)
     if json:
         show.print_json(
             {
                 "press": str(out),
                 "digest": digest,
-                "replaces": press.digest,
-                "promise": str(new.guarantee),
-                "threshold_before": model.threshold,
-                "threshold": new.threshold,
-                "sampled": int(labelled.passed.sum()),
-                "false_alarms": int((~labelled.passed).sum()),
-                "replayed": [asdict(one) for one in replays],
+                "replaces": done.replaces,
+                "promise": done.guarantee,
+                "threshold_before": done.threshold_before,
+                "threshold": done.threshold,
+                "sampled": int(done.labelled.passed.sum()),
+                "false_alarms": int((~done.labelled.passed).sum()),
+                "replayed": [asdict(one) for one in done.replays],
             }
         )
         return
-    show.people.print(f"threshold {model.threshold:.2f} before, {new.threshold:.2f} now: {new.guarantee}")
-    _show_replays(replays)
-    show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {press.digest[:16]}")
+    before, now = f"{done.threshold_before:.2f} before", f"{done.threshold:.2f} now"
+    show.people.print(f"threshold {before}, {now}: {done.guarantee}")
+    _show_replays(done.replays)
+    show.people.print(show.strong(out), f"written, digest {digest[:16]}; it replaces {done.replaces[:16]}")
 
 
-def _show_replays(replays: list[Replayed]) -> None:
+def _show_replays(replays: Sequence[Replayed]) -> None:
     """Print which alarms of runs would vanish and which would appear at another threshold."""
     if not replays:
         return
@@ -351,6 +331,7 @@ def go_back(
 ) -> None:
     """Restore the press artefact that `press recalibrate` replaced, with the same digest; the new one contains it."""
     from prooflight.press.artefact import Press
+    from prooflight_line.run.recalibrating import before_recalibration
 
     before = before_recalibration(Press.load(artefact), artefact)
     digest = before.save(out)
@@ -358,26 +339,6 @@ def go_back(
         show.print_json({"press": str(out), "digest": digest})
         return
     show.people.print(show.strong(out), f"written, digest {digest[:16]}")
-
-
-def before_recalibration(press: Press, where: Path) -> Press:
-    """Return the press that this one replaced; RequestError if it replaced none, or another one than it names."""
-    from prooflight.detectors.optional import Recalibrates
-
-    recalibrated = (
-        (name, model, last)
-        for name, model in press.detectors.items()
-        if isinstance(model, Recalibrates) and (last := model.before_recalibration()) is not None
-    )
-    previous = next(recalibrated, None)
-    if previous is None:
-        raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
-    name, model, last = previous
-    before, wanted = press.with_detector(name, last), model.told[-1].replaces
-    if wanted not in before.digests:
-        what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
-        raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
-    return before
 
 
 def _sampled_facts(one: SampledSheet) -> dict[str, Any]:

@@ -6,6 +6,7 @@ verdict waits for none of it.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import logging
 import os
@@ -37,6 +38,11 @@ needs more."""
 RATE_BLOCKS: Final = 64
 PLACES: Final = 240
 """Positions along the line: more cannot be distinguished on a screen."""
+PICTURE_PIXELS: Final = 480
+"""Greatest width of the picture of the lines: at 7,296 pixels it has 45 kB at most, so that all sensors fit into the
+exchanged file."""
+RED: Final = (36, 28, 194)
+"""Colour of saturated places: blue, green, red."""
 LEAST_PRIORITY: Final = 15
 
 
@@ -120,9 +126,12 @@ class ShownLines:
             "top_code_dn": int(top),
             "width_mm": press.geometry.pixels * press.geometry.pixel_pitch_mm,
             "sensors": [
-                {"name": sensor.name} | _facts(view)
-                for sensor, view in zip(
-                    press.sensors, sensor_views(image, top_code_dn=top, where=self._name), strict=True
+                {"name": sensor.name} | _facts(view) | {"picture": picture_of(lines_of, int(top))}
+                for sensor, view, lines_of in zip(
+                    press.sensors,
+                    sensor_views(image, top_code_dn=top, where=self._name),
+                    image,
+                    strict=True,
                 )
             ],
         }
@@ -177,6 +186,25 @@ def _facts(view: SensorView) -> dict[str, Any]:
         "mtf50_across": None if focus is None else focus.across.value,
         "mtf50_along": None if focus is None or focus.along is None else focus.along.value,
     }
+
+
+def picture_of(lines: NDArray[np.uint16], top_code_dn: int) -> str:
+    """Return a picture of one sensor's lines (lines, pixels) [DN], in which saturated places are red: PNG, base64.
+
+    A place of the picture is saturated if any number in it is: a single column that clips must be seen.
+    """
+    import cv2
+
+    step = max(-(-lines.shape[1] // PICTURE_PIXELS), 1)
+    rows, columns = (extent // step * step for extent in lines.shape)
+    if not rows or not columns:
+        return ""
+    parts = lines[:rows, :columns].reshape(rows // step, step, columns // step, step)
+    grey = np.rint(parts.mean(axis=(1, 3)) * (255 / top_code_dn)).clip(0, 255).astype(np.uint8)
+    picture = np.repeat(grey[:, :, None], 3, axis=2)
+    picture[(parts >= top_code_dn).any(axis=(1, 3))] = RED
+    _, encoded = cv2.imencode(".png", picture)
+    return base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
 def _places(profile: NDArray[np.float64]) -> list[float]:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from prooflight.cli import imposition, show
+from prooflight.cli import event_log, imposition, show
+from prooflight.cli.event_log import LogOption
 from prooflight.cli.options import (
     Detector,
     JobPath,
@@ -26,6 +27,7 @@ from prooflight.errors import RequestError
 from prooflight_line.cli.watch.console import console_alongside
 from prooflight_line.cli.watch.options import (
     CameraOption,
+    CustomerOption,
     DeadlineMsOption,
     EveryOption,
     FalseAlarmsOption,
@@ -37,6 +39,7 @@ from prooflight_line.cli.watch.options import (
     MisprintOption,
     PlantOption,
     QueueOption,
+    ResumeOption,
     SampleOption,
     ServeOption,
     ServePortOption,
@@ -53,7 +56,7 @@ from prooflight_line.cli.watch.sources import DrumWishes, open_source
 from prooflight_line.run.settings import DEADLINE_S, STALL_S, Settings, memory_for_designs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from prooflight.inspection.inspector import Inspector
     from prooflight.pages.check import EarlyWarnings
@@ -61,6 +64,7 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.zones.zones_file import JobZones
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.job_queue.tickets.ticket import Ticket
     from prooflight_line.run.sheet_inspector import Keep
 
 
@@ -82,6 +86,7 @@ def watch(
     journal: JournalOption = None,
     keep: KeepOption = "misprints",
     sample: SampleOption = 0.0,
+    customer: CustomerOption = "",
     false_alarms: FalseAlarmsOption = 1.0,
     trigger: TriggerOption = None,
     framed: FramedOption = False,
@@ -101,7 +106,9 @@ def watch(
     serve_port: ServePortOption = 8080,
     trays: TraysOption = None,
     queue: QueueOption = False,
+    resume: ResumeOption = False,
     json: Json = False,
+    log: LogOption = "text",
     context: typer.Context = None,  # type: ignore[assignment]  # typer gives it; a call from Python has no queue
 ) -> None:
     """Inspect a press while it runs, and say of every misprint where it is.
@@ -115,32 +122,81 @@ def watch(
     from prooflight.inspection.sheets import NEXT, Assembling
     from prooflight.pages.process import settle_process
     from prooflight.press.artefact import Press
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.running import (
         PlannedRun,
         exit_code,
         lines_shown,
         recorder_of,
         run_until_ended,
+        start_file_of,
     )
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.job_queue.hot_folder import HotFolder
+    from prooflight_line.job_queue.listing import ticket_of
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.reporting.traces import Traces
     from prooflight_line.run.pager import SheetEdge, TriggerCount
     from prooflight_line.run.status import Phase
 
+    event_log.begin(log)
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    traces = Traces.of_environment()
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
     taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
     job = job if taken is None else taken.entry.file
+    ticket = None if taken is None else ticket_of(taken.entry)
+    if ticket is not None:
+        keep = ticket.keep if ticket.keep and not _given(context, "keep") else keep
+        sample = ticket.sample if ticket.sample is not None and not _given(context, "sample") else sample
     if json:
         show.print_json({"phase": "preparing", "detail": "reading the job"})
     read = _read_job(
-        job, inspector, layout=layout, sheets=sheets, plant=plant, zones=zones, profile=profile, json=json
+        job,
+        inspector,
+        layout=layout,
+        sheets=sheets,
+        ticket=ticket,
+        plant=plant,
+        zones=zones,
+        profile=profile,
+        json=json,
     )
     inspector = replace(inspector, zones=read.zones)
     read.plant.refuse_unfit(source, loaded, deadline_s=deadline_ms / 1e3)
+    facts = RunFacts(
+        job=read.name,
+        job_digest="" if journal == "none" else content_digest(job),
+        press=loaded.name,
+        press_digest=loaded.digest,
+        detector=inspector.detector.name,
+        source=source,
+        started_s=time.time(),
+        sheets=read.passings,
+        settings=read.facts,
+    )
+    resumption = None
+    if resume:
+        if source.startswith("replay:"):
+            what = "recorded scans begin with the first again"
+            raise RequestError("--resume", what, remedy="leave out --resume to inspect them all")
+        resumption = Resumption.last_of(
+            journal,
+            facts,
+            gate=read.plant.gate,
+            plan=read.plan,
+            press_file=plant,
+            progress=show.steps(quiet=json),
+        )
+    start_file = start_file_of(journal)
+
+    def shown(scans: Iterable[Any], total: int) -> Iterator[Any]:
+        bar = show.logged_progress if json else show.progress
+        noted = scans if start_file is None else start_file.noted(scans, total=total, stage="print")
+        return bar(noted, total=total, what="printing for the drum")
+
     given = open_source(
         source,
         press=loaded,
@@ -157,10 +213,9 @@ def watch(
             seed=seed,
             fed=read.plant.simulated,
             plan=read.plan,
+            passed=0 if resumption is None else resumption.past.due,
         ),
-        shown=lambda scans, total: (show.logged_progress if json else show.progress)(
-            scans, total=total, what="printing for the drum"
-        ),
+        shown=shown,
     )
     settings = Settings(
         source_waits=given.waits,
@@ -177,22 +232,20 @@ def watch(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
         at_once=start_at_once,
+        start_file=start_file,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )
+    if resumption is not None:
+        console.first_passed = resumption.past.first_not_inspected
     settle_process()
-    facts = RunFacts(
-        job=read.name,
-        job_digest="" if journal == "none" else content_digest(job),
-        press=loaded.name,
-        press_digest=loaded.digest,
-        detector=inspector.detector.name,
-        source=source,
-        started_s=time.time(),
-        sheets=read.passings,
-        settings=asdict(settings) | {"engine": inspector.engine} | read.facts,
-    )
     planned = PlannedRun(
-        facts=facts,
+        facts=replace(
+            facts,
+            settings=asdict(settings)
+            | {"engine": inspector.engine}
+            | read.facts
+            | ({"customer": customer} if customer else {}),
+        ),
         inspector=inspector,
         job=read.source,
         pages=read.pages,
@@ -205,10 +258,12 @@ def watch(
         false_alarms=false_alarms,
         plan=read.plan,
         warnings=read.early.warnings,
+        resumption=resumption,
+        traces=traces,
     )
     with (
         console_alongside(serve, journal=journal, press=press, job=job, port=serve_port, trays=trays),
-        recorder_of(journal, facts) as recorder,
+        recorder_of(journal, planned.facts, resumption) as recorder,
         lines_shown(planned, journal) as planned,
     ):
         status = run_until_ended(planned, read.plant, recorder, console)
@@ -221,6 +276,12 @@ def watch(
     code = exit_code(status, console.lacks(status, sheets=read.passings, unrecorded=unrecorded))
     if code:
         raise typer.Exit(code)
+
+
+def _given(context: typer.Context, option: str) -> bool:
+    """Return whether an option was given, and is not its default."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,6 +300,7 @@ class _ReadJob:
     plant: Plant
     zones: JobZones | None
     early: EarlyWarnings
+    ticket: Ticket | None
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -246,10 +308,16 @@ class _ReadJob:
         facts: dict[str, Any] = {"job_pages": self.pages}
         if self.plan is not None:
             facts["layout"] = self.plan.facts
+        if self.ticket is not None:
+            facts["ticket"] = self.ticket.facts
         if self.zones is not None:
             facts |= {"zones": self.zones.digest, "zones_alone": self.zones.zones_digest}
         if self.early.warnings:
             facts["warnings"] = self.early.plain
+        if self.plant.file is not None:
+            from prooflight.files.content import content_digest
+
+            facts["press_file"] = content_digest(self.plant.file.path)
         return facts
 
 
@@ -259,27 +327,41 @@ def _read_job(
     *,
     layout: str | None,
     sheets: int | None,
+    ticket: Ticket | None,
     plant: Path | None,
     zones: Path | None,
     profile: Path | None,
     json: bool,
 ) -> _ReadJob:
-    """Read the job, its layout, zones and warnings, and try the plant; the errors of all these."""
+    """Read the job, its layout, zones and warnings, and try the plant; the errors of all these.
+
+    What ``ticket`` says of the layout and of the number of copies counts where the command line says nothing else.
+    """
     from prooflight.cli.jobs.check import checked_early
     from prooflight.cli.jobs.zones import zones_in_force
     from prooflight.press.pages import job_source
+    from prooflight.press.print_condition import PrintCondition, condition_warnings
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.cli.watch.sheets import copied, with_records
+    from prooflight_line.job_queue.tickets.ticket import layout_with
 
     press = inspector.press
-    source, plan = imposition.imposed(
-        job_source(job, press, profile=profile), layout, press.geometry, sheets=sheets
-    )
+    source = job_source(job, press, profile=profile)
+    paper = None
+    if ticket is not None:
+        layout = layout_with(ticket.layout, layout)
+        sheets = copied(source, layout, ticket.copies) if sheets is None else sheets
+        paper = PrintCondition(brand=ticket.brand, weight_gsm=ticket.weight_gsm)
+    source, plan = imposition.imposed(source, layout, press.geometry, sheets=sheets)
     with source.open() as opened:
         pages, name, flaws = len(opened), opened.name, opened.flaws()
         tried = Plant.tried(plant, opened, press)
         zones_of_job = zones_in_force(zones, opened, inspector)
-        early = checked_early(opened, json=json)
+        records = opened.document_facts()
+        more = condition_warnings(opened, press.print_condition, wanted=paper)
+        early = checked_early(opened, json=json, more=more)
     plan = tried.with_sets(plan, pages=pages, sheets=sheets)
+    plan = with_records(plan, records, pages=pages, sheets=sheets)
     return _ReadJob(
         source=source,
         name=name,
@@ -290,4 +372,5 @@ def _read_job(
         plant=tried,
         zones=zones_of_job,
         early=early,
+        ticket=ticket,
     )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.press.gate import GateSettings, PlcSettings
     from prooflight.press.press_file import PressFile
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.plant.events import SheetAtGate
     from prooflight_line.plant.gate.gate import Gate
     from prooflight_line.plant.gate.handshake import State
@@ -128,6 +129,7 @@ def gate_of(
     job_pages: int,
     plan: SheetPlan | None,
     recorder: Recorder | None,
+    resumption: Resumption | None = None,
     notice: Callable[[Notice], None],
     state: Callable[[str, str], None] = lambda _state, _why: None,
     report: Callable[[SheetAtGate], None] = lambda _passed: None,
@@ -169,6 +171,8 @@ def gate_of(
         plan=plan,
         journal=journal,
         run_id=run_id,
+        past=None if resumption is None else resumption.gate,
+        open_sides=() if resumption is None else resumption.open_sides,
         tell=tell,
         report=report,
     ) as gate:

@@ -54,6 +54,9 @@ SampleOption = Annotated[
         metavar="SHARE", help="Share of the passing sheets that people are asked to label.", min=0, max=1
     ),
 ]
+CustomerOption = Annotated[
+    str, typer.Option(metavar="NAME", help="For whom the job is; the console searches by it.")
+]
 FalseAlarmsOption = Annotated[
     float,
     typer.Option(help="Number of false alarms of the run level per 100,000 pages.", min=1e-6, max=1e4),
@@ -78,7 +81,11 @@ PlantOption = Annotated[
 ]
 ThreadsOption = Annotated[
     int | None,
-    typer.Option(help="Number of inspecting threads; default one a core.", min=1, max=MOST_THREADS),
+    typer.Option(
+        help="Number of inspecting threads; default one a core. From four on, each two have a process of their own.",
+        min=1,
+        max=MOST_THREADS,
+    ),
 ]
 StartAtOnceOption = Annotated[
     bool,
@@ -109,6 +116,9 @@ ServePortOption = Annotated[
 TraysOption = Annotated[
     Path | None,
     typer.Option("--trays", metavar="FILE", help="The controller's log of its trays, for the console."),
+]
+ResumeOption = Annotated[
+    bool, typer.Option("--resume", help="Continue the journal's last run, which broke off.")
 ]
 QueueOption = Annotated[
     bool, typer.Option("--queue", help="JOB is a hot folder: print the next job of its queue, see `queue`.")

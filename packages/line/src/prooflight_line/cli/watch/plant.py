@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.press.gate import GateSettings, PlcSettings
     from prooflight.scans.lines import LineSource
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.journal.records import Ending, RunFacts
     from prooflight_line.plant.gate.gate import Gate
     from prooflight_line.plant.outlets.outlet import Outlet
@@ -89,6 +90,7 @@ class Plant:
         job_pages: int,
         plan: SheetPlan | None,
         recorder: Recorder | None,
+        resumption: Resumption | None = None,
         notice: Callable[[Notice], None],
         progress: Callable[[str], None],
     ) -> Iterator[ServedPlant]:
@@ -116,6 +118,7 @@ class Plant:
                     job_pages=job_pages,
                     plan=plan,
                     recorder=recorder,
+                    resumption=resumption,
                     notice=notice,
                     state=(lambda _state, _why: None) if stream is None else partial(stream.state, "gate"),
                     report=(lambda _passed: None) if stream is None else stream.at_gate,

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from prooflight.pages.layout.plan import SheetPlan
     from prooflight.pages.warnings import PageWarning
     from prooflight_line.cli.watch.plant import Plant
+    from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.sources import Opened
     from prooflight_line.cli.watch.view import Watching
     from prooflight_line.journal.records import RunFacts
+    from prooflight_line.journal.start import StartFile
+    from prooflight_line.reporting.traces import RunTraces, Traces
     from prooflight_line.run.notices import PageWarnings
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.page_store import JobPageStore
@@ -58,6 +61,10 @@ class PlannedRun:
     """Imposition of the job on sheets; None: one page a sheet."""
     warnings: tuple[PageWarning, ...] = ()
     """Warnings of the job that were printed before the run."""
+    resumption: Resumption | None = None
+    """Run that broke off and is resumed; None: the run is new."""
+    traces: Traces | None = None
+    """Where traces of the sheets go; None: none are made."""
 
     def position(self, number: int) -> int:
         """Return the position at which page ``number`` of the job, from 1, first passes."""
@@ -102,12 +109,20 @@ def run_until_ended(
     planned: PlannedRun, plant: Plant, recorder: Recorder | None, console: Watching
 ) -> Status:
     """Watch until the lines end or a person stops the run, and return its final status."""
+    from prooflight_line.cli.watch.run_log import RunLog
+    from prooflight_line.reporting.traces import RunTraces
     from prooflight_line.run.notices import Notice, PageWarnings
     from prooflight_line.run.page_store import JobPageStore
     from prooflight_line.run.recording import ending_of
     from prooflight_line.run.watching import watched
 
     press, given, sheets = planned.inspector.press, planned.given, planned.sheets
+    console.log = RunLog.of(planned.facts, None if recorder is None else recorder.run_id)
+    console.log.began(planned.facts)
+    traces = planned.traces
+    traced = None if traces is None else RunTraces(traces=traces, facts=planned.facts, recorder=recorder)
+    if traced is not None and recorder is not None:
+        recorder.committed = traced.committed
     notify = console.noticed
     with plant.served(
         planned.facts,
@@ -115,6 +130,7 @@ def run_until_ended(
         job_pages=planned.pages,
         plan=planned.plan,
         recorder=recorder,
+        resumption=planned.resumption,
         notice=lambda one: notify(one),
         progress=show.steps(quiet=console.json),
     ) as served:
@@ -137,9 +153,16 @@ def run_until_ended(
             keep=planned.keep,
             follow=planned.follow,
             false_alarms=planned.false_alarms,
+            recorded=None
+            if recorder is None or planned.resumption is None
+            else recorder.journal.pages(recorder.run_id),
             tell=_decided_first(
-                served.gate_observer,
-                _each(partial(console.observe, recorder=recorder), served.stream_observer),
+                _timed(served.gate_observer, traced),
+                _each(
+                    partial(console.observe, recorder=recorder),
+                    None if traced is None else traced.observe,
+                    served.stream_observer,
+                ),
             ),
             notice=_each(console.noticed, served.noticed),
             arrived=served.arrived,
@@ -155,14 +178,26 @@ def run_until_ended(
             console.cameras = given.camera.healths
             given.camera.tell = lambda kind, text: running.note(Notice(kind=kind, text=text))
         notify = running.note  # from now on it stands in the journal too
+        if planned.resumption is not None:
+            notify(Notice(kind="resumed", text=planned.resumption.message))
         stopped = console.until_ended(running)
         notify = console.noticed
         status = running.status()
         lacks = console.lacks(status, sheets=sheets)
         if recorder is not None:
             recorder.end(status, stopped=stopped, detail=lacks)
+        if traced is not None:
+            traced.close()
+        console.log.ended(status, ending_of(status, stopped=stopped))
         served.ended(ending_of(status, stopped=stopped), lacks)
     return status
+
+
+def _timed(
+    decide: Callable[[Outcome], Outcome] | None, traced: RunTraces | None
+) -> Callable[[Outcome], Outcome] | None:
+    """Return the gate's function, timed for the traces if there are any."""
+    return decide if decide is None or traced is None else traced.deciding(decide)
 
 
 def _decided_first(
@@ -214,6 +249,16 @@ def exit_code(status: Status, lacks: str) -> int:
     return of_run(misprints=status.misprints, complete=complete, overloaded=status.overloads > 0)
 
 
+def start_file_of(journal: str | None) -> StartFile | None:
+    """Return the file in which consoles read how far the start has got; None if there is no journal."""
+    from prooflight_line.journal.opening import default_journal, journal_path
+    from prooflight_line.journal.start import StartFile
+
+    if journal == "none":
+        return None
+    return StartFile(journal=journal_path(journal or str(default_journal())))
+
+
 @contextmanager
 def lines_shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun]:
     """Give the run with a source that the console can view, if there is a journal next to which the view is stored."""
@@ -237,8 +282,10 @@ def lines_shown(planned: PlannedRun, journal: str | None) -> Iterator[PlannedRun
 
 
 @contextmanager
-def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | None]:
-    """Give the recorder of a new run in the journal of the option; None if there is to be none."""
+def recorder_of(
+    journal: str | None, facts: RunFacts, resumption: Resumption | None = None
+) -> Iterator[Recorder | None]:
+    """Give the recorder of a run in the journal of the option, new or resumed; None if there is to be none."""
     if journal == "none":
         yield None
         return
@@ -247,6 +294,14 @@ def recorder_of(journal: str | None, facts: RunFacts) -> Iterator[Recorder | Non
     from prooflight_line.plant.gate.log import set_aside
     from prooflight_line.run.recording import Recorder
 
+    if resumption is not None:
+        with Journal.open(journal or str(default_journal())) as opened:
+            resumption.take_over(opened)
+            with Recorder(
+                opened, resumption.run_id, recorded=opened.run(resumption.run_id).pages
+            ) as recorder:
+                yield recorder
+        return
     with (
         Journal.open(journal or str(default_journal())) as opened,
         Recorder(opened, opened.begin_run(facts)) as recorder,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,8 @@ class DrumWishes:
     """Simulated controller that receives the sheets on its belt."""
     plan: SheetPlan | None = None
     """Imposition of the job on sheets; its pages then are sides."""
+    passed: int = 0
+    """Number of sheets that have passed before, of a run that is resumed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,7 +232,8 @@ def _drum(
     drawn = list(shown(rendered(prints, count), count))
     scans = [one.dn for one in drawn]
     blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
-    passing = _passing(wishes)
+    # The drum is part of the process that watches it: it stopped when that ended.
+    passing = islice(_passing(wishes), wishes.passed, None)
     if wishes.fed is None or rate is None:
         return Drum(scans, press=press, passing=passing, pages_per_s=rate, blank=blank, foreign=foreign)
     from prooflight_line.plant.simulator.feed import FedDrum
@@ -240,6 +244,7 @@ def _drum(
         passing,
         misprints=lambda sheet: drawn[sheet % count].misprint is not None,
         sides=1 if wishes.plan is None else wishes.plan.layout.sides,
+        first_serial=wishes.passed,
         speed_mm_s=rate * scans[0].shape[1] * press.geometry.line_pitch_mm,
     )
     drum = Drum(scans, press=press, passing=fed.turns(), pages_per_s=rate, blank=blank, foreign=foreign)

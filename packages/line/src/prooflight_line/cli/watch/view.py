@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Final
 
 from rich.live import Live
 
-from prooflight.cli import faults, show
+from prooflight.cli import event_log, faults, show
 from prooflight.cli.imposition import sheet_facts, sheets_line
 from prooflight.reporting.wording import count, not_inspected
+from prooflight_line.cli.watch.run_log import RunLog
 from prooflight_line.journal.exporting import page_facts
+from prooflight_line.journal.start import Start
 from prooflight_line.reporting.run_line import alarm_lines, preparation, run_line
 from prooflight_line.run.pace import REMEDY
 from prooflight_line.run.status import Phase
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
     from prooflight.inspection.sheets import Assembling, SetVerdict, SheetVerdict
     from prooflight_line.cameras.camera import Health
+    from prooflight_line.journal.start import StartFile
     from prooflight_line.run.notices import Notice
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.recording import Recorder
@@ -55,11 +58,15 @@ class Watching:
     """Function that returns how many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """Function that returns the health of the source's cameras, by name."""
+    start_file: StartFile | None = None
+    """File in which consoles read how far the start has got; None: there is no journal."""
     health_printed_s: float = 0.0
     """Time at which a program last received the cameras' health."""
     last_phase: Phase | None = None
     phase_s: float = 0.0
     """Time at which a program last received the phase, which is ``last_phase``."""
+    log: RunLog = field(default_factory=RunLog)
+    """The log for programs."""
     live: threading.Event = field(default_factory=threading.Event)
     """Whether the status line is on, above which the notices are printed."""
 
@@ -70,6 +77,7 @@ class Watching:
             self.first_passed = f"{verdict.page}: {verdict.reason}"
         if recorder is not None:
             recorder.record(outcome.record)
+        self.log.sheet(outcome)
         parts = [] if self.sheets is None else self.sheets.add(outcome.record)
         if not self.json:
             for line in alarm_lines(outcome):
@@ -97,7 +105,9 @@ class Watching:
         """Show at once a notice that belongs to no sheet."""
         if self.json:
             show.print_json({"notice": notice.kind, "text": notice.text})
-        if self.live.is_set():
+        if event_log.is_on():
+            self.log.notice(notice)
+        elif self.live.is_set():
             show.people.print(notice.text, style="yellow")
         else:
             faults.report(notice.text)
@@ -121,15 +131,32 @@ class Watching:
         """Print that the run is ready, and for a program, now and then before, how far the preparation is."""
         now_s, prepares = time.monotonic(), status.phase is Phase.PREPARING
         begins = status.phase is Phase.INSPECTING and self.last_phase is not Phase.INSPECTING
-        if begins or (self.json and prepares and now_s - self.phase_s >= TELL_S):
+        if begins or ((self.json or event_log.is_on()) and prepares and now_s - self.phase_s >= TELL_S):
             self.last_phase, self.phase_s = status.phase, now_s
             ready = f"{count(status.ahead, 'design')} ready"
+            detail = preparation(status) if prepares else ready
+            self.log.phase(str(status.phase), detail)
             if self.json:
-                detail = preparation(status) if prepares else ready
                 show.print_json({"phase": str(status.phase), "detail": detail})
             else:
                 rest = "sheets of others are not inspected yet" if self.at_once else "the press may print"
                 show.people.print(f"Ready after {status.elapsed_s:.0f} s, {ready}: {rest}")
+
+    def note_start(self, status: Status) -> None:
+        """Write how far the start has got, for consoles; once it is over, nothing."""
+        if self.start_file is None:
+            return
+        if status.phase not in (Phase.WAITING, Phase.PREPARING):
+            self.start_file.clear()
+            self.start_file = None
+            return
+        left = status.to_prepare - status.ahead
+        if left > 0 or not status.to_rehearse:
+            left_s = status.elapsed_s * left / status.ahead if status.ahead else None
+            start = Start(stage="prepare", done=status.ahead, total=status.to_prepare, left_s=left_s)
+        else:
+            start = Start(stage="rehearse", done=status.rehearsed, total=status.to_rehearse)
+        self.start_file.write_at_times(start)
 
     def tell_cameras(self) -> None:
         """Print the cameras' health for a program, as a line of JSON."""
@@ -141,7 +168,7 @@ class Watching:
         """Start the run and wait for its end; return whether a person ended it."""
         with _signals(running) as stops, ExitStack() as stack:
             view = None
-            if not self.json and show.people.is_terminal:
+            if not self.json and show.people.is_terminal and not show.people.quiet:
                 view = stack.enter_context(
                     Live(
                         self._fitted(running.status()),
@@ -156,6 +183,7 @@ class Watching:
                 status = running.status()
                 self.phase(str(status.phase), status.detail)
                 self.tell_phase(status)
+                self.note_start(status)
                 now_s = time.monotonic()
                 if self.json and now_s - self.health_printed_s >= TELL_S:
                     self.health_printed_s = now_s
@@ -164,6 +192,7 @@ class Watching:
                     view.update(self._fitted(status), refresh=True)
             status = running.status()
             self.phase(str(status.phase), status.detail)
+            self.note_start(status)
         return bool(stops)
 
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:

@@ -61,7 +61,7 @@ class CoilProtocol(Waiting):
         with self._guard:
             self._overdue(now_s, after_s=half_s)
             for one in self._sheets.values():
-                due_s = self._tracker.due_s(one.line)
+                due_s = self._due_s(one)
                 if due_s is not None and now_s >= due_s - half_s:
                     wanted |= one.decision.result is Result.ACCEPT
                     if not one.taken:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.detectors.disposition import NOT_ITS_PLACE, NOT_WHOLE
 from prooflight_line.plant.gate.registers import Code, Result
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from prooflight.detectors.disposition import Disposition
     from prooflight.press.gate import GateSettings
     from prooflight_line.journal.records import PageRecord
@@ -83,14 +85,20 @@ class GateDecider:
         """Whether the press has been asked to stop."""
         return self._stopped
 
-    def decide(self, record: PageRecord, *, came: bool = True) -> SheetDecision:
-        """Decide the next sheet, or the next page that did not come."""
+    def decide(self, record: PageRecord, *, came: bool = True, watched: bool = True) -> SheetDecision:
+        """Decide the next sheet, or the next page that did not come.
+
+        ``watched`` False: it passed while nothing watched. Nothing can be sent for it, as its place is not known.
+        """
         shown = record.job_page
         place = self._last_page if shown is None else shown
         own_set = max(place, 0) // self.settings.pages_a_set
         if not came:
             self._spoil(own_set)
             return self._decision(record, Result.NONE, Code.NONE, own_set, came=False)
+        if not watched:
+            self._spoil(own_set)
+            return self._decision(record, Result.NONE, Code.NOT_INSPECTED, own_set)
         code = own_code(record)
         result = self._own_result(code)
         if result is Result.ACCEPT:
@@ -104,6 +112,27 @@ class GateDecider:
         if self._to_stop(code):
             self._stopped, result = True, Result.STOP
         return self._decision(record, result, code, own_set)
+
+    def recall(self, row: Mapping[str, Any]) -> None:
+        """Follow a decision that an earlier process of the run made, by its line in the gate's log."""
+        code, result, shown, own_set = Code(row["code"]), Result(row["result"]), row["job_page"], row["set"]
+        if not row["came"]:
+            self._spoil(own_set)
+            return
+        if code is Code.SET_SPOILED:
+            self._spoiled.add(own_set)
+        elif code is Code.UNTIL_CLEAN_BREAK:
+            self._diverting = True
+        elif result is Result.ACCEPT:
+            self._diverting = False
+        elif code in DOUBTS or code is Code.MISPRINT or shown is not None:
+            self._spoil(own_set)
+        else:
+            self._spoil_order()
+        if shown is not None:
+            self._last_page = max(self._last_page, shown)
+        if result is not Result.NONE:
+            self._to_stop(code)
 
     def alone(self, record: PageRecord, *, came: bool = True) -> Disposition:
         """Return what the policy decides for one side by itself, before its sheet is decided."""

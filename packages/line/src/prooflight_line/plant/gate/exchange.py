@@ -188,7 +188,7 @@ class Exchange(Waiting):
         for tag, one in self._sheets.items():
             if one.taken:
                 continue
-            position = self._tracker.position(one.line)
+            position = self._tracker.position(one.line) if one.position is None else one.position
             if position is None:
                 continue
             self._current, one.written_s = one, None

@@ -6,17 +6,20 @@ import time
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.inspection.sheets import came
 from prooflight_line.plant.gate.coil import CoilProtocol
 from prooflight_line.plant.gate.deciding import GateDecider, disposition_of
 from prooflight_line.plant.gate.exchange import Exchange
 from prooflight_line.plant.gate.handshake import State
 from prooflight_line.plant.gate.link import PlcLink, RegisterProtocol, Wire
 from prooflight_line.plant.gate.log import GateLog, PlantError, log_path
+from prooflight_line.plant.gate.registers import Result
+from prooflight_line.plant.gate.resuming import on_their_way
 from prooflight_line.plant.gate.sides import SheetSides
 from prooflight_line.plant.gate.tracking import TrackedLines, Tracker, Transport
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from prooflight.detectors.disposition import Disposition
@@ -24,7 +27,9 @@ if TYPE_CHECKING:
     from prooflight.press.gate import GateSettings
     from prooflight.scans.geometry import ScanGeometry
     from prooflight.scans.lines import LineSource
+    from prooflight_line.journal.records import PageRecord
     from prooflight_line.plant.events import SheetAtGate
+    from prooflight_line.plant.gate.log import LoggedDecisions
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.sheets.records import SeenPage
 
@@ -115,6 +120,8 @@ class Gate:
         run_id: int = 0,
         tell: Callable[[State, str], None] = lambda _state, _why: None,
         report: Callable[[SheetAtGate], None] = lambda _passed: None,
+        past: LoggedDecisions | None = None,
+        open_sides: Iterable[PageRecord] = (),
         clock: Callable[[], float] = time.monotonic,
         open_wire: Callable[..., Wire] = Wire,
         pace: float = 1.0,
@@ -131,6 +138,10 @@ class Gate:
             Journal next to which the gate's log is written; None: no log is written.
         tell, report
             As for ``Waiting``.
+        past
+            Gate's log of a run that is resumed; None: the run is new.
+        open_sides
+            Rows of the sides of that run whose sheets were not decided.
         open_wire, pace
             As for ``PlcLink``.
         """
@@ -149,8 +160,11 @@ class Gate:
             job_pages=job_pages if plan is None else plan.sheets_a_job,
         )
         self._log = GateLog(None if journal is None else log_path(journal, run_id))
-        sheets = {} if plan is None else {"layout": plan.facts}
-        self._log.add("run", run=run_id, job_pages=job_pages, settings=asdict(settings), **sheets)
+        if past is None:
+            sheets = {} if plan is None else {"layout": plan.facts}
+            self._log.add("run", run=run_id, job_pages=job_pages, settings=asdict(settings), **sheets)
+        else:
+            self._log.add("resumed", run=run_id)
 
         def stepped(state: State, why: str) -> None:
             self._log.add("state", state=str(state), why=why)
@@ -166,6 +180,9 @@ class Gate:
             self._link = PlcLink(
                 settings.plc, RegisterProtocol(exchange, clock=clock), open_wire=open_wire, pace=pace
             )
+
+        if past is not None:
+            self._resume(past, open_sides)
 
     def __enter__(self) -> Gate:
         self._link.start()
@@ -204,7 +221,8 @@ class Gate:
             record, came, more = combined.record, combined.came, {"rows": combined.rows}
         while self.protocol.lost_sheets:
             self.decider.lost(self.protocol.lost_sheets.popleft())
-        decision = self.decider.decide(record, came=came)
+        watched = "unwatched" not in outcome.record.faults
+        decision = self.decider.decide(record, came=came, watched=watched)
         line = record.first_line + self._lead_in
         # The log first: whoever is killed between the two has said what the controller may know.
         self._log.add(
@@ -218,12 +236,23 @@ class Gate:
             page=decision.page,
             set=decision.set_number,
             why=decision.why,
-            position=self.tracker.position(line) if decision.came else None,
+            position=None if decision.result is Result.NONE else self.tracker.position(line),
             **more,
         )
-        if decision.came:
+        if decision.result is not Result.NONE:
             self.protocol.post(decision, line=line, last_line_s=record.time_s)
         return _decided(outcome, disposition_of(decision.result))
+
+    def _resume(self, past: LoggedDecisions, open_sides: Iterable[PageRecord]) -> None:
+        """Continue after the decisions of an earlier process; sheets on their way to the gate are sent once more."""
+        for row in past.decisions.values():
+            self.decider.recall(row)
+        if self._sides is not None:
+            for record in open_sides:
+                self._sides.add(record, came=came(record))
+        self.protocol.too_late = len(past.unsent)
+        for decision, position, was_taken in on_their_way(past):
+            self.protocol.resumed(decision, position=position, was_taken=was_taken)
 
     def _let_pass(self) -> None:
         """Wait until the last sheets have reached the gate; a heartbeat that stops would reject them."""

@@ -9,13 +9,14 @@ the camera lost lines or the encoder slipped; the constant is then unknown until
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import TYPE_CHECKING, Final
 
-from prooflight_line.plant.gate.registers import WRAP
+from prooflight_line.plant.gate.registers import WRAP, count_distance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -96,6 +97,7 @@ class Tracker:
         self._readings: deque[tuple[int, float, float]] = deque(maxlen=READINGS)
         """Readings whose lines have not come yet: the count, and the times of request and answer."""
         self._last_count = 0
+        self._counted_s: float | None = None
 
     def lines(self, block: LineBlock) -> None:
         """Take lines that have passed."""
@@ -115,6 +117,7 @@ class Tracker:
         with self._guard:
             step = (count - self._last_count) % WRAP
             self._last_count += step if step < WRAP // 2 else step - WRAP
+            self._counted_s = answered_s
             self._readings.append((self._last_count, request_s, answered_s))
             if self._stretches:
                 self._update_bounds(self._stretches[-1])
@@ -147,6 +150,23 @@ class Tracker:
             left = line + self._distance_mm / self._transport.line_pitch_mm - stretch.lines[-1]
             return stretch.times_s[-1] + left / speed
 
+    def due_at_s(self, position: int) -> float | None:
+        """Return the time at which the controller's count is ``position``; None: not known yet.
+
+        A count that was passed, or that no sheet on its way can have because the controller counts from 0 again, is
+        minus infinity.
+        """
+        with self._guard:
+            if self._counted_s is None:
+                return None
+            left = count_distance(position, self._last_count % WRAP)
+            if not 0 < left <= 2 * self._distance_mm * self._transport.counts_per_mm:
+                return -math.inf
+            speed = self._stretches[-1].lines_per_s() if self._stretches else None
+            if not speed or speed <= 0:
+                return math.inf
+            return self._counted_s + left / self._transport.counts_per_line / speed
+
     @property
     def speed_mm_s(self) -> float | None:
         """Speed over the last second; None: not known."""
@@ -158,6 +178,7 @@ class Tracker:
         """Discard the readings, because the controller's count may have begun from 0 again."""
         with self._guard:
             self._readings.clear()
+            self._counted_s = None
             for stretch in self._stretches:
                 stretch.bounds.clear()
                 stretch.agreed = None

@@ -39,6 +39,10 @@ class Pending:
     written_s: float | None = None
     taken: bool = False
     """Whether the controller has acknowledged it in this session, or its output is set by it."""
+    position: int | None = None
+    """Encoder count at which it reaches the gate, of a sheet that was decided before the run was resumed."""
+    was_taken: bool = False
+    """Whether the controller had acknowledged such a sheet before."""
 
 
 class Waiting:
@@ -104,6 +108,35 @@ class Waiting:
                 decision=decision, line=line, last_line_s=last_line_s, posted_s=now_s
             )
 
+    def resumed(self, decision: SheetDecision, *, position: int | None, was_taken: bool) -> None:
+        """Take a sheet that was decided before the run was resumed and may not have reached the gate.
+
+        ``position`` is the encoder count at which it does; None: not known. ``was_taken`` tells whether the
+        controller had acknowledged its result.
+        """
+        now_s = self._clock()
+        with self._guard:
+            self._left.decided(decision)
+            one = Pending(
+                decision=decision,
+                line=0,
+                last_line_s=now_s,
+                posted_s=now_s,
+                position=position,
+                was_taken=was_taken,
+            )
+            if position is not None:
+                self._sheets[decision.tag] = one
+                return
+            self._unsent(decision.tag, one, Code.PLACE_UNKNOWN)
+            self._left.passed(decision.tag, now_s=now_s, unsent=Code.PLACE_UNKNOWN)
+
+    def _due_s(self, one: Pending) -> float | None:
+        """Return when a sheet reaches the gate; None: not known."""
+        if one.position is None:
+            return self._tracker.due_s(one.line)
+        return self._tracker.due_at_s(one.position)
+
     def _posted(self, decision: SheetDecision) -> None:
         """Update what else changes with a decision; called with the lock held."""
 
@@ -116,7 +149,7 @@ class Waiting:
         """Forget and return sheets that were due at the gate ``after_s`` ago or more; called with the lock held."""
         forgotten = []
         for tag, one in list(self._sheets.items()):
-            due_s = self._tracker.due_s(one.line)
+            due_s = self._due_s(one)
             if now_s >= (one.posted_s + GIVEN_UP_S if due_s is None else due_s + after_s):
                 del self._sheets[tag]
                 forgotten.append((tag, one))
@@ -135,10 +168,11 @@ class Waiting:
 
     def _unsent(self, tag: int, one: Pending, code: Code) -> None:
         """Note that a sheet passed before its result could be written."""
-        self.too_late += 1
+        self.too_late += not one.was_taken
         if one.decision.result is Result.ACCEPT and self._rejects:
             self.lost_sheets.append(one.decision)
-        self._log.add("unsent", tag=tag, code=int(code), state=str(self._state))
+        if not one.was_taken:  # the controller had its result, if it did not forget it before the sheet came
+            self._log.add("unsent", tag=tag, code=int(code), state=str(self._state))
 
     @property
     def _rejects(self) -> bool:

@@ -61,6 +61,7 @@ class FedDrum:
         misprints: Callable[[int], bool],
         speed_mm_s: float,
         sides: int = 1,
+        first_serial: int = 0,
     ) -> None:
         """Prepare the link.
 
@@ -72,6 +73,8 @@ class FedDrum:
             Function that returns whether a side of the run is a misprint.
         sides
             Sides of a sheet, front and back in turn; a sheet goes to the gate only after its last side.
+        first_serial
+            Number of sheets that the press had put on the belt before.
         """
         self._sides = sides
         self._plc, self._geometry, self._passing = plc, geometry, passing
@@ -79,7 +82,7 @@ class FedDrum:
         self._told: queue.SimpleQueue[list[int] | None] = queue.SimpleQueue()
         self._source: LineSource | None = None
         self._lines = 0
-        self._serial = 0
+        self._serial = first_serial
         self._last_side = sides - 1
         self._moving = threading.Event()
         self._thread = threading.Thread(target=self._feed, name="simulated press", daemon=True)

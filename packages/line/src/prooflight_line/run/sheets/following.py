@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.kernels.thumbnails import STEPS
 from prooflight_line.run.sheets.fitting import evidence, inside, is_blank, lay, taped_rows
-from prooflight_line.run.sheets.readings import Reading, Readings
+from prooflight_line.run.sheets.readings import UNWATCHED, Reading, Readings
 from prooflight_line.run.sheets.records import Fault, MissingPage
 from prooflight_line.run.sheets.thumbnails import signature
 
@@ -69,9 +69,11 @@ class Expected(Protocol):
 class Following:
     """Tracker of a run's position in its job."""
 
-    def __init__(self, *, expected: Expected, geometry: ScanGeometry) -> None:
+    def __init__(
+        self, *, expected: Expected, geometry: ScanGeometry, readings: Readings | None = None
+    ) -> None:
         self.expected, self._geometry = expected, geometry
-        self.readings = Readings(pages=len(expected))
+        self.readings = readings or Readings(pages=len(expected))
 
     @property
     def due(self) -> int:
@@ -235,6 +237,11 @@ class Following:
 
 def _missing(absent: Iterable[tuple[int, str]], first_line: int) -> list[MissingPage]:
     return [
-        MissingPage(job_page=page, faults=(Fault(kind="missing", first_line=first_line, detail=why),))
+        MissingPage(
+            job_page=page,
+            faults=(
+                Fault(kind="unwatched" if why == UNWATCHED else "missing", first_line=first_line, detail=why),
+            ),
+        )
         for page, why in absent
     ]

@@ -52,6 +52,8 @@ still."""
 PATIENCE: Final = 2
 """Number of pages that may come before one that was expected earlier, until that one is reported missing."""
 UNSEEN: Final = "the camera gave no lines when it passed"
+UNWATCHED: Final = "the run had broken off: nothing watched it, or its verdict was lost"
+"""Reason of a page that passed between the end of the process that watched it and the resumption of its run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,6 +160,8 @@ class Readings:
     """Pages that were ever reported missing."""
     blind: bool = False
     """Whether an unknown number of lines was lost since the last page of the job."""
+    unseen: str = UNSEEN
+    """Reason of the pages that passed meanwhile."""
 
     @property
     def best(self) -> Reading:
@@ -218,12 +222,12 @@ class Readings:
         """Replace the hypotheses; return the pages that the best one newly reports missing, and why."""
         best = readings[0]
         if best.page is not None:
-            self.last, self.blind = best.page, False
+            self.last, self.blind, self.unseen = best.page, False, UNSEEN
             self.missing.discard(best.page)
         self.missing = {page for page in self.missing if page < best.due}
         fresh = [(page, why) for page, why in best.unreported if page not in self.reported]
         missing = {page for page, _ in best.unreported}
-        self.missing |= missing
+        self.missing |= {page for page, why in best.unreported if why != UNWATCHED}
         self.reported |= missing
         self.hypotheses = tuple(
             replace(
@@ -254,7 +258,7 @@ class Readings:
             if skipped:
                 due = one.due + skipped
                 if due in pages:
-                    room = one.passed(due, 0.0, why=UNSEEN if self.blind else None).in_place()
+                    room = one.passed(due, 0.0, why=self.unseen if self.blind else None).in_place()
                     yield replace(room, fault=self._fault(one, due))
 
     def _continuations(self, one: Reading, pages: Collection[int]) -> Iterator[Reading]:
@@ -265,7 +269,7 @@ class Readings:
         ahead = min((page for page in pages if page > due), default=None)
         previous = max((page for page in pages if page < due), default=None)
         if ahead is not None:
-            cost, why = _on_cost(ahead - due, blind=self.blind), UNSEEN if self.blind else None
+            cost, why = _on_cost(ahead - due, blind=self.blind), self.unseen if self.blind else None
             on = one.passed(ahead, cost, why=why).in_place()
             yield on if self.blind else replace(on, fault=self._fault(one, ahead))
         if previous is not None:

@@ -19,6 +19,7 @@ FaultKind = Literal[
     "blank",
     "repeated",
     "missing",
+    "unwatched",
     "out-of-order",
     "splice",
     "unknown",
@@ -32,7 +33,8 @@ class Fault:
     slip: the sheet came early or late relative to those before it. stretch: it is longer or shorter than it
     should be. lost-lines, extra-lines: the camera lost lines, its count jumps or goes back, or the sheet lacks
     lines or has too many at one place. blank: nothing is printed on it. repeated: a page that had passed already.
-    missing: pages before this one have not come. out-of-order: a page came later than its turn. splice: a tape
+    missing: pages before this one have not come. unwatched: it passed while the run had broken off.
+    out-of-order: a page came later than its turn. splice: a tape
     lies across the sheet. unknown: it is no page of the job, or less than a sheet.
     """
 
@@ -56,6 +58,8 @@ class SeenPage:
     """When the scan's last line was read, by the source's clock."""
     job_page: int | None
     """Index in ``expected`` of the page that it shows; None: it shows none of them."""
+    first_line_time_s: float | None = None
+    """When the scan's first line was read, by the same clock; None: it is not known."""
     faults: tuple[Fault, ...] = ()
     taken_for: int | None = None
     """The page in whose place it came, if its content could not be identified: ``job_page`` is None then."""
@@ -69,11 +73,21 @@ class SeenPage:
     """Whether the lines ended before the sheet did, so that it could not be identified; if not, the thumbnail
     of its page was unknown."""
 
+    @property
+    def lines_s(self) -> float:
+        """Time from its first line to its last; 0 where it is not known. [s]"""
+        return 0.0 if self.first_line_time_s is None else self.last_line_time_s - self.first_line_time_s
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingPage:
-    """A page of the job that has not come, reported when pages after it have."""
+    """A page of the job that has not come, or passed unwatched, reported when pages after it have come."""
 
     job_page: int
     """Index in ``expected`` of the page."""
     faults: tuple[Fault, ...]
+
+    @property
+    def is_unwatched(self) -> bool:
+        """Whether it passed while nothing watched."""
+        return any(fault.kind == "unwatched" for fault in self.faults)

@@ -1,0 +1,138 @@
+"""A kernel's machine code depends on its source alone: not on what a process compiled or loaded before."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prooflight.kernels.compiled import inner_kernel, kernel
+from prooflight.kernels.sources import source_digest
+
+MANY = """
+import numpy as np
+from prooflight.kernels.compiled import inner_kernel
+
+@inner_kernel()
+def many(x):  # too much to be inlined
+    LINES
+    return x
+
+@inner_kernel()
+def twice(x):
+    return many(x) + many(x + 1)
+
+print(twice(0.5).hex())
+"""
+RUN = """
+import runpy, sys
+
+for script in sys.argv[1:]:
+    runpy.run_path(script, run_name="of_one_name")
+"""
+
+INNER = """
+from prooflight.kernels.compiled import inner_kernel
+
+@inner_kernel()
+def inner(x):
+    return x + STEP
+
+STEP = 1
+"""
+OUTER = """
+from inner import inner
+from prooflight.kernels.compiled import inner_kernel
+
+@inner_kernel()
+def outer(x):
+    return 10 * inner(x)
+
+print(outer(1), sum(outer.stats.cache_hits.values()))
+"""
+
+
+def printed(script: Path, *arguments: str) -> list[str]:
+    """Words that a script prints in a process of its own, which stores kernels beside the script."""
+    done = subprocess.run(
+        [sys.executable, "-B", script, *arguments],
+        env={name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.slow
+def test_a_kernel_calls_its_own_copies_of_functions(tmp_path: Path) -> None:
+    """Functions from two processes have the same name; a third process loads both, and calls each from its kernel."""
+    run = tmp_path / "run.py"
+    run.write_text(RUN)
+    scripts = []
+    for factor in (2, 3):
+        script = tmp_path / f"times_{factor}.py"
+        script.write_text(MANY.replace("LINES", f"x = np.sin(x) * {factor} + np.cos(x)\n    " * 60))
+        scripts.append(str(script))
+    two, three = (printed(run, script) for script in scripts)
+    assert two != three
+    assert printed(run, *scripts) == two + three
+    assert printed(run, *reversed(scripts)) == three + two
+
+
+@pytest.mark.slow
+def test_a_change_in_a_file_of_what_a_kernel_calls_compiles_it_again(tmp_path: Path) -> None:
+    inner, script = tmp_path / "inner.py", tmp_path / "outer.py"
+    inner.write_text(INNER)
+    script.write_text(OUTER)
+    assert printed(script) == ["20", "0"]
+    assert printed(script) == ["20", "1"]
+    inner.write_text(INNER.replace("x + STEP", "x + 2 * STEP"))
+    assert printed(script) == ["30", "0"]
+
+
+@inner_kernel()
+def quotient(a, b):
+    return a / b
+
+
+@inner_kernel()
+def product_and_sum(a, b, c):
+    return a * b + c
+
+
+@kernel("values (N)", error_model="numpy", fastmath=True)
+def of_both(values):
+    return quotient(values[0], values[1]) + product_and_sum(values[0], values[1], values[2])
+
+
+def test_a_loop_is_compiled_with_its_own_options_and_not_with_those_of_its_caller() -> None:
+    with pytest.raises(ZeroDivisionError):
+        of_both(np.array([1.0, 0.0, 1.0]))
+    (code,) = product_and_sum.inspect_llvm().values()
+    assert "fmul double" in code
+    assert "fast double" not in code
+
+
+def test_the_digest_of_sources_counts_numbers_of_other_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = digest_now()
+    assert digest_now() == before
+    monkeypatch.setitem(globals(), "STEP", 2)
+    assert digest_now() != before
+
+
+STEP = 1
+
+
+def of_step(x):
+    return x + STEP
+
+
+def digest_now() -> str:
+    """Without what is stored of it."""
+    return source_digest.__wrapped__(of_step)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -85,6 +87,15 @@ def test_the_work_of_a_killed_worker_is_done_again(cluster: Cluster) -> None:
             os.kill(next(iter(cluster.client.run(os.getpid).values())), signal.SIGKILL)
         results.append(result)
     np.testing.assert_array_equal(results, expected())
+
+
+def test_a_killed_worker_of_this_machine_is_started_again(cluster: Cluster) -> None:
+    processes = set(cluster.client.run(os.getpid).values())
+    for process in processes:
+        os.kill(process, signal.SIGKILL)
+    np.testing.assert_array_equal(list(cluster.in_order(Draws(), ITEMS)), expected())
+    cluster.client.wait_for_workers(2, timeout=120)
+    assert not processes & set(cluster.client.run(os.getpid).values())
 
 
 def test_an_item_that_kills_its_worker_three_times_costs_itself_alone(cluster: Cluster) -> None:
@@ -175,6 +186,35 @@ def test_no_cluster_is_one_line(where: str, what: str) -> None:
 
     with pytest.raises(RequestError, match=what), connected(where):
         pass
+
+
+@pytest.mark.parametrize("greeting", [b"", b"SSH-2.0-OpenSSH_9.6\r\n", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_another_program_at_the_address_is_one_line(greeting: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    from prooflight.cluster import connection
+
+    monkeypatch.setattr(connection, "CONNECT_S", 1)
+    monkeypatch.setattr(connection, "ANSWER_S", 1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+        def greet() -> None:
+            other, _ = server.accept()
+            other.sendall(greeting)
+            heard.append(other)  # it stays open, and says nothing more
+
+        heard: list[socket.socket] = []
+        thread = threading.Thread(target=greet)
+        thread.start()
+        with (
+            pytest.raises(
+                RequestError, match=r"^cluster tcp://127.0.0.1:\d+: no Dask cluster answers; start"
+            ),
+            connection.connected(where),
+        ):
+            pass
+        thread.join()
+        for other in heard:
+            other.close()
 
 
 def test_workers_of_several_threads_are_refused() -> None:

@@ -75,6 +75,8 @@ class Cluster:
     client: Client
     where: str
     """Address of the scheduler, as the user gave it."""
+    start_missing: Callable[[], None]
+    """Starts again the workers of this machine that were killed."""
     _outbox: Outbox = field(default_factory=Outbox)
     _brought: set[tuple[str, str]] = field(default_factory=set)
     """Worker processes and parcels that were sent to them."""
@@ -242,6 +244,7 @@ class Cluster:
         now_s = time.monotonic()
         if now_s - self._counted_s >= POLL_S:
             self._counted_s = now_s
+            self.start_missing()
             try:
                 self._addresses = frozenset(self.client.nthreads())
             except OSError as error:

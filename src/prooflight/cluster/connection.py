@@ -5,16 +5,18 @@ Needs the extra ``cluster``.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
-import socket
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Security
+from distributed.comm import connect
 from llvmlite import binding  # type: ignore[import-untyped]
 
 from prooflight.cluster.cluster import Cluster
+from prooflight.cluster.local import local_workers
 from prooflight.cluster.worker import describe, refuse_other_program
 from prooflight.errors import RequestError
 from prooflight.files.program import program_parts
@@ -23,8 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 CONNECT_S: Final = 5
-START_S: Final = 120
-"""Longest start of workers on this machine; assumed: each loads Python and its libraries in some seconds."""
+ANSWER_S: Final = 5
+START_S: Final = 300
+"""Longest start of workers on this machine; assumed: each takes some seconds, under load a minute."""
 MOST_LOCAL: Final = 512
 PACKAGES: Final = ("prooflight",)
 """Packages that every worker needs; that of the work is checked with its first item."""
@@ -50,26 +53,34 @@ def connected(where: str) -> Iterator[Cluster]:
         stack.enter_context(_quiet())
         number = _local(where)
         if number is not None:
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=number,
-                    threads_per_worker=1,
-                    memory_limit=0,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                )
+            scheduler = LocalCluster(
+                n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL
             )
-            client = stack.enter_context(Client(cluster, set_as_default=False))
-            client.wait_for_workers(number, timeout=START_S)
+            stack.enter_context(scheduler)
+            start_missing = stack.enter_context(local_workers(number, scheduler.scheduler_address))
+            client = stack.enter_context(Client(scheduler, set_as_default=False))
+            _await_workers(client, number, where)
         else:
-            _refuse_silent(where)
+            start_missing = _nobody
+            _refuse_other(where)
             try:
                 client = stack.enter_context(Client(where, timeout=CONNECT_S, set_as_default=False))
             except (OSError, ValueError, TypeError) as error:
                 raise _no_answer(where) from error
         _check(client, where)
-        yield Cluster(client=client, where=where)
+        yield Cluster(client=client, where=where, start_missing=start_missing)
+
+
+def _nobody() -> None:
+    """Start no worker: those of a scheduler are started by whoever runs it."""
+
+
+def _await_workers(client: Client, number: int, where: str) -> None:
+    try:
+        client.wait_for_workers(number, timeout=START_S)
+    except TimeoutError as error:
+        what = f"its workers did not start within {START_S} s"
+        raise RequestError(f"cluster {where}", what, remedy="ask for fewer") from error
 
 
 def _local(where: str) -> int | None:
@@ -83,15 +94,33 @@ def _local(where: str) -> int | None:
     return int(match[1])
 
 
-def _refuse_silent(where: str) -> None:
-    """Raise RequestError if nothing listens at an address: Dask's client would leave a thread that reports it late."""
+def _refuse_other(where: str) -> None:
+    """Raise RequestError unless a scheduler answers at an address.
+
+    Dask's client would wait for ever for the greeting of a silent program, and leave a thread that reports late.
+    """
     match = re.fullmatch(r"(?:tcp|tls)://\[?([^/]+?)\]?:([0-9]{1,5})", where)
     if match is None:
         raise RequestError("cluster", f"{where[:40]!r} names no workers", remedy=REMEDY)
     try:
-        socket.create_connection((match[1], int(match[2])), timeout=CONNECT_S).close()
-    except (OSError, OverflowError, UnicodeError) as error:
+        kind = asyncio.run(asyncio.wait_for(_kind(where), CONNECT_S + ANSWER_S))
+    except (
+        Exception
+    ) as error:  # another program's greeting may be read as anything, such as a size of 10^18 bytes
         raise _no_answer(where) from error
+    if kind != "Scheduler":
+        raise _no_answer(where)
+
+
+async def _kind(where: str) -> object:
+    """Return which of Dask's servers answers at an address."""
+    comm = await connect(where, timeout=CONNECT_S, **Security().get_connection_args("client"))
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        answer = await comm.read()
+        return answer["type"]
+    finally:
+        comm.abort()
 
 
 def _no_answer(where: str) -> RequestError:

@@ -61,7 +61,7 @@ def connected(where: str) -> Iterator[Cluster]:
             client = stack.enter_context(Client(scheduler, set_as_default=False))
             _await_workers(client, number, where)
         else:
-            start_missing = _nobody
+            start_missing = _start_none
             _refuse_other(where)
             try:
                 client = stack.enter_context(Client(where, timeout=CONNECT_S, set_as_default=False))
@@ -71,7 +71,7 @@ def connected(where: str) -> Iterator[Cluster]:
         yield Cluster(client=client, where=where, start_missing=start_missing)
 
 
-def _nobody() -> None:
+def _start_none() -> None:
     """Start no worker: those of a scheduler are started by whoever runs it."""
 
 

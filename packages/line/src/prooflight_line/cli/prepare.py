@@ -45,7 +45,8 @@ def prepare(
         raise RequestError(press, what, remedy="leave `job prepare` out: each run prepares the job")
     with source.open() as opened:
         lacking = [number for number in range(1, len(opened) + 1) if not store.holds(number)]
-    work, files = PrepareDesign(source=source, store=store), Files[int](of_work=source.files)
+    work = PrepareDesign(source=source, store=store)
+    files: Files[int] = Files(of_work=source.files)
     with workers(cluster) as on:
         done = enumerate(map(work, lacking)) if on is None else on.as_finished(work, lacking, files=files)
         for place, content in show.progress(done, total=len(lacking), what="preparing"):

@@ -148,8 +148,8 @@ def _delivery(
         case "no job":
             return _alone(kind, f"{name}.txt", content[9:], origin=name)
         case "ticket alone":
-            ticket = TICKET.format(job=name, copies=1, file=file)
-            return _alone(kind, f"{name}.xjdf", ticket.encode(), origin=name)
+            alone = TICKET.format(job=name, copies=1, file=file)
+            return _alone(kind, f"{name}.xjdf", alone.encode(), origin=name)
     text, job, origin = TICKET, name, name
     if kind == "bad ticket":
         text = BAD[at % len(BAD)]

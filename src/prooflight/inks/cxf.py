@@ -105,22 +105,22 @@ def _every(element: Element, name: str) -> list[Element]:
 def _spectrum(where: str, spectrum: Element, ranges: dict[str | None, Element]) -> NDArray[np.float64]:
     """Return a spectrum on the package's grid, (36,). [-]"""
     grid = ranges.get(spectrum.get("ColorSpecification"))
-    start = spectrum.get("StartWL") or ("" if grid is None else grid.get("StartWL", ""))
-    step = spectrum.get("Increment") or ("" if grid is None else grid.get("Increment", "10"))
-    first_nm, step_nm = _number(where, "StartWL", start), _number(where, "Increment", step or "10")
+    stated = dict(() if grid is None else grid.items()) | dict(spectrum.items())
+    first_nm = _number(where, "StartWL", stated.get("StartWL", ""))
+    step_nm = _number(where, "Increment", stated.get("Increment", "10"))
     values = [
         _number(where, "a reflectance", text) for text in (spectrum.text or "").split()[: MOST_BANDS + 1]
     ]
     if not 2 <= len(values) <= MOST_BANDS or not 0 < step_nm <= 50 or not 200 <= first_nm <= 800:
         what = f"has a spectrum of {len(values)} values from {first_nm:g} nm by {step_nm:g} nm"
         raise ChartError(where, what, remedy=REMEDY)
-    wave_nm = first_nm + step_nm * np.arange(len(values))
+    wave_nm = first_nm + step_nm * np.arange(len(values), dtype=np.float64)
     if wave_nm[0] > 420 or wave_nm[-1] < 680:
         what = f"has a spectrum of {wave_nm[0]:g} to {wave_nm[-1]:g} nm, and 420 to 680 nm are needed"
         raise ChartError(where, what, remedy=REMEDY)
     if min(values) < 0 or max(values) > LARGEST:
         raise ChartError(where, "has a reflectance factor that is none", remedy="give factors, 0 to about 1")
-    return to_grid(wave_nm, np.array(values))
+    return to_grid(wave_nm.astype(np.float64), np.array(values, np.float64))
 
 
 def _number(where: str, what: str, text: str) -> float:

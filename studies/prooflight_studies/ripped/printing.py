@@ -73,7 +73,7 @@ RIPS: Final = (
     OwnRip(name="contone-1200", title="Ghostscript, 1200 dpi, continuous tone", dpi=1200.0),
     OwnRip(
         name="am-1200",
-        title="the same, 1-bit AM screens, 175 lpi, C15 M75 Y0 K45",
+        title="Ghostscript, 1200 dpi, 1-bit AM screens, 175 lpi, C15 M75 Y0 K45",
         dpi=1200.0,
         screen=Screen(kind="am", dpi=1200.0, lpi=175.0),
     ),

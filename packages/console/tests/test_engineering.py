@@ -226,6 +226,6 @@ def test_the_history_shows_every_run_and_the_notes_of_people(tmp_path: Path) -> 
     assert all(f'href="/press?run={run}"' in charts for run in (1, 2, 3))
     assert operator.post("/press/history/notes/1/remove").status_code == 204
     assert "new lamp" not in operator.get("/press/history").text
-    whats = [row["what"] for row in made.client(Role.ADMIN).get("/api/v1/audit").json()["items"]]
-    assert {"history.note", "history.remove"} <= set(whats)
+    recorded = [row["what"] for row in made.client(Role.ADMIN).get("/api/v1/audit").json()["items"]]
+    assert {"history.note", "history.remove"} <= set(recorded)
     made.close()

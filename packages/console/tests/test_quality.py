@@ -364,4 +364,4 @@ def test_a_damaged_sheet_is_left_out_and_counted(console: Served) -> None:
         connection.execute("UPDATE pages SET kind = 'ghost' WHERE run_id = 1 AND sheet = 11")
     assert (1, 11) not in hits(console)
     assert console.console.index.damaged == 1
-    assert "entries cannot be read" in console.client(Role.VIEWER).get("/search").text
+    assert "entry cannot be read" in console.client(Role.VIEWER).get("/search").text

@@ -105,9 +105,9 @@ def _every(element: Element, name: str) -> list[Element]:
 def _spectrum(where: str, spectrum: Element, ranges: dict[str | None, Element]) -> NDArray[np.float64]:
     """Return a spectrum on the package's grid, (36,). [-]"""
     grid = ranges.get(spectrum.get("ColorSpecification"))
-    start = spectrum.get("StartWL") or (grid is not None and grid.get("StartWL")) or ""
-    step = spectrum.get("Increment") or (grid is not None and grid.get("Increment")) or "10"
-    first_nm, step_nm = _number(where, "StartWL", start), _number(where, "Increment", step)
+    stated = dict(() if grid is None else grid.items()) | dict(spectrum.items())
+    first_nm = _number(where, "StartWL", stated.get("StartWL", ""))
+    step_nm = _number(where, "Increment", stated.get("Increment", "10"))
     values = [
         _number(where, "a reflectance", text) for text in (spectrum.text or "").split()[: MOST_BANDS + 1]
     ]
@@ -120,7 +120,7 @@ def _spectrum(where: str, spectrum: Element, ranges: dict[str | None, Element]) 
         raise ChartError(where, what, remedy=REMEDY)
     if min(values) < 0 or max(values) > LARGEST:
         raise ChartError(where, "has a reflectance factor that is none", remedy="give factors, 0 to about 1")
-    return to_grid(wave_nm, np.array(values))
+    return to_grid(wave_nm.astype(np.float64), np.array(values, np.float64))
 
 
 def _number(where: str, what: str, text: str) -> float:

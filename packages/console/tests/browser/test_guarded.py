@@ -37,7 +37,7 @@ def test_nobody_is_asked_to_sign_in_and_a_viewer_is_refused(
     assert page.request.get(console.address + "/setup/audit").status == 403
     assert page.request.get(console.address + "/api/v1/people").status == 403
     visitor.goto("/setup")
-    assert page.locator(".subtabs a").all_text_contents() == ["Press and camera", "Zones", "Tokens"]
+    assert page.locator(".subtabs a").all_text_contents() == ["Press and camera", "Zones", "Tokens", "Kiosks"]
     visitor.goto("/runs/1/incidents/1")
     assert page.locator(".tap").count() == 0, "a viewer has nothing to tap"
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 XJDF = """<?xml version="1.0" encoding="UTF-8"?>
 <XJDF xmlns="http://www.CIP4.org/JDFSchema_2_0" JobID="J-17" Types="Product" Version="2.1" DescriptiveName="Menu">
-  <AuditPool><AuditCreated><Header DeviceID="mis" Time="2026-11-27T10:00:00Z"/></AuditCreated></AuditPool>
+  <AuditPool><AuditCreated><Header DeviceID="office" Time="2026-11-27T10:00:00Z"/></AuditCreated></AuditPool>
   <GeneralID IDUsage="prooflight:layout" IDValue="gutter=4,pages-a-set=8"/>
   <GeneralID IDUsage="prooflight:keep" IDValue="all"/>
   <GeneralID IDUsage="prooflight:sample" IDValue="0.05"/>

@@ -51,9 +51,9 @@ def read(document: Document, folder: Path) -> Ticket:
         ),
     ]
     for word in ("sides", "n-up"):
-        said = dict.fromkeys(part for part in stated if part.startswith(f"{word}="))
-        if len(said) > 1:
-            raise document.refusal(root, f"states both {' and '.join(said)}", "state one of them")
+        distinct = dict.fromkeys(part for part in stated if part.startswith(f"{word}="))
+        if len(distinct) > 1:
+            raise document.refusal(root, f"states both {' and '.join(distinct)}", "state one of them")
     customer = [
         *document.stated("CustomerID", "CustomerInfo"),
         *document.stated("CustomerJobName", "CustomerInfo"),
@@ -128,11 +128,11 @@ def _spans(document: Document, intent: str, name: str) -> list[tuple[Element, st
 
 def _urls(document: Document) -> list[tuple[Element, str]]:
     """Return the addresses of files of run lists, except of those that the job makes."""
-    made = {each.get("rRef") for each in document.every("RunListLink") if each.get("Usage") == "Output"}
+    outputs = {each.get("rRef") for each in document.every("RunListLink") if each.get("Usage") == "Output"}
     return [
         (each, each.get("URL"))
         for run_list in document.every("RunList")
-        if run_list.get("ID") not in made
+        if run_list.get("ID") not in outputs
         for each in run_list.iter(f"{{{NAMESPACE}}}FileSpec")
         if each.get("URL") is not None
     ]

@@ -143,7 +143,7 @@ def inspection(document: Document, stated: Iterable[tuple[Element, str, str]]) -
 
 
 def layout_text(document: Document, element: Element, stated: Iterable[str], stated_layout: str) -> str:
-    """Return the words of ``--layout`` of a ticket: of its standard attributes and of ``stated_layout``."""
+    """Return the words of ``--layout`` of a ticket: of its standard attributes, and those of ``stated_layout``."""
     given = dict(part.split("=", 1) for part in stated)
     for part in filter(None, stated_layout.split(",")):
         key, _, value = (piece.strip() for piece in part.partition("="))

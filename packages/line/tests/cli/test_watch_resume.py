@@ -258,7 +258,8 @@ def test_the_gate_goes_on_with_the_tags_of_the_run(
     for row in server.plc.rows:
         assert row.tray == "reject" or (row.truth == "good" and rows[row.tag - 1].disposition == "accept")
     trays = ["--trays", str(tmp_path / "trays.jsonl")]
-    assert run(["run", "reconcile", "1", "--journal", str(journal), *trays, "--json"]) in (0, 1)
+    # 3: a sheet lies in no tray that is known, as after a heartbeat that a busy machine has missed.
+    assert run(["run", "reconcile", "1", "--journal", str(journal), *trays, "--json"]) in (0, 1, 3)
     counts = json.loads(capsys.readouterr().out.splitlines()[-1])["counts"]
     assert not counts.get("wrong")
     assert sum(counts.values()) == SHEETS

@@ -70,7 +70,7 @@ NEEDS: Final[dict[str, tuple[str, ...]]] = {
     "journal": ("job.pdf", "my.press"),
     "evidence": ("short job.pdf", "my.press"),
     "records": (),
-    "cluster": ("short job.pdf", "my.press"),
+    "cluster": (),
     "sheets-and-sets": ("job.pdf", "my.press"),
     "codes": ("my.press", "short job.pdf", "scans"),
     "zones": ("my.press", "short job.pdf", "scans"),

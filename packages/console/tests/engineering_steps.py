@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from prooflight_console import child_process
 from prooflight_console.engineering import steps
 
 if TYPE_CHECKING:
@@ -11,5 +12,5 @@ if TYPE_CHECKING:
 
 
 def at_usual_priority(request: steps.StepRequest, sender: Connection) -> None:
-    steps.yield_to_all = lambda: None
+    child_process.yield_to_all = lambda: None
     steps.step_aside(request, sender)

@@ -10,6 +10,7 @@ from packages.console.tests.consoles import served
 from threadpoolctl import threadpool_info
 
 from prooflight.pages.zones.zones_file import PriceEntry
+from prooflight_console import child_process
 from prooflight_console.app import console_app
 from prooflight_console.zones import pricing
 from prooflight_console.zones.prices import Prices
@@ -65,7 +66,7 @@ def quick(asked: PriceRequest, told: Connection) -> None:
 
 def real(asked: PriceRequest, told: Connection) -> None:
     """As it is, but that it takes its share of a machine that also tests: in idle time alone it may never end."""
-    pricing.yield_to_all = lambda: None
+    child_process.yield_to_all = lambda: None
     pricing.price_aside(asked, told)
 
 
@@ -75,7 +76,7 @@ def counting_threads(asked: PriceRequest, told: Connection) -> None:
     def refuse(*_: object) -> Refused:
         return Refused(why=f"{max(one['num_threads'] for one in threadpool_info())} at once")
 
-    pricing.yield_to_all = lambda: None
+    child_process.yield_to_all = lambda: None
     pricing._priced = refuse
     pricing.price_aside(asked, told)
 

@@ -6,10 +6,8 @@ version would have done in the last runs. It puts nothing to use.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import secrets
-import signal
 import time
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -25,12 +23,11 @@ from prooflight.errors import ProoflightError, RequestError
 from prooflight.files.lock import WriterLock
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, ScanPage, paired
-from prooflight.pages.process import settle_process
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 from prooflight.press.press_file import PressFile
+from prooflight_console.child_process import send_result
 from prooflight_console.engineering.effect import judged_sheets, of_version, recent_runs
-from prooflight_console.zones.pricing import yield_to_all
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore
 from prooflight_line.run.recalibrating import recalibrated
@@ -101,14 +98,7 @@ def step_aside(request: StepRequest, sender: Connection) -> None:
 
     Ends when nobody receives any more.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
-    yield_to_all()
-    settle_process()
-    try:
-        with contextlib.suppress(BrokenPipeError):
-            sender.send(_done(request, _Reports(sender)))
-    finally:
-        sender.close()
+    send_result(sender, lambda: _done(request, _Reports(sender)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import secrets
 import threading
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from prooflight_console.child_process import END_S, begin_process, end_process, messages_until_end
 from prooflight_console.engineering.steps import StepProgress, StepRefused, StepResult, step_aside
 from prooflight_console.engineering.versions import Version
 from prooflight_console.problems import Problem, not_found
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from prooflight_console.engineering.versions import PressVersions
 
 State = Literal["running", "done", "failed", "cancelled"]
-END_S: Final = 10.0
-"""Time that a process has to end before it is killed. [s]"""
 PROCESS_ENDED: Final = "the process ended before it was done, perhaps for want of memory; begin again"
 
 
@@ -81,19 +79,11 @@ class Work:
                     raise Problem(
                         409, "busy", f"a step that {now.by} began is being done; wait, or cancel it"
                     )
-            context = multiprocessing.get_context("spawn")
-            receiver, sender = context.Pipe(duplex=False)
-            process = context.Process(
-                target=self._work, args=(request, sender), name="press-engineering", daemon=True
-            )
             try:
-                process.start()
+                process, receiver = begin_process(self._work, request, name="press-engineering")
             except OSError as error:
-                receiver.close()
-                sender.close()
                 what = f"no process can be started ({error.strerror})"
                 raise Problem(503, "no-process", what) from error
-            sender.close()  # so that reading ends when the process does
             self._process = process
             self._task = task = Task(
                 id=secrets.token_hex(8),
@@ -125,21 +115,15 @@ class Work:
             process = self._process
         if process is not None:
             process.terminate()
-            _ended(process)
+            end_process(process)
 
     def _follow(self, task_id: str, process: BaseProcess, receiver: Connection) -> None:
         last: StepResult | StepRefused = StepRefused(why=PROCESS_ENDED)
-        while True:
-            try:
-                message = receiver.recv()
-            except (EOFError, OSError):
-                break
+        for message in messages_until_end(process, receiver):
             if isinstance(message, StepProgress):
                 self._now(task_id, progress=message)
             else:
                 last = message
-        receiver.close()
-        _ended(process)
         with self._guard:
             self._process = None
             self._guard.notify_all()
@@ -184,10 +168,3 @@ class Work:
             return None
         spent_s = self._accounts.clock() - task.began_s
         return spent_s * (progress.total - progress.done) / progress.done
-
-
-def _ended(process: BaseProcess) -> None:
-    process.join(END_S)
-    if process.is_alive():
-        process.kill()
-        process.join()

@@ -149,29 +149,22 @@ def search_page(
     state.index.catch_up()
     upto = state.reading.heads().row if upto is None else upto
     of_journal = requested.search.of_journal
+    hits = _part(state, requested, before=before, skip=skip, limit=AT_ONCE, upto=upto)
+    next_part = bool(request.headers.get("HX-Request")) and (before is not None or skip > 0)
+    # The journal's next part needs no count, which would read all its tallies again.
+    total = None if of_journal and next_part else count(state.index, requested.search, upto_row=upto)
     if of_journal:
-        hits = find_in_journal(state.reading, state.index, requested.search, before=before, limit=AT_ONCE)
         more = {"before": hits[-1].written.row} if len(hits) == AT_ONCE else None
     else:
-        hits = find(
-            state.reading,
-            state.index,
-            requested.search,
-            order=requested.order,
-            skip=skip,
-            limit=AT_ONCE,
-            upto_row=upto,
-        )
-        total = count(state.index, requested.search, upto_row=upto) or 0
-        more = {"skip": skip + AT_ONCE, "upto": upto} if total > skip + AT_ONCE else None
+        more = {"skip": skip + AT_ONCE, "upto": upto} if (total or 0) > skip + AT_ONCE else None
     values: dict[str, Any] = {
         "found": _with_runs(state, hits),
         "behind": None if more is None else requested.address("/search", **more),
     }
-    if request.headers.get("HX-Request") and (before is not None or skip):
+    if next_part:
         return page(request, who, "search/rows", **values)
     values |= {
-        "count": count(state.index, requested.search, upto_row=upto),
+        "count": total,
         "any_run": bool(state.reading.heads().run),
         "exports": {kind: requested.address(f"/search.{kind}") for kind in ("csv", "json")} if hits else {},
         "label_address": requested.address("/search/label", upto=upto),
@@ -290,20 +283,7 @@ def _every(state: Console, requested: Search) -> Iterator[tuple[dict[str, Any], 
     runs: dict[int, RunRow] = {}
     upto, skip, before = state.reading.heads().row, 0, None
     while True:
-        if requested.search.of_journal:
-            hits = find_in_journal(
-                state.reading, state.index, requested.search, before=before, limit=EXPORTED_AT_ONCE
-            )
-        else:
-            hits = find(
-                state.reading,
-                state.index,
-                requested.search,
-                order=requested.order,
-                skip=skip,
-                limit=EXPORTED_AT_ONCE,
-                upto_row=upto,
-            )
+        hits = _part(state, requested, before=before, skip=skip, limit=EXPORTED_AT_ONCE, upto=upto)
         for hit in hits:
             number = hit.written.run_id
             run = runs.get(number) or runs.setdefault(number, state.reading.run(number))
@@ -314,6 +294,23 @@ def _every(state: Console, requested: Search) -> Iterator[tuple[dict[str, Any], 
         if not hits:
             return
         skip, before = skip + EXPORTED_AT_ONCE, hits[-1].written.row
+
+
+def _part(
+    state: Console, requested: Search, *, before: int | None, skip: int, limit: int, upto: int
+) -> list[Hit]:
+    """Return the next matching sheets: those before a row of the journal, or of the index after ``skip`` of them."""
+    if requested.search.of_journal:
+        return find_in_journal(state.reading, state.index, requested.search, before=before, limit=limit)
+    return find(
+        state.reading,
+        state.index,
+        requested.search,
+        order=requested.order,
+        skip=skip,
+        limit=limit,
+        upto_row=upto,
+    )
 
 
 def _with_runs(state: Console, hits: list[Hit]) -> list[dict[str, Any]]:

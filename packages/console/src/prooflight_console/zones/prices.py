@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import secrets
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight_console.child_process import END_S, begin_process, end_process, messages_until_end
 from prooflight_console.problems import Problem, not_found
 from prooflight_console.zones.pricing import Priced, Progress, Refused, price_aside
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 State = Literal["running", "done", "failed", "cancelled"]
 MOST_STORED: Final = 16
 """Number of prices that are kept in memory; the oldest is dropped first."""
-END_S: Final = 10.0
-"""Time that a process has to end before it is killed. [s]"""
 AGAIN: Final = "close what takes memory on this machine, and ask again"
 PROCESS_ENDED: Final = (
     f"the process that makes the price ended before it was done, perhaps for want of memory; {AGAIN}"
@@ -91,19 +89,11 @@ class Prices:
             if self._running is not None:
                 by = self._tasks[self._running[0]].by
                 raise Problem(409, "busy", f"a price that {by} asked for is being made; wait, or cancel it")
-            context = multiprocessing.get_context("spawn")
-            receiver, sender = context.Pipe(duplex=False)
-            process = context.Process(
-                target=self._work, args=(request, sender), name="zones-price", daemon=True
-            )
             try:
-                process.start()
+                process, receiver = begin_process(self._work, request, name="zones-price")
             except OSError as error:
-                receiver.close()
-                sender.close()
                 why = f"no process can be started for the price ({error.strerror}); {AGAIN}"
                 raise Problem(503, "no-process", why) from error
-            sender.close()  # so that reading ends when the process does
             self._tasks[new.id] = new
             while len(self._tasks) > MOST_STORED:
                 self._tasks.popitem(last=False)
@@ -148,21 +138,15 @@ class Prices:
             running = self._running
         if running is not None:
             self.cancel(running[0])
-            _ended(running[1])
+            end_process(running[1])
 
     def _follow(self, task_id: str, process: BaseProcess, receiver: Connection) -> None:
         last: Priced | Refused = Refused(why=PROCESS_ENDED)
-        while True:
-            try:
-                message = receiver.recv()
-            except (EOFError, OSError):
-                break
+        for message in messages_until_end(process, receiver):
             if isinstance(message, Progress):
                 self._now(task_id, progress=message)
             else:
                 last = message
-        receiver.close()
-        _ended(process)
         with self._guard:
             self._running = None
         if isinstance(last, Priced):
@@ -176,13 +160,6 @@ class Prices:
             if task is not None and task.state == "running":
                 self._tasks[task_id] = replace(task, **changes)  # type: ignore[arg-type]
             self._guard.notify_all()
-
-
-def _ended(process: BaseProcess) -> None:
-    process.join(END_S)
-    if process.is_alive():
-        process.kill()
-        process.join()
 
 
 def _same(one: PriceTask, other: PriceTask) -> bool:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import os
-import signal
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.commissioning.zones.price import price_of
 from prooflight.errors import ProoflightError
-from prooflight.pages.process import LOWEST, settle_process
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
+from prooflight_console.child_process import send_result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -85,23 +82,7 @@ def price_aside(request: PriceRequest, sender: Connection) -> None:
 
     Ends when nobody receives any more.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
-    yield_to_all()
-    settle_process()
-    try:
-        with contextlib.suppress(BrokenPipeError):
-            sender.send(_priced(request, sender))
-    finally:
-        sender.close()
-
-
-def yield_to_all() -> None:
-    """Run only while no other process wants to, so that no verdict is delayed; a price may take long."""
-    if hasattr(os, "SCHED_IDLE"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    if hasattr(os, "nice"):
-        os.nice(LOWEST)
+    send_result(sender, lambda: _priced(request, sender))
 
 
 def _priced(request: PriceRequest, sender: Connection) -> Priced | Refused:

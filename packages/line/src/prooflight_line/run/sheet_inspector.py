@@ -44,7 +44,7 @@ class SheetResult:
     """Probability with which it was sampled for review, by ``Asking.probability``."""
 
 
-class Workers(Protocol):
+class SheetWorkers(Protocol):
     """Processes that inspect (``inspection_workers``)."""
 
     def inspect(
@@ -70,7 +70,7 @@ class SheetInspector:
     keep: Keep = "none"
     """Sheets whose evidence is kept for the journal; that of sheets sampled for review always is."""
     sampling: Sampling = field(default_factory=Sampling)
-    workers: Workers | None = None
+    workers: SheetWorkers | None = None
     """Processes that inspect; None: the calling thread does."""
 
     def prepare(self, page: Page) -> PackedDesign:

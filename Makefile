@@ -4,8 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 BOUNDS_CACHE := $(CURDIR)/.bounds_cache
-# Each process begins with half of the tests and takes over what the other has left: what a file makes is made once.
-ON_TWO_CORES := -n 2 --dist worksteal
+# Each process begins with a third of the tests and takes over what others have left: what a file makes is made once.
+# Two cores have room for a third, since tests wait for cameras, gates and browsers.
+ON_TWO_CORES := -n 3 --dist worksteal
 
 .PHONY: demo console test test-all test-bounds durations freeze check fuzz bench docs site changelog format lock deb clean
 .DELETE_ON_ERROR:

@@ -181,10 +181,11 @@ def test_a_worker_of_another_version_does_no_work(cluster: Cluster, monkeypatch:
         ("127.0.0.1:8786", "names no workers; start `dask scheduler`"),
     ],
 )
-def test_no_cluster_is_one_line(where: str, what: str) -> None:
-    from prooflight.cluster.connection import connected
+def test_no_cluster_is_one_line(where: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from prooflight.cluster import connection
 
-    with pytest.raises(RequestError, match=what), connected(where):
+    monkeypatch.setattr(connection, "CONNECT_S", 1)
+    with pytest.raises(RequestError, match=what), connection.connected(where):
         pass
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -267,6 +268,15 @@ def test_the_gate_goes_on_with_the_tags_of_the_run(
     assert sum(counts.values()) == SHEETS
 
 
+@pytest.fixture(scope="module")
+def broken_off(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``runs.sqlite``, whose run was killed before Ready."""
+    broken = tmp_path_factory.mktemp("broken")
+    journal = broken / "runs.sqlite"
+    killed(command(folder, journal, "drum"), lambda _rows: has_run(journal))
+    return broken
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -282,6 +292,7 @@ def test_what_cannot_be_resumed_is_refused_in_one_line(
     change: list[Any],
     says: str,
     folder: Path,
+    broken_off: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -290,7 +301,7 @@ def test_what_cannot_be_resumed_is_refused_in_one_line(
     journal = tmp_path / "runs.sqlite"
     given = command(folder, journal, "drum")
     if change:
-        killed(given, lambda _rows: has_run(journal))
+        shutil.copytree(broken_off, tmp_path, dirs_exist_ok=True)
     else:
         assert run(given) == 1
     before = recorded(journal)

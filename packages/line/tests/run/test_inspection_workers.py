@@ -158,5 +158,8 @@ def test_what_a_killed_run_has_left_is_removed(cache: Path) -> None:
 
 
 def test_few_threads_and_other_detectors_need_no_workers(alone: SheetInspector, press: Press) -> None:
-    assert [worker_count(threads, alone.inspector) for threads in (1, 2, 3, 4, 16)] == [0, 0, 0, 2, 8]
+    counts = [0, 2, 2, 2, 8]
+    assert [worker_count(threads, alone.inspector) for threads in (1, 2, 3, 4, 16)] == counts
+    waiting = [worker_count(threads, alone.inspector, source_waits=True) for threads in (1, 2, 3, 4, 16)]
+    assert waiting == [0, 0, 0, 2, 8]
     assert worker_count(16, Inspector(press, detector("chi-square", press))) == 0

@@ -46,21 +46,24 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 THREADS_A_WORKER: Final = 2
-"""Threads of a worker. A page calls a thousand kernels, and its thread needs the interpreter after each: on 16
+"""Threads of a worker, where there are processors for two workers. A page calls a thousand kernels, and its thread needs the interpreter after each: on 16
 processors, one process with 8 threads inspected 10.7 sheets a second, 8 processes with 2 each 55
 (docs/performance.md)."""
 INSPECTOR_FILE: Final = "inspector"
 
 
-def worker_count(threads: int, inspector: Inspector) -> int:
+def worker_count(threads: int, inspector: Inspector, *, source_waits: bool = False) -> int:
     """Return the number of worker processes for so many inspecting threads; 0: they inspect in this process.
 
-    Designs travel as the store of prepared designs keeps them, so that a detector that stores no pages, and pages with
-    zones, are inspected in this process.
+    A press that does not wait gets two even from two processors: of its sheets half as many were too late. Designs
+    travel as the store of prepared designs keeps them, so that a detector that stores no pages, and pages with zones,
+    are inspected in this process.
     """
     if not isinstance(inspector.detector, StoresPages) or inspector.zones is not None:
         return 0
-    return threads // THREADS_A_WORKER if threads >= 2 * THREADS_A_WORKER else 0
+    if threads < (2 * THREADS_A_WORKER if source_waits else 2):
+        return 0
+    return max(threads // THREADS_A_WORKER, 2)
 
 
 class InspectionWorkers:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from prooflight.inspection.guarantee import GuaranteeMonitor
 from prooflight_line.run.following import Adapting
-from prooflight_line.run.inspection_workers import THREADS_A_WORKER, InspectionWorkers, worker_count
+from prooflight_line.run.inspection_workers import InspectionWorkers, worker_count
 from prooflight_line.run.monitor.evidence import columns_mm
 from prooflight_line.run.monitor.run import RunMonitor
 from prooflight_line.run.outcomes import RunWatch
@@ -58,10 +58,10 @@ def watched(
         costs=press.costs,
         false_alarms=false_alarms,
     )
-    workers = worker_count(settings.inspectors, inspector)
+    workers = worker_count(settings.inspectors, inspector, source_waits=settings.source_waits)
+    threads = max(settings.inspectors // workers, 1) if workers else threads_a_sheet(settings)
     if workers:
         settings = replace(settings, inspectors=workers)
-    threads = THREADS_A_WORKER if workers else threads_a_sheet(settings)
     watch = RunWatch(
         monitor=monitor,
         adapting=Adapting.begin(press) if follow else None,

@@ -113,8 +113,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "exchangeability-ties": Purpose(
             "ranks of pages that tie, and which page is forgotten", (SEED, FREE + 11)
         ),
-        "exhibit-misprint": Purpose("a misprint to be shown; seeded by exhibit-place", (SEED,)),
-        "exhibit-place": Purpose("pages and seeds tried for a misprint to be shown", (SEED, "kind")),
         "feedback-weeks": Purpose("days and questions of one history of weeks", (SEED, FREE + 61, "history")),
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
         "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def register(app: typer.Typer) -> None:
     """Add the commands to ``prooflight``."""
     for command in (
-        *(world.misprints, world.corpus, world.worlds, world.registration, world.calibration),
+        *(world.corpus, world.worlds, world.registration, world.calibration),
         *(
             paper.paper,
             paper.robustness,

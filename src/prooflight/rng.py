@@ -16,13 +16,12 @@ This matters where one run draws both with one seed, as these runs do:
 
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of
   costs and design 2;
-- ``study press``: the resampling of costs and designs 6 to 8;
 - ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is stated;
 - ``watch``: the faults of its drum and sheet 9;
 - the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of
-  ``design``, ``robustness`` and ``press``, the recipes of ``press build``, ``tables`` and ``calibration``, the
+  ``design`` and ``robustness``, the recipes of ``press build``, ``tables`` and ``calibration``, the
   first piece of ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the
   misprints and sheet 0 of ``demo``, sheet 0 of ``watch``.
 
@@ -114,8 +113,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "exchangeability-ties": Purpose(
             "ranks of pages that tie, and which page is forgotten", (SEED, FREE + 11)
         ),
-        "exhibit-misprint": Purpose("a misprint to be shown; seeded by exhibit-place", (SEED,)),
-        "exhibit-place": Purpose("pages and seeds tried for a misprint to be shown", (SEED, "kind")),
         "feedback-weeks": Purpose("days and questions of one history of weeks", (SEED, FREE + 61, "history")),
         "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
         "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
@@ -136,10 +133,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "plant-loop": Purpose("a press that drifts, with and without corrections", (SEED, FREE + 103, "run")),
         "plant-null": Purpose("marks of a run without a cause", (SEED, FREE + 102, "run")),
         "plant-prints": Purpose("prints with a defect at a known place", (SEED, FREE + 100, "design")),
-        "press-bootstrap": Purpose("which press days resample costs", (SEED, 6)),
-        "press-bootstrap-ideal": Purpose("which days resample costs in the ideal world", (SEED, 7)),
-        "press-bootstrap-real": Purpose("which press days of real pages resample their costs", (SEED, 8)),
-        "press-part": Purpose("trees of the ranking that judges one part of the designs", (SEED, "part", 5)),
         "print": Purpose("misprint, print and noise of a sheet", (SEED, "sheet")),
         "ranking-fold": Purpose(
             "trees that judge one fold of the pages that teach", (SEED, FREE + 9, "fold")
@@ -160,10 +153,8 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             "a print of such a press, good (0) or a misprint (1)",
             (SEED, FREE + 74, "learned or judged", "page", "copy", "good or misprint"),
         ),
-        "running-faults": Purpose("when the drum of the long run fails, and how", (SEED, 5)),
         "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
         "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),
-        "running-strangers": Purpose("prints of a blank sheet, and of one of no page", (SEED, 8)),
         "sample-job": Purpose("stock, invoices and charts of the sample job, a child each", (SEED,)),
         "sample-print": Purpose("misprint and noise of a copy of a page", (SEED, "page", "copy")),
         "sample-session": Purpose("the session of the copies of a page", (SEED, "page")),

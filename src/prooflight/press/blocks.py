@@ -243,8 +243,7 @@ class InspectionBlock(_Block):
     fringes: Annotated[bool, Field(strict=True)] = True
     """Whether prediction follows planes that share edges.
 
-    ``study press``: at a target false-alarm rate of 1 %, 15 % of misprints are missed without it and 10 %
-    with it.
+    Decision 15: at a target false-alarm rate of 1 %, 15 % of misprints are missed without it and 10 % with it.
     """
 
 

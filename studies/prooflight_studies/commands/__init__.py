@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from prooflight_studies.commands import (
     bench,
     content,
+    detector,
     marks,
     paper,
     plant,
-    press,
     records,
     rip,
     running,
@@ -25,14 +25,13 @@ if TYPE_CHECKING:
 def register(app: typer.Typer) -> None:
     """Add the commands to ``prooflight``."""
     for command in (
-        *(world.misprints, world.corpus, world.worlds, world.registration, world.calibration),
+        *(world.corpus, world.worlds, world.registration, world.calibration),
         *(
             paper.paper,
             paper.robustness,
             paper.design,
-            press.press,
-            press.ranking,
-            press.stress,
+            detector.ranking,
+            detector.stress,
             marks.golden,
         ),
         *(running.running, running.soak),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from statistics import median
 from typing import Annotated, Final
 
 import typer
@@ -37,9 +36,7 @@ def bench(
     from prooflight.commissioning.build import build_press
     from prooflight.pages.process import settle_process
     from prooflight.press.press_file import PressFile
-    from prooflight_studies.speed.start import start_seconds
     from prooflight_studies.speed.study import bench as timed
-    from prooflight_studies.speed.study import bench_pages
 
     if device == "gpu":
         _of_card(job, prints=prints, docs=docs, json=json)
@@ -49,9 +46,6 @@ def bench(
     press = build_press(PressFile.prototype(), seed=1)
     settle_process()  # as processes are that inspect page after page; baselines gain by it too
     rows = timed(press, quick=quick)
-    if not json:
-        starts = start_seconds(press, bench_pages(press, quick=True)["mixed"])
-        show.step(f"first verdict {median(starts):.1f} s after the start of a warm installation")
     if docs is not None:
         from prooflight_studies.speed.cores import page_costs
         from prooflight_studies.speed.picture import write_speed_page

@@ -29,12 +29,6 @@ def golden(
         ),
     ],
     out: Results = Path("docs/results/detector"),
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.png", help="Contact sheet of what was missed, false and found; shows the scans."
-        ),
-    ] = None,
     seed: Annotated[int, typer.Option(help="Of the bootstrap.", min=0)] = 0,
     quick: Quick = False,
     json: Json = False,
@@ -42,9 +36,7 @@ def golden(
     """Inspect scans against golden ones, tuned on every second pair and judged on the others; writes golden.md."""
     from prooflight_studies.golden.study import plain, run_golden_study
 
-    rows = run_golden_study(
-        pairs, out, seed=seed, quick=quick, picture=picture, progress=show.steps(quiet=json)
-    )
+    rows = run_golden_study(pairs, out, seed=seed, quick=quick, progress=show.steps(quiet=json))
     report_results(plain(rows), out / "golden.md", json=json)
 
 

@@ -26,14 +26,14 @@ from prooflight_studies.commands.study import (
 def running(
     press: Annotated[
         Path | None,
-        typer.Option(metavar="X.press", help="One sensor, taught; default the prototype, untaught."),
+        typer.Option(metavar="X.press", help="One sensor, taught; default the prototype."),
     ] = None,
     press_two: Annotated[
-        Path | None, typer.Option(metavar="Y.press", help="Two sensors; default two-sensors.toml, untaught.")
+        Path | None, typer.Option(metavar="Y.press", help="Two sensors; default two-sensors.toml.")
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option(help="started, repeated, different, matched_filter, soak, drift, streak; default all."),
+        typer.Option(help="started, matched_filter, drift, streak; default all."),
     ] = None,
     pages: Annotated[
         Path | None,

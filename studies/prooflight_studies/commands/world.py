@@ -1,4 +1,4 @@
-"""``prooflight study``: the simulated world itself: page designs, misprints, prints, registration, calibration."""
+"""``prooflight study``: the simulated world itself: page designs, prints, registration, calibration."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from prooflight.cli import show
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
-    JobFile,
     Json,
     PagesDir,
     Quick,
@@ -19,25 +18,6 @@ from prooflight_studies.commands.study import (
     job_or_sample,
     report_results,
 )
-
-
-def misprints(
-    out: Results = Path("docs/results/simulation"),
-    job: JobFile = None,
-    seed: Annotated[int, typer.Option(help="Of the misprints.", min=0)] = 1,
-    json: Json = False,
-) -> None:
-    """Draw all twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
-    from prooflight.commissioning.appearance import appearance_srgb
-    from prooflight.inks.built_in import built_in_inks
-    from prooflight_studies.misprints.sheet import draw_misprint_sheet
-
-    path = out / "misprints.jpg"
-    out.mkdir(parents=True, exist_ok=True)
-    with job_or_sample(job) as job_path:
-        table = appearance_srgb(built_in_inks())
-        draw_misprint_sheet(path, job_path, table, seed=seed, progress=show.steps(quiet=json))
-    report_results({"picture": str(path)}, path, json=json)
 
 
 def corpus(

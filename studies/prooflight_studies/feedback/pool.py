@@ -23,11 +23,11 @@ from prooflight.press.press_file import PressFile
 from prooflight.scans.scan import Scan
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.print_statistics import Scene
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.press.scans import Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -65,14 +65,12 @@ def run_golden_study(
     *,
     seed: int = 0,
     quick: bool = False,
-    picture: Path | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[GoldenFigures]:
     """Tune on every second pair of ``folder`` and its transforms, judge on the rest; write ``golden.md``.
 
     Rows: each method; ours with the halves exchanged, tuned without transforms; ours on each transform of the rest.
-    picture: path of a contact sheet of the test half; it shows pieces of the pairs. quick: a few pairs, our method and
-    one transform alone. RequestError, ScanError: see ``read_pairs``.
+    quick: a few pairs, our method and one transform alone. RequestError, ScanError: see ``read_pairs``.
     """
     pairs = read_pairs(folder)[: 8 if quick else None]
     tuning, test = halves(pairs)
@@ -113,12 +111,6 @@ def run_golden_study(
         ms_per_pair=_ms_per_pair(test),
     )
     write_page(results / "golden.md", "golden", findings)
-    if picture is not None:
-        from prooflight_studies.golden.sheet import draw_golden_sheet
-
-        of_test = {pair.name: differences(pair, METHODS[-1], [chosen.edge_pixels]) for pair in test}
-        shown = {name: each[chosen.edge_pixels] for name, each in of_test.items()}
-        draw_golden_sheet(picture, test, outcomes, shown)
     return rows + by_transform
 
 

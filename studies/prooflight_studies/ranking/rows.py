@@ -10,11 +10,11 @@ from prooflight.commissioning.training.learn import learn_scatter, pooled
 from prooflight.press.press_file import TWO_SENSORS, PressFile
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.worlds import worlds_digest
+from prooflight_studies.harness.print_statistics import ScatterWork, Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.press.scans import ScatterWork, Scene, StatisticsWork
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,10 +1,9 @@
-"""Measurements of the running press: in real time, at full speed, and in a long run with many faults."""
+"""Measurements of the running press: in real time, and at full speed."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,31 +11,22 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.pages.process import settle_process
-from prooflight.rng import stream
-from prooflight.simulation.drum import LINE_FAULTS, ORDER_FAULTS, Drum, DrumFault, turns
+from prooflight.simulation.drum import Drum, turns
 from prooflight_line.run.settings import Settings
-from prooflight_line.run.status import VERDICTS
 from prooflight_line.run.watching import watched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from prooflight.inspection.inspector import Inspector
     from prooflight.scans.lines import LineBlock, LineSource
-    from prooflight.simulation.drum import Turn
     from prooflight_line.run.outcomes import Outcome
     from prooflight_studies.running.rig import Ring
 
 EARLY_SHEET: Final = 100
 """Sheet at which memory is read first."""
-FAULT_SHEETS: Final = 40
-"""Mean number of sheets from fault to fault; never less than 12."""
 ORDER: Final = frozenset(("missing", "repeated", "out-of-order"))
 """Faults that a print of another page of the job has: it is that page, in the wrong place."""
-NEAR: Final = 3
-"""Sheets after a fault in which it must be named; the pager must be in step within two of them."""
 
 
 @dataclass(slots=True)
@@ -173,120 +163,3 @@ def memory_mb() -> tuple[int, int]:
         return 0, 0
     own, files = (round(int(rows[name].split()[0]) * 1024 / 1e6) for name in ("RssAnon", "RssFile"))
     return own, files
-
-
-def soak_faults(sheets: int, rng: np.random.Generator) -> dict[int, DrumFault]:
-    """Draw random faults of all kinds, 12 sheets apart or more, `FAULT_SHEETS` on average."""
-    faults, sheet = {}, 12
-    while sheet < sheets - 12:
-        kinds = (*ORDER_FAULTS, *LINE_FAULTS)
-        faults[sheet] = DrumFault.draw(kinds[int(rng.integers(len(kinds)))], rng)
-        sheet += 12 + int(rng.exponential(FAULT_SHEETS - 12))
-    return faults
-
-
-def soak_row(
-    inspector: Inspector,
-    ring: Ring,
-    blank: NDArray[np.uint16],
-    foreign: NDArray[np.uint16],
-    *,
-    seed: int,
-    inspectors: int,
-    progress: Callable[[int], None],
-) -> dict[str, Any]:
-    """Return the row of a long run with faults: whether they were named, the job resumed, and alarms elsewhere."""
-    faults = soak_faults(ring.sheets, stream(seed, "running-faults"))
-    passing = turns(ring.sheets, faults)
-    drum = Drum(ring.scans, press=inspector.press, passing=passing, blank=blank, foreign=foreign)
-    watcher = Watcher(progress=progress)
-    settings = Settings(source_waits=True, source_clock=True, inspectors=inspectors)
-    settle_process()
-    running = watched(inspector, source=drum, page_store=ring, settings=settings, tell=watcher.observe)
-    begun_s = time.perf_counter()
-    running.start()
-    running.join()
-    status = running.status()
-    if status.phase == "fault":
-        raise RuntimeError(status.detail)
-    shown = [
-        turn for turn in passing if turn.page is not None or (turn.fault and turn.fault.kind != "missing")
-    ]
-    came = [one for one in watcher.outcomes if one[3]]
-    called = Counter(verdict for _, verdict, _, _ in came)
-    return {
-        "detector": inspector.detector.name,
-        "fringes": inspector.press.fringes,
-        "called": {name: called[name] for name in VERDICTS},
-        "sheets": status.pages_seen,
-        "expected_sheets": len(shown),
-        "seconds": round(time.perf_counter() - begun_s, 1),
-        "faults": len(faults),
-        "memory_mb": {str(EARLY_SHEET): watcher.early_mb, "end": memory_mb()},
-        **_named(faults, watcher.outcomes),
-        **_in_step(shown, came, faults),
-        **_alarms(shown, came, len(ring.scans)),
-    }
-
-
-def _named(
-    faults: dict[int, DrumFault], outcomes: list[tuple[int | None, str, tuple[str, ...], bool]]
-) -> dict[str, Any]:
-    """Count faults whose kind is in the journal at the sheet of the job concerned, or next to it."""
-    at: dict[int, set[str]] = {}
-    page = 0
-    for job_page, _, kinds, _ in outcomes:
-        page = page if job_page is None else job_page
-        for near in range(page - NEAR, page + NEAR + 1):
-            at.setdefault(near, set()).update(kinds)
-    made, named = Counter(fault.kind for fault in faults.values()), Counter[str]()
-    unnamed = []
-    for sheet, fault in faults.items():
-        if fault.kind in at.get(sheet, set()):
-            named[fault.kind] += 1
-        else:
-            unnamed.append({"sheet": sheet, "kind": fault.kind, "said": sorted(at.get(sheet, set()))})
-    return {
-        "named": {kind: f"{named[kind]} of {count}" for kind, count in sorted(made.items())},
-        "unnamed": unnamed,
-    }
-
-
-def _in_step(
-    shown: list[Turn],
-    came: list[tuple[int | None, str, tuple[str, ...], bool]],
-    faults: dict[int, DrumFault],
-) -> dict[str, Any]:
-    """Count sheets that are identified as another page than they show, and for how long after a fault."""
-    if len(shown) != len(came):
-        return {"in_step": f"{len(came)} sheets seen, {len(shown)} shown", "steps_lost": None}
-    wrong = [
-        index
-        for index, (turn, one) in enumerate(zip(shown, came, strict=True))
-        if turn.page is not None and one[0] != turn.page
-    ]
-    starts = [index for index, turn in enumerate(shown) if turn.fault is not None or turn.page in faults]
-    after = [min((index - start for start in starts if start <= index), default=-1) for index in wrong]
-    return {"taken_for_another_page": len(wrong), "steps_lost": max(after, default=-1) + 1}
-
-
-def _alarms(
-    shown: list[Turn], came: list[tuple[int | None, str, tuple[str, ...], bool]], prints: int
-) -> dict[str, Any]:
-    """Count alarms of sheets without a fault: of prints that mostly pass, near a fault and elsewhere."""
-    if len(shown) != len(came):
-        return {}
-    of_print: dict[int, list[bool]] = {}
-    for turn, one in zip(shown, came, strict=True):
-        if turn.page is not None and turn.fault is None and not one[2]:
-            of_print.setdefault(turn.page % prints, []).append(one[1] == "misprint")
-    passes = {number for number, alarms in of_print.items() if np.mean(alarms) < 0.5}
-    near = {i + k for i, one in enumerate(came) if one[2] for k in range(1, NEAR + 1)}
-    counts = Counter[str]()
-    for index, (turn, one) in enumerate(zip(shown, came, strict=True)):
-        if turn.page is None or turn.fault is not None or one[2] or turn.page % prints not in passes:
-            continue
-        where = "near" if index in near else "elsewhere"
-        counts[f"{where}_sheets"] += 1
-        counts[f"{where}_alarms"] += one[1] == "misprint"
-    return {"alarms": dict(counts), "prints_that_alarm_anyway": len(of_print) - len(passes)}

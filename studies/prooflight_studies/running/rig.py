@@ -90,13 +90,13 @@ class PrintWork:
     """Prints of the press world, written to disk; small and picklable."""
 
     press: Press
-    designs: A4Designs | Pieces
+    designs: A4Designs
     folder: Path
     count: int
     """Number of designs."""
     seed: int
-    wrong_every: int = 0
-    """One in this many prints is a misprint, of every kind in turn; 0: none."""
+    wrong_every: int
+    """One in this many prints is a misprint, of every kind in turn."""
 
     def __call__(self, index: int) -> None:
         """Print ``index``, of design index modulo their number, unless it is stored already."""
@@ -108,7 +108,7 @@ class PrintWork:
         page = self.press.geometry.lay(self.designs.page(design))
         if not page_file.exists():
             _save(page_file, page.cmyk)
-        if self.wrong_every and index % self.wrong_every == self.wrong_every - 1:
+        if index % self.wrong_every == self.wrong_every - 1:
             _save(scan_file, self._wrong(page, index))
             return
         session = day(self.press, self.seed)
@@ -154,7 +154,8 @@ class Ring:
 
     scans: list[NDArray[np.uint16]]
     pages: tuple[Page, ...]
-    sheets: int
+    sheets: int = 1
+    """Number of sheets that are played."""
     repeated: bool
     """Whether sheets of one page are one design; False: every sheet is new to the inspection."""
     wrong: frozenset[int] = frozenset()
@@ -188,16 +189,15 @@ class Ring:
 
 def ring(
     press: Press,
-    designs: A4Designs | Pieces,
+    designs: A4Designs,
     folder: Path,
     *,
     count: int,
     prints: int,
-    sheets: int,
     repeated: bool,
     seed: int,
     shown: Callable[[Iterator[None], int], Iterator[None]],
-    wrong_every: int = 0,
+    wrong_every: int,
 ) -> Ring:
     """Return ``prints`` prints of ``count`` designs, rendered where they are not on disk yet; scans are in memory."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -215,8 +215,8 @@ def ring(
         cmyk.ravel()[::SYSTEM_PAGE].max()
         pages.append(Page(cmyk=cmyk, dpi=designs.dpi, name=design_name(index), number=index + 1))
     scans = [np.load(folder / f"scan{index:04}.npy") for index in range(prints)]
-    wrong = frozenset(range(wrong_every - 1, prints, wrong_every)) if wrong_every else frozenset[int]()
-    return Ring(scans=scans, pages=tuple(pages), sheets=sheets, repeated=repeated, wrong=wrong)
+    wrong = frozenset(range(wrong_every - 1, prints, wrong_every))
+    return Ring(scans=scans, pages=tuple(pages), repeated=repeated, wrong=wrong)
 
 
 def _same_press(path: Path, press: Press) -> None:

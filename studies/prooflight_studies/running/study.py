@@ -21,23 +21,20 @@ from prooflight.inspection.inspector import Inspector
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 from prooflight.press.press_file import TWO_SENSORS, PressFile
-from prooflight.rng import stream
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.corpus.sample_job.sample_job import make_sample_job
-from prooflight.simulation.fast import fast_scan
-from prooflight.simulation.prints import Print
 from prooflight_line.run.settings import DEADLINE_S
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.parts import measure_parts
+from prooflight_studies.harness.parts import measure_parts, stored_results
 from prooflight_studies.running.drift import CreepRun, drift_row, streak_row
-from prooflight_studies.running.live import live_row, soak_row
-from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, day, ring
+from prooflight_studies.running.live import live_row
+from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring, ring
 from prooflight_studies.running.started import StartedRun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-PARTS: Final = ("started", "repeated", "different", "matched_filter", "soak", "drift", "streak")
+PARTS: Final = ("started", "matched_filter", "drift", "streak")
 SMALL_PIXELS: Final = 400
 PAGES_PER_S: Final = 5.0
 TWO_SENSORS_PER_S: Final = 4.0
@@ -59,20 +56,17 @@ FEW_WRONG: Final = 100
 class Plan:
     """Size of each part of the study."""
 
+    training_pages: int
+    """Number of designs that train the presses, as by `press build`."""
     prints: int
+    """Number of prints of each row in real time, misprints among them."""
     designs: int
     """Number of repeated designs."""
-    live_sheets: int
-    fast_sheets: int
-    soak_sheets: int
-    training_designs: int
-    """Number of small designs on which the press of the soak is trained."""
-    training_pages: int
-    """Number of designs that train the presses of the matched filter's real-time rows, as by `press build`."""
-    our_prints: int
-    """Number of prints of each of these rows, misprints among them."""
-    our_designs: int
+    different_designs: int
     """Number of designs of the row whose pages are all different."""
+    live_sheets: int
+    trial_sheets: int
+    """Number of sheets of each run that looks for the highest sustained rate of `watch`."""
     days: int
     """Number of days of runs that drift."""
 
@@ -81,52 +75,35 @@ class Plan:
         """Return the plan of the whole study, or of a version of some minutes."""
         if quick:
             return cls(
-                prints=8,
-                designs=4,
-                live_sheets=40,
-                fast_sheets=24,
-                soak_sheets=200,
-                training_designs=48,
                 training_pages=24,
-                our_prints=12,
-                our_designs=12,
+                prints=12,
+                designs=4,
+                different_designs=12,
+                live_sheets=40,
+                trial_sheets=24,
                 days=2,
             )
         return cls(
-            prints=100, designs=10, live_sheets=2000, fast_sheets=400, soak_sheets=3600, training_designs=96,
-            training_pages=DESIGNS, our_prints=200, our_designs=100, days=6,
-        )  # fmt: skip
+            training_pages=DESIGNS,
+            prints=200,
+            designs=10,
+            different_designs=100,
+            live_sheets=2000,
+            trial_sheets=400,
+            days=6,
+        )
 
 
-def running_results(measured: Mapping[str, Any], *, cores: int, seed: int) -> dict[str, Any]:
-    """Return all figures of the page, None for unmeasured parts; measured: the others, with that seed."""
-    live = [row for name in ("repeated", "different", "matched_filter") for row in measured.get(name, [])]
-    # Parts that were measured before these were noted; None: not known.
-    noted: dict[str, Any] = {"fringes": None, "called": None}
-    # Sheets that came out unlike those shown cannot be told apart.
-    unknown = {
-        "taken_for_another_page": None,
-        "steps_lost": None,
-        "alarms": None,
-        "prints_that_alarm_anyway": None,
-    }
-    soak, drift = measured.get("soak"), measured.get("drift")
-    if soak is not None:
-        soak = noted | unknown | soak
-        if soak["alarms"] is not None:
-            counted = ("near_alarms", "near_sheets", "elsewhere_alarms", "elsewhere_sheets")
-            soak["alarms"] = dict.fromkeys(counted, 0) | soak["alarms"]
-    return {
-        "cores": cores,
-        "seed": seed,
-        "parts": list(measured),
-        "deadline_ms": round(1000 * DEADLINE_S),
-        "started": measured.get("started"),
-        "live": [{"late_sheets": [], "fringes": None, "wrong_prints": 0} | row for row in live],
-        "soak": soak,
-        "drift": None if drift is None else [{"fringes": None} | row for row in drift],
-        "streak": None if (streak := measured.get("streak")) is None else {"fringes": None} | streak,
-    }
+def running_results(
+    measured: Mapping[str, Any], stored: Mapping[str, Any], *, cores: int, seed: int
+) -> dict[str, Any]:
+    """Return all figures of the page, None for unmeasured parts.
+
+    measured: figures of parts that were measured with this seed. stored: the page's, of which other parts stay.
+    """
+    parts = {part: {"seed": seed} for part in measured}
+    facts = {"cores": cores, "deadline_ms": round(1000 * DEADLINE_S)}
+    return dict.fromkeys(PARTS) | stored | measured | facts | {"parts": stored.get("parts", {}) | parts}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,8 +139,8 @@ class Study:
     def _started(self) -> list[dict[str, Any]]:
         """Return rows of `prooflight watch` as a user starts it, on presses as `press build` makes them."""
         one, two = (
-            self._ready_file("one", self.one, "prototype.toml"),
-            self._ready_file("two", self.two, TWO_SENSORS),
+            self._trained("one", self.one, "prototype.toml"),
+            self._trained("two", self.two, TWO_SENSORS),
         )
         folder = self.cache / "running"
         sample = make_sample_job(folder / "sample-job.pdf")
@@ -193,29 +170,11 @@ class Study:
             rows += started.rows(
                 folder,
                 sheets=min(self.plan.live_sheets, most),
-                trial_sheets=min(self.plan.fast_sheets, most),
+                trial_sheets=min(self.plan.trial_sheets, most),
                 seed=self.seed,
                 progress=self.progress,
             )
         return rows
-
-    def _repeated(self) -> list[dict[str, Any]]:
-        press = self._press("two", self.two, TWO_SENSORS)
-        return self._live("repeated designs", press, count=self.plan.designs, repeated=True)
-
-    def _different(self) -> list[dict[str, Any]]:
-        press = self._press("one", self.one, "prototype.toml")
-        return self._live("all pages different", press, count=self.plan.prints, repeated=False)
-
-    def _live(self, name: str, press: Press, *, count: int, repeated: bool) -> list[dict[str, Any]]:
-        """Return rows at the required rate, and at full speed."""
-        prints = self._ring(
-            press, f"{len(press.sensors)}-{count}", count, self.plan.prints, repeated=repeated
-        )
-        return [
-            self._row(name, press, prints, rate, sheets)
-            for rate, sheets in ((PAGES_PER_S, self.plan.live_sheets), (None, self.plan.fast_sheets))
-        ]
 
     def _matched_filter(self) -> list[dict[str, Any]]:
         """Return rows of the matched filter as `press build` makes it, misprints among the prints.
@@ -223,11 +182,12 @@ class Study:
         They are measured at full speed, in real time at the required rate, and where that is too fast, at a rate that
         it sustains.
         """
-        one, two = self._ready("one", self.one, "prototype.toml"), self._ready("two", self.two, TWO_SENSORS)
-        prints, sheets = self.plan.our_prints, self.plan.live_sheets
+        one = Press.load(self._trained("one", self.one, "prototype.toml"))
+        two = Press.load(self._trained("two", self.two, TWO_SENSORS))
+        prints, sheets = self.plan.prints, self.plan.live_sheets
         often = self._shown(one, self.plan.designs, prints, repeated=True)
         rare = often.with_fewer_wrong(max(prints // FEW_WRONG, 1))
-        each = self._shown(one, self.plan.our_designs, self.plan.our_designs, repeated=False)
+        each = self._shown(one, self.plan.different_designs, self.plan.different_designs, repeated=False)
         both = self._shown(two, self.plan.designs, prints // 2, repeated=True)
         some = max(sheets // 10, 1)
         rows = []
@@ -245,17 +205,6 @@ class Study:
             rows.append(fast)
         return rows
 
-    def _shown(self, press: Press, count: int, prints: int, *, repeated: bool) -> Ring:
-        """Return prints for the matched filter, misprints among them."""
-        return self._ring(
-            press,
-            f"matched_filter-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",
-            count,
-            prints,
-            repeated=repeated,
-            wrong_every=WRONG_EVERY,
-        )
-
     def _row(self, name: str, press: Press, prints: Ring, rate: float | None, sheets: int) -> dict[str, Any]:
         row = live_row(
             name,
@@ -267,28 +216,6 @@ class Study:
         )
         self.progress(json.dumps(row))
         return row
-
-    def _soak(self) -> dict[str, Any]:
-        press = self._small()
-        pieces = Pieces(seed=DESIGN_SEED + 1, dpi=press.dpi)
-        # Whole pages first, so that a piece is no page of the job.
-        prints = self._ring(
-            press, "soak", 24, 48, repeated=True, designs=pieces, sheets=self.plan.soak_sheets
-        )
-        strangers = []
-        for cmyk in (np.zeros_like(prints.pages[0].cmyk), pieces.page(1000).cmyk):
-            page, rng = replace(prints.pages[0], cmyk=cmyk), stream(self.seed, "running-strangers")
-            session = day(press, self.seed)
-            strangers.append(fast_scan(page, press, session, Print.draw(session, press, page, rng), rng=rng))
-        return soak_row(
-            Inspector.of(press),
-            prints,
-            strangers[0],
-            strangers[1],
-            seed=self.seed,
-            inspectors=self.inspectors,
-            progress=self._counted("soak", self.plan.soak_sheets),
-        )
 
     def _drift(self) -> list[dict[str, Any]]:
         rows, days = [], range(self.seed, self.seed + self.plan.days)
@@ -314,29 +241,18 @@ class Study:
         """Build a preset with a line of 400 pixels."""
         return build_press(PressFile.preset(preset), seed=1, pixels=SMALL_PIXELS)
 
-    def _ring(
-        self,
-        press: Press,
-        name: str,
-        count: int,
-        prints: int,
-        *,
-        repeated: bool,
-        designs: A4Designs | Pieces | None = None,
-        sheets: int = 1,
-        wrong_every: int = 0,
-    ) -> Ring:
+    def _shown(self, press: Press, count: int, prints: int, *, repeated: bool) -> Ring:
+        """Return prints of ``count`` designs, misprints among them, rendered once."""
         return ring(
             press,
-            designs or A4Designs(seed=DESIGN_SEED, dpi=press.dpi),
-            self.cache / "running" / f"ring-{name}",
+            A4Designs(seed=DESIGN_SEED, dpi=press.dpi),
+            self.cache / "running" / f"ring-{len(press.sensors)}-{count}-of-{prints}-{WRONG_EVERY}",
             count=count,
             prints=prints,
-            sheets=sheets,
             repeated=repeated,
             seed=self.seed,
             shown=self._rendering,
-            wrong_every=wrong_every,
+            wrong_every=WRONG_EVERY,
         )
 
     def _rendering(self, items: Iterator[None], total: int) -> Iterator[None]:
@@ -345,40 +261,18 @@ class Study:
                 self.progress(f"rendered {number} of {total}")
             yield item
 
-    def _press(self, name: str, given: Path | None, preset: str) -> Press:
-        """Return the given press, or a preset's, built once."""
-        if given is not None:
-            return Press.load(given)
-        path = self.cache / "running" / f"{name}.press"
-        if not path.exists():
-            build_press(PressFile.preset(preset), seed=1).save(path)
-        return Press.load(path)
-
-    def _ready(self, name: str, given: Path | None, preset: str) -> Press:
-        """Return a press trained as by `press build`, once, unless it was given trained."""
-        return Press.load(self._ready_file(name, given, preset))
-
-    def _ready_file(self, name: str, given: Path | None, preset: str) -> Path:
-        """Return the file of the press that ``_ready`` returns."""
-        press = self._press(name, given, preset)
-        if given is not None and "matched_filter" in press.detectors:
+    def _trained(self, name: str, given: Path | None, preset: str) -> Path:
+        """Return the file of a press trained as by `press build`, once, unless it was given trained."""
+        press = None if given is None else Press.load(given)
+        if given is not None and press is not None and "matched_filter" in press.detectors:
             return given
         path = self.cache / "running" / f"{name}-taught-{self.plan.training_pages}.press"
         if not path.exists():
             self.progress(f"making a press ready by {self.plan.training_pages} designs")
+            press = press or build_press(PressFile.preset(preset), seed=1)
             designs = Corpus(seed=self.seed, dpi=press.dpi)
             trained(press, designs, designs=self.plan.training_pages, seed=self.seed).save(path)
         return path
-
-    def _small(self) -> Press:
-        """Return the prototype with a line of 400 pixels, trained on pieces of designs, once."""
-        path = self.cache / "running" / f"small-{self.plan.training_designs}.press"
-        if not path.exists():
-            press = build_press(PressFile.prototype(), seed=1, pixels=SMALL_PIXELS)
-            designs = Pieces(seed=DESIGN_SEED + 3, dpi=press.dpi)
-            self.progress(f"teaching a small press by {self.plan.training_designs} designs")
-            trained(press, designs, designs=self.plan.training_designs, seed=self.seed).save(path)
-        return Press.load(path)
 
     def _counted(self, what: str, total: int) -> Callable[[int], None]:
         step = max(total // 10, 1)
@@ -392,5 +286,8 @@ class Study:
     # --- results ---
 
     def _write_page(self, measured: dict[str, Any]) -> None:
-        results = running_results(measured, cores=os.cpu_count() or 1, seed=self.seed)
-        write_page(self.out / "running.md", "running", results)
+        page = self.out / "running.md"
+        cores = os.cpu_count() or 1
+        write_page(
+            page, "running", running_results(measured, stored_results(page), cores=cores, seed=self.seed)
+        )

@@ -11,22 +11,21 @@ import numpy as np
 from prooflight.rng import stream
 from prooflight.simulation.captures import Printed
 from prooflight.simulation.corpus.corpus import Corpus
+from prooflight_studies.harness.print_statistics import scan_row
 from prooflight_studies.harness.protocol import OTHERS
-from prooflight_studies.press.scans import places_mm, scan_row
 from prooflight_studies.stress.marks import MARKS, draw_mark
 from prooflight_studies.stress.stressed import stressed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from prooflight.commissioning.training.simulated_days import PressDay
     from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.press.press_file import PressFile
-    from prooflight.simulation.misprints.drawing import Region
+    from prooflight_studies.harness.print_statistics import Scene
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows
-    from prooflight_studies.press.scans import Scene
     from prooflight_studies.stress.given import Stress
     from prooflight_studies.stress.marks import Compose
 
@@ -41,9 +40,9 @@ class StressWork:
     All designs of a day are in memory at once: 0.16 GB each at a pitch of 0.254 mm and two sensors.
 
     Columns: design, kind (of the misprint, with its variant; "" where good), severity, nuisance ("" where none), day,
-    values (statistics,), boxes (statistics, 4) [mm], portrait (the page features), another, glyphs, places (PLACES, 4)
-    [mm, NaN: none]. Columns ``unmade_kind`` and ``unmade_design`` have an entry for each misprint that cannot be on its
-    page, and ``names`` has those of the statistics.
+    values (statistics,), portrait (the page features), another, glyphs. Columns ``unmade_kind`` and
+    ``unmade_design`` have an entry for each misprint that cannot be on its page, and ``names`` has those of the
+    statistics.
     """
 
     scene: Scene
@@ -76,7 +75,7 @@ class StressWork:
                     continue
                 wrong = Printed(page=drawn.page, expected=bench.day.expected(drawn.page))
                 label = f"{kind} {drawn.variant}".strip()
-                self._add(table, bench, wrong, prepared, index, kind=label, regions_mm=drawn.regions_mm)
+                self._add(table, bench, wrong, prepared, index, kind=label)
         for name in self.wrong_under:
             self._add_wrong(table, bench, self._under(bench, name, day) if name else bench, designs, name)
         return table.rows()
@@ -127,7 +126,6 @@ class StressWork:
         *,
         nuisance: str = "",
         kind: str = "",
-        regions_mm: Sequence[Region] = (),
         rng: np.random.Generator | None = None,
     ) -> None:
         scan = bench.scan(printed, self.scene.rng(index, COPY) if rng is None else rng)
@@ -139,7 +137,7 @@ class StressWork:
             "day": table.day.designs[0],
             "severity": printed.severity,
         }
-        for name, value in {**facts, **row, "places": places_mm(regions_mm)}.items():
+        for name, value in {**facts, **row}.items():
             table.columns[name].append(value)
 
 

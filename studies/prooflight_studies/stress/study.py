@@ -29,11 +29,11 @@ from prooflight.simulation.corpus.corpus import Corpus, design_name
 from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.operating import Scored, bootstrap_cost, least_cost
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.print_statistics import Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.press.scans import Scene, StatisticsWork
 from prooflight_studies.ranking.rows import RESTS_ON
 from prooflight_studies.stress.given import load_stress
 from prooflight_studies.stress.rows import StressWork

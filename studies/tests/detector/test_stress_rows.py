@@ -1,4 +1,4 @@
-"""Rows of stress: each beside the same good print, which is the press study's own."""
+"""Rows of stress: each beside the same good print, which is that of ``StatisticsWork``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
+from prooflight.simulation.misprints.kinds import KINDS
+from prooflight_studies.harness.print_statistics import Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day
-from prooflight_studies.press.scans import PLACES, Scene, StatisticsWork, places_mm
 from prooflight_studies.stress.given import Stress
 from prooflight_studies.stress.marks import GlyphExchanged, Hair
 from prooflight_studies.stress.nuisances import DeadColumn, ShowThrough
@@ -75,15 +76,14 @@ def test_every_design_has_a_row_of_everything(rows: Rows) -> None:
     assert rows["unmade_kind"].tolist() == ["hair", "hair"]  # pages of 36 mm are too narrow for one
     assert rows["unmade_design"].tolist() == list(DAY.designs)
     assert rows["values"].shape == (8, rows["names"].size)
-    assert rows["boxes"].shape == (*rows["values"].shape, 4)
     assert not rows["another"].any()
 
 
-def test_the_good_row_is_the_press_studys(rows: Rows, scene: Scene) -> None:
+def test_the_good_row_is_that_of_statistics_work(rows: Rows, scene: Scene) -> None:
     said = StatisticsWork(scene=scene, scatter=Scatter.white())(DAY)
     good = (rows["kind"] == "") & (rows["nuisance"] == "")
-    for name in ("design", "values", "portrait", "places"):
-        assert np.array_equal(rows[name][good], said[name], equal_nan=True)
+    for name in ("design", "values", "portrait"):
+        assert np.array_equal(rows[name][good], said[name])
     assert np.array_equal(rows["names"], said["names"])
 
 
@@ -95,21 +95,17 @@ def test_what_befell_a_print_raises_what_its_scan_says(rows: Rows) -> None:
             assert (rows["values"][other] > 1.5 * rows["values"][good][0] + 1).any()
 
 
-def test_a_misprints_place_is_told(rows: Rows) -> None:
-    wrong = rows["kind"] != ""
-    assert rows["places"][wrong, 0, 2:] == pytest.approx(np.tile([2.0, 3.0], (2, 1)), abs=0.06)
-    assert np.isnan(rows["places"][wrong, 1:]).all()
-    assert np.isnan(rows["places"][~wrong]).all()
-
-
-def test_no_more_places_are_told_than_there_is_room_for() -> None:
-    places = places_mm([(float(place), 0.0, 1.0, 1.0) for place in range(PLACES + 2)])
-    assert places[:, 0].tolist() == list(range(PLACES))
-
-
 def test_work_travels(scene: Scene, prototype: PressFile) -> None:
     small = Scene(press=scene.press, pages=None, seed=1, number=1)  # type: ignore[arg-type]
     work = StressWork(scene=small, scatter=Scatter.white(), stress=STRESS, nuisances=(), marks=())
     again = pickle.loads(pickle.dumps(replace(work, press_file=prototype)))
     assert again.stress == STRESS
     assert (again.press_file.path, again.press_file.text) == (prototype.path, prototype.text)
+
+
+def test_kinds_take_turns_and_begin_one_further_on_in_every_round(tmp_path: Path) -> None:
+    scene = Scene(press=tmp_path, pages=None, seed=1, number=1, misprints=1)  # type: ignore[arg-type]
+    kinds = [scene.kind(index, 1) for index in range(144)]
+    assert {kind: kinds.count(kind) for kind in KINDS} == dict.fromkeys(KINDS, 12)
+    assert len({scene.kind(index, 1) for index in range(0, 144, 12)}) == len(KINDS)
+    assert scene.kind(5, 0) == ""

@@ -16,7 +16,7 @@ from jinja2 import UndefinedError
 
 from prooflight.cli import run
 from prooflight.errors import InputError
-from prooflight_studies.commands import paper, press, world
+from prooflight_studies.commands import paper, world
 from prooflight_studies.harness.page import STUDIES, TEMPLATE, page_again, page_text, plain, write_page
 
 if TYPE_CHECKING:
@@ -130,10 +130,7 @@ def test_a_file_that_holds_no_results_is_refused(text: str, tmp_path: Path) -> N
         ("ink", {"models": [{"model": "hybrid"}]}),
         ("ink", {"models": None}),
         ("ink", {"folds": {}, "measured_rise": "much"}),
-        (
-            "press",
-            {"promises": [{"rate": 1, "basis": "", "pages": 3, "alarms": "many", "caught": None}]},
-        ),
+        ("stress", {"rate": "much"}),
         ("paper", {"parts": [[]]}),
     ],
 )
@@ -209,7 +206,6 @@ def published_pages(study: str) -> list[Path]:
         (world.calibration, "calibration"),
         (paper.paper, "paper"),
         (paper.robustness, "robustness"),
-        (press.press, "press"),
     ],
 )
 def test_the_seed_of_a_published_page_is_the_default_of_its_command(

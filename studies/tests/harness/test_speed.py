@@ -10,7 +10,6 @@ from PIL import Image
 
 from prooflight.kernels.compiled import kernel
 from prooflight.prediction.predict import expected_light
-from prooflight_studies.speed import start as speed_start
 from prooflight_studies.speed import study as speed
 from prooflight_studies.speed.cores import counted, page_cost, page_costs
 from prooflight_studies.speed.device_profile import LAB_WHITE, cmyk_to_lab
@@ -19,7 +18,6 @@ from prooflight_studies.speed.picture import PICTURE, write_speed_page
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
 
 
@@ -73,11 +71,3 @@ def test_lcms2_looks_up_the_table_that_prediction_does(press: Press) -> None:
     np.testing.assert_allclose(
         lightness, expected_light(cmyk[0], press.sensors[0])[0] / table.max(), atol=0.03
     )
-
-
-def test_the_first_verdict_of_a_new_process(
-    press: Press, page: Page, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(speed_start, "STARTS", 1)
-    (seconds,) = speed_start.start_seconds(press, page)
-    assert seconds > 0

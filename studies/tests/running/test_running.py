@@ -12,73 +12,15 @@ import numpy as np
 import pytest
 
 from prooflight.pages.raster import Page
-from prooflight.simulation.drum import DrumFault, turns
 from prooflight_studies.harness.page import page_text, plain
 from prooflight_studies.running.drift import streaked
-from prooflight_studies.running.live import _alarms, _caught, _in_step, _named, memory_mb, soak_faults
+from prooflight_studies.running.live import _caught, memory_mb
 from prooflight_studies.running.rig import Ring
 from prooflight_studies.running.started import Installation, counted, highest_sustained, sustained
 from prooflight_studies.running.study import Plan, Study, running_results
 
 PAGES = Path(__file__).parents[1] / "harness" / "pages"
-FAULTS = {4: DrumFault(kind="blank"), 8: DrumFault(kind="repeated"), 12: DrumFault(kind="slip", amount=3.0)}
-SHEETS = 16
 Seen = tuple[int | None, str, tuple[str, ...], bool]
-
-
-def seen() -> list[Seen]:
-    """What a run that understands everything says."""
-    rows: list[Seen] = []
-    for page in range(SHEETS):
-        if page == 4:
-            rows += [(None, "misprint", ("blank",), True), (4, "not-inspected", ("missing",), False)]
-        elif page == 8:
-            rows += [(8, "good", (), True), (8, "good", ("repeated",), True)]
-        else:
-            rows.append((page, "good", ("slip",) if page == 12 else (), True))
-    return rows
-
-
-def came(rows: list[Seen]) -> list[Seen]:
-    return [one for one in rows if one[3]]
-
-
-def test_a_run_that_understands_everything_counts_as_such() -> None:
-    shown, rows = turns(SHEETS, FAULTS), seen()
-    assert _named(FAULTS, rows)["named"] == {"blank": "1 of 1", "repeated": "1 of 1", "slip": "1 of 1"}
-    assert _in_step(shown, came(rows), FAULTS) == {"taken_for_another_page": 0, "steps_lost": 0}
-    alarms = _alarms(shown, came(rows), 16)["alarms"]
-    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (0, 0)
-
-
-def test_a_run_out_of_step_is_counted_from_its_fault() -> None:
-    rows = seen()
-    at = rows.index((13, "good", (), True))
-    rows[at] = (14, "good", (), True)
-    assert _in_step(turns(SHEETS, FAULTS), came(rows), FAULTS) == {
-        "taken_for_another_page": 1,
-        "steps_lost": 2,
-    }
-
-
-def test_an_alarm_behind_a_fault_is_told_from_one_elsewhere() -> None:
-    """Two prints over and over; the misprint behind the slip is one of a print that otherwise passes."""
-    rows = seen()
-    rows[rows.index((13, "good", (), True))] = (13, "misprint", (), True)
-    alarms = _alarms(turns(SHEETS, FAULTS), came(rows), 2)["alarms"]
-    assert (alarms["near_alarms"], alarms["elsewhere_alarms"]) == (1, 0)
-
-
-def test_a_fault_that_nobody_names_is_listed() -> None:
-    rows: list[Seen] = [(page, "good", (), True) for page in range(SHEETS)]
-    assert [one["kind"] for one in _named(FAULTS, rows)["unnamed"]] == ["blank", "repeated", "slip"]
-
-
-def test_soak_faults_lie_apart_and_are_of_all_kinds() -> None:
-    faults = soak_faults(8000, np.random.default_rng(1))
-    assert np.diff(sorted(faults)).min() >= 12
-    assert len({fault.kind for fault in faults.values()}) == 10
-    assert len(faults) == pytest.approx(8000 / 40, rel=0.2)
 
 
 def test_a_streak_of_less_than_a_step_is_dithered() -> None:
@@ -89,13 +31,24 @@ def test_a_streak_of_less_than_a_step_is_dithered() -> None:
 
 
 def page_of(known: dict[str, Any], *, cores: int) -> str:
-    return page_text({"study": "running", **plain(running_results(known, cores=cores, seed=2))})
+    return page_text({"study": "running", **plain(running_results(known, {}, cores=cores, seed=2))})
 
 
 def test_the_page_is_written_as_far_as_it_is_measured() -> None:
     page = page_of({}, cores=2)
-    assert "on 2 cores" in page
+    assert "on 2 cores. " in page
     assert "##" not in page
+
+
+def test_parts_that_were_measured_with_another_seed_stay() -> None:
+    stored = {
+        "parts": {"drift": {"seed": 1}, "streak": {"seed": 1}},
+        "drift": ["before"],
+        "streak": {"runs": 1},
+    }
+    results = running_results({"streak": {"runs": 2}}, stored, cores=2, seed=5)
+    assert results["parts"] == {"drift": {"seed": 1}, "streak": {"seed": 5}}
+    assert (results["started"], results["drift"], results["streak"]) == (None, ["before"], {"runs": 2})
 
 
 def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
@@ -105,7 +58,9 @@ def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
         "designs": 10, "prints": 100, "sheets": 2000, "asked_pages_per_s": None, "pages_per_s": 3.25, "late": 0,
         "not_inspected": 0, "misprints": 4, "cpu_s_a_page": 0.6, "drum_cpu_s_a_page": 0.001,
         "verdict_ms": {"median": 300.4, "p99": 400.0, "p99.9": 410.0, "greatest": 412.0},
-        "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)},
+        "memory_mb": {"100": (3000, 13000), "end": (3010, 13999)}, "late_sheets": [], "fringes": True,
+        "good_prints": 9, "good_prints_that_alarm": 0, "wrong_prints": 1, "wrong_prints_caught": 1,
+        "wrong_prints_named": 0,
     }  # fmt: skip
     page = page_of({"matched_filter": [row]}, cores=2)
     assert "| - | 3.25 | 0 | 0 | 4 | 300, 400, 410, 412 | 3000, 3010 | 13999 | 0.600 | 0.0010 |" in page
@@ -115,20 +70,6 @@ def test_a_row_in_real_time_says_own_memory_apart_from_the_ring() -> None:
     assert "Late of repeated designs, matched_filter: sheet 10 (837 ms), 44 (501 ms)." in page_of(
         {"matched_filter": [late]}, cores=2
     )
-
-
-def test_sheets_that_cannot_be_told_apart_are_not_counted() -> None:
-    """One sheet more came than was shown: nobody knows how long the run was out of step, and the page says so."""
-    faults = {4: FAULTS[4]}
-    shown, rows = turns(SHEETS, faults), [*came(seen()), (15, "good", (), True)]
-    soak = {
-        "sheets": len(rows), "seconds": 4.0, "faults": 1, "detector": "matched_filter", "expected_sheets": len(shown),
-        "memory_mb": {"100": (1, 0), "end": (2, 0)},
-        **_named(faults, rows), **_in_step(shown, rows, faults), **_alarms(shown, rows, SHEETS),
-    }  # fmt: skip
-    page = page_of({"soak": soak}, cores=2)
-    assert "None" not in page
-    assert f"is not known: {len(rows)} came out where {len(shown)} were shown." in page
 
 
 def test_misprints_among_the_prints_are_counted_apart_by_sheets_and_by_prints() -> None:

@@ -5,20 +5,17 @@ The command line and the console call these functions; neither changes the artef
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.detectors.optional import Recalibrates
 from prooflight.detectors.registry import default_name, present
 from prooflight.errors import RequestError
-from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore
 from prooflight_line.run.labelled_sheets import labelled_pages, replayed_run, sample_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
     from prooflight.detectors.weighted_conformal import LabelledPages
     from prooflight.press.artefact import Press
@@ -132,13 +129,6 @@ def recalibrated(
         guarantee=str(new.guarantee),
         replays=tuple(replays),
     )
-
-
-def recalibrated_by(press: Press, paths: Sequence[Path], **how: object) -> Recalibrated:
-    """Return ``recalibrated`` by journals at these paths."""
-    with ExitStack() as stack:
-        journals = [stack.enter_context(Journal.open(str(path), read_only=True)) for path in paths]
-        return recalibrated(press, journals, **how)  # type: ignore[arg-type]  # the arguments of the function above
 
 
 def before_recalibration(press: Press, where: object) -> Press:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from prooflight.prediction.tables import SensorModel
 
 MOST_MM: Final = 0.26
-"""Maximum pitch of binned pixels: the press study's, at which a good press's register and a streak are still
-seen."""
+"""Maximum pitch of binned pixels: that of the studies of the detector, at which a good press's register and a
+streak are still seen."""
 
 
 def bins_of(geometry: ScanGeometry) -> int:

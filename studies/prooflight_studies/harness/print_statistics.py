@@ -1,11 +1,11 @@
-"""Rows of the press study: days, good prints and misprints of page designs, and the statistics of each scan."""
+"""Statistics of simulated prints: days, good prints and misprints of page designs, and a row for each scan."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from prooflight.simulation.misprints.kinds import KINDS
 from prooflight_studies.harness.protocol import OTHERS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -26,27 +25,20 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.analysis import PreparedPage
     from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
     from prooflight.pages.raster import Page
-    from prooflight.simulation.captures import Printed
     from prooflight.simulation.corpus.corpus import Designs
-    from prooflight.simulation.misprints.drawing import Region
-    from prooflight.simulation.worlds import World
     from prooflight_studies.harness.protocol import Day
     from prooflight_studies.harness.result_cache import Rows
-
-PLACES: Final = 12
-"""Greatest number of places of a misprint (worlds.toml: spots)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Press, page designs and world of one set of prints; small, and sent to worker processes."""
+    """Press and page designs of one set of prints in the press world; small, and sent to worker processes."""
 
     press: Path
     pages: Designs
     seed: int
     number: int
     """Number of the scene: no two scenes share a day."""
-    world: World = "press"
     times: float = 1.0
     """Factor on the variation of good prints, relative to what the press is made for."""
     misprints: int = 2
@@ -62,7 +54,7 @@ class Scene:
         def page(index: int) -> Page:
             return press.geometry.lay(self.pages.page(index))
 
-        begun = SimulatedDay.begin(self.world, press, rng)
+        begun = SimulatedDay.begin("press", press, rng)
         return PressDay(
             day=begun,
             page=page,
@@ -99,11 +91,10 @@ class ScatterWork:
 class StatisticsWork:
     """Measurement of a good copy and misprints of a day's designs, with a row for each scan.
 
-    Columns: design, kind ("" where good), severity, draws, values (statistics,), boxes (statistics, 4) [mm], portrait
-    (the page features), another (whether the scan shows another page), glyphs (``ScoredPage.score``), floor_mm2,
-    widening (factor on the width of its page's distributions), places (PLACES, 4) of the misprint [mm, NaN: none],
-    sigma_error (sensors,) true temporal sigma over tables', day. Column ``unmade_kind`` has an entry for each misprint
-    of which nine draws did not reach the least effect that counts, and ``names`` has those of the statistics.
+    Columns: design, kind ("" where good), severity, values (statistics,), portrait (the page features), another
+    (whether the scan shows another page), glyphs (``ScoredPage.score``), floor_mm2, widening (factor on the width of
+    its page's distributions), day. Column ``unmade_kind`` has an entry for each misprint of which nine draws did not
+    reach the least effect that counts, and ``names`` has those of the statistics.
     """
 
     scene: Scene
@@ -133,9 +124,6 @@ class StatisticsWork:
                     "design": index,
                     "kind": printed.kind,
                     "severity": printed.severity,
-                    "draws": printed.draws,
-                    "places": places_mm(_regions(printed)),
-                    "sigma_error": _sigma_errors(bench.day),
                     "day": day.designs[0],
                 }.items():
                     columns[name].append(value)
@@ -147,11 +135,10 @@ class StatisticsWork:
 def scan_row(
     bench: PressDay, prepared: PreparedPage, scan: NDArray[np.uint16], scatter: Scatter
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return values, boxes, portrait, another, glyphs and floor of a scan's row; and the names of the statistics."""
+    """Return values, portrait, another, glyphs, floor and widening of a scan's row; and the names of the statistics."""
     evidence = bench.evidence(prepared, scan, scatter)
     row = {
         "values": values_of(evidence.statistics),
-        "boxes": np.array([one.box for one in evidence.statistics], np.float32),
         "portrait": prepared.page_features,
         "another": evidence.another,
         "glyphs": evidence.glyphs,
@@ -159,26 +146,6 @@ def scan_row(
         "widening": prepared.colours.widening,
     }
     return row, keys_of(evidence.statistics)
-
-
-def places_mm(regions_mm: Sequence[Region]) -> NDArray[np.float32]:
-    """Return the first PLACES of the regions, (PLACES, 4) [mm, NaN: none]."""
-    places = np.full((PLACES, 4), np.nan, np.float32)
-    for place, region in zip(places, regions_mm, strict=False):
-        place[:] = region
-    return places
-
-
-def _regions(printed: Printed) -> tuple[Region, ...]:
-    if printed.misprint is None:
-        return ()
-    return printed.misprint.regions_mm or (printed.misprint.region_mm,)
-
-
-def _sigma_errors(day: SimulatedDay) -> list[float]:
-    if day.session is None:
-        return [1.0] * len(day.press.sensors)
-    return [sensor.sigma_error for sensor in day.session.sensors]
 
 
 @lru_cache(maxsize=2)

@@ -1,4 +1,4 @@
-"""``prooflight study press``, ``ranking``, ``stress``: the matched filter in the press world."""
+"""``prooflight study ranking``, ``stress``: the matched filter in the press world."""
 
 from __future__ import annotations
 
@@ -13,75 +13,11 @@ from prooflight_studies.commands.study import (
     Cache,
     Json,
     PagesDir,
-    PressFileAt,
     Processes,
     Quick,
     Results,
     report_results,
 )
-
-
-def press(
-    press_file: PressFileAt = None,
-    out: Results = Path("docs/results/detector"),
-    cache: Cache = CACHE,
-    pages: PagesDir = None,
-    designs: Annotated[
-        int | None, typer.Option(help="Composed designs that are judged; 1500 if not given.", min=50)
-    ] = None,
-    promise: Annotated[
-        int | None,
-        typer.Option(help="Designs that only set thresholds of promises; 5000 if not given.", min=100),
-    ] = None,
-    trial: Annotated[
-        int | None, typer.Option(help="Designs that only try promises; 5000 if not given.", min=50)
-    ] = None,
-    ideal: Annotated[
-        int | None, typer.Option(help="Designs of the ideal world; 400 if not given.", min=50)
-    ] = None,
-    ablations: Annotated[
-        bool, typer.Option(help="Judge by the matched filter without each of its parts as well.")
-    ] = True,
-    processes: Processes = None,
-    seed: Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)] = 1,
-    quick: Quick = False,
-    json: Json = False,
-) -> None:
-    """Measure costs, misses, positions, kinds and false-alarm rates of the matched filter; writes press.md.
-
-    A press file with ``[inspection] fringes = false`` gets a page of its own, press-without-fringes.md.
-    """
-    from dataclasses import replace
-
-    from prooflight.press.press_file import TWO_SENSORS, PressFile
-    from prooflight_studies.harness.folder import Folder
-    from prooflight_studies.paper.study import REDUCED_DPI
-    from prooflight_studies.press.study import PressPlan, run_press_study
-
-    plan = PressPlan.quick(seed) if quick else PressPlan(seed=seed)
-    plan = replace(
-        plan,
-        designs=designs or plan.designs,
-        promise=promise or plan.promise,
-        trial=trial or plan.trial,
-        ideal=ideal or plan.ideal,
-        ablations=plan.ablations and ablations,
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    results = run_press_study(
-        PressFile.read(press_file) if press_file else PressFile.preset(TWO_SENSORS),
-        out,
-        cache=cache / "press",
-        plan=plan,
-        processes=processes,
-        real=None if pages is None else Folder(path=pages, dpi=REDUCED_DPI),
-        progress=show.steps(quiet=json),
-    )
-    if json:
-        methods = results.verdicts.methods
-        show.print_json({name: {"caught": one.caught, "area": one.area} for name, one in methods.items()})
-    else:
-        show.written(out / results.page)
 
 
 def ranking(

@@ -1,1 +1,0 @@
-"""Reported places of misprints against their true extents."""

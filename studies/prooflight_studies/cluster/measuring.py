@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from prooflight.cluster.cluster import Cluster
     from prooflight_studies.cluster.tasks import Task
 
-KILLED_AT: Final = (1 / 3, 2 / 3)
+KILLED_AT: Final = (0.5,)
 """Parts of a task after which a worker is killed."""
 MEMORY_AT: Final = (0.1, 0.5, 1.0)
 """Parts of a task after which the head's memory is noted."""

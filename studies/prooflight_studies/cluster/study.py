@@ -36,11 +36,11 @@ class ClusterPlan:
     """Numbers of pages."""
 
     seed: int
-    pages: int = 24
+    pages: int = 16
     """Pages that are prepared and inspected in all ways."""
     labels: int = 2000
     """Small pages by which the memory of the head is judged."""
-    full: int = 12
+    full: int = 8
     """Pages at the press's own resolution, by which a plant is computed."""
     quick: bool = False
 
@@ -70,11 +70,16 @@ def run_cluster_study(
         progress(f"{build.name}, without a cluster")
         rows = [done(build)]
         press = latest["press"]
-        progress(f"printing {plan.pages} pages")
+        progress("writing and printing pages")
         job = tasks.write_designs(folder / "job", press, plan.pages, plan.seed)
         scans = tasks.write_scans(folder / "scans", press, job, plan.pages, plan.seed)
+        labels = tasks.write_labels(folder / "labels", press, plan.labels, plan.seed)
+        full = replace(build_press(press_file, seed=SPECIMEN_SEED), detectors=press.detectors)
+        full_job = tasks.write_designs(folder / "full", full, plan.full, plan.seed)
         prepare, _ = tasks.prepare(press, job, plan.pages, folder / "prepared")
         inspect = tasks.inspect(press, job, scans)
+        prepare_labels, label_store = tasks.prepare(press, labels, plan.labels, folder / "prepared")
+        prepare_full, full_store = tasks.prepare(full, full_job, plan.full, folder / "prepared")
         for task in (prepare, inspect):
             progress(f"{task.name}, without a cluster")
             rows.append(done(task))
@@ -82,21 +87,11 @@ def run_cluster_study(
         for number in WORKERS:
             rows += _shared(every, number, kill=False, progress=progress)
         rows += _shared(every, KILLED_OF, kill=True, progress=progress)
-        progress(f"{prepare.name}, {plan.labels} labels")
-        labels = tasks.write_labels(folder / "labels", press, plan.labels, plan.seed)
-        long, label_store = tasks.prepare(press, labels, plan.labels, folder / "prepared")
-        with connected(f"local:{KILLED_OF}") as cluster:
-            streamed = done(long, cluster)
-        progress(f"{prepare.name}, {plan.full} pages at full resolution")
-        full = replace(build_press(press_file, seed=SPECIMEN_SEED), detectors=press.detectors)
-        large_job = tasks.write_designs(folder / "large", full, plan.full, plan.seed)
-        large, store = tasks.prepare(full, large_job, plan.full, folder / "prepared")
-        with connected(f"local:{KILLED_OF}") as cluster:
-            of_full = done(large, cluster)
+        streamed, of_full = _shared((prepare_labels, prepare_full), KILLED_OF, kill=False, progress=progress)
         one = Measured(
             design_s=(of_full.worker_s or 0.0) / plan.full,
             head_s=of_full.head_s / plan.full,
-            design_bytes=sum(file.stat().st_size for file in store.folder.iterdir()) / plan.full,
+            design_bytes=sum(file.stat().st_size for file in full_store.folder.iterdir()) / plan.full,
             head_bytes=streamed.head_mib[-1] * 2**20,
             growth_bytes=max(streamed.head_mib[-1] - streamed.head_mib[1], 0) * 2**20 / (plan.labels / 2),
             look_s=_look_s(label_store, plan.labels),
@@ -134,7 +129,8 @@ def _shared(
     rows = []
     with connected(f"local:{workers}") as cluster:
         for task in every:
-            progress(f"{task.name}, {workers} workers{', some of them killed' if kill else ''}")
+            killed = ", some of them killed" if kill else ""
+            progress(f"{task.name}, {task.pieces} pieces, {workers} workers{killed}")
             cluster.client.wait_for_workers(workers)  # those that were killed have come back
             rows.append(done(task, cluster, kill=kill))
     return rows

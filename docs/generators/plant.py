@@ -52,7 +52,16 @@ def write(folder: Path) -> None:
 
 
 def _page() -> str:
-    from prooflight_line.plant.outlets import mqtt, opcua, opcua_types, posting, webhook, xjmf_messages
+    from prooflight_line.plant import run_messages
+    from prooflight_line.plant.outlets import (
+        mqtt,
+        opcua,
+        opcua_corrections,
+        opcua_types,
+        posting,
+        webhook,
+        xjmf_messages,
+    )
 
     document = schema()
     parts: dict[str, Any] = document["$defs"]
@@ -88,6 +97,12 @@ def _page() -> str:
         " rule. A sheet that has passed the gate is a `SignalNotification`. A `Defect` has the `DefectType`"
         " `ImageDefect` and these `DefectTypeDetails`:\n",
         _table(("kind", "`DefectTypeDetails`"), details),
+        "`run package` writes the result of a run that has ended as one message. Its `SignalStatus` has a `JobPhase`"
+        " with the times and the sums of the run, its `SignalResource` a `Component` for each sheet of the job:"
+        " `Amount` counts copies that were judged good and accepted, `Waste` all others that were printed, with"
+        f" `PartWaste` by `WasteDetails`: {', '.join(f'`{name}`' for name in run_messages.WASTE)}. `JobID` is that of"
+        " the job's ticket, or the name of its file; `JobPartID` is `run-N`. `run reprint-job` writes an XJDF of the"
+        " same `JobID` with the `JobPartID` `reprint-of-run-N`.\n",
     ]
     states = [(phase, *(one or "" for one in state)) for phase, state in opcua.OF_PRESS.items()]
     text += [
@@ -105,6 +120,11 @@ def _page() -> str:
         f"`ResultState` is {opcua_types.COMPLETED} (completed) or, of a sheet that was not inspected,"
         f" {opcua_types.ABORTED} (aborted). `ResultContent` holds the event as JSON. `IsSimulated` is true of the"
         " simulated drum. [What each outlet says of a sheet](outlets.md) has every kind of sheet.\n",
+        f"Under the press stands `Corrections` as well, of the namespace `{opcua_corrections.URI}`: an object for the"
+        " density (`gain-INK`) and for each register (`register-INK-x`, across, and `-y`, along) of an ink, with the"
+        " offset that is offered, as by `run corrections`. None is applied from here. `Offset` is 0 where the deviation"
+        " is not sure, and `Sheets` 0 where too few were measured; `FirstSheet` and `LastSheet` say which they are.\n",
+        _table(("variable", "type"), [(f"`{name}`", _type(kind)) for name, kind in opcua_corrections.FIELDS]),
     ]
     return "\n".join(text)
 

@@ -96,6 +96,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             "prints for a graphics card and the processor", (SEED, FREE + 84, "copy", "page")
         ),
         "chart-places": Purpose("places of the patches on a chart to be printed", (SEED,)),
+        "cluster-page": Purpose("text of a page by which clusters are measured", (SEED, FREE + 141, "page")),
         "content-session": Purpose("the session of a press day", (SEED, FREE + 41, "day")),
         "content-sheet": Purpose("codes of a sheet, their damage and its prints", (SEED, FREE + 40, "sheet")),
         "content-text": Purpose(

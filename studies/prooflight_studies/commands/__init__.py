@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from prooflight_studies.commands import (
     bench,
+    cluster,
     content,
     detector,
     marks,
@@ -37,7 +38,7 @@ def register(app: typer.Typer) -> None:
         *(running.running, running.soak),
         *(running.gate, running.cameras, running.console, running.feedback),
         *(content.content, rip.rip, content.zones, marks.visible),
-        *(marks.real, plant.plant, records.records),
+        *(marks.real, plant.plant, records.records, cluster.cluster),
     ):
         study.app.command()(command)
     app.add_typer(study.app, name="study")

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.options import ClusterAt
 from prooflight_studies.commands.study import (
     CACHE,
     Cache,
@@ -19,6 +20,7 @@ from prooflight_studies.commands.study import (
     Processes,
     Quick,
     Results,
+    processes_of,
     report_results,
 )
 
@@ -28,9 +30,6 @@ if TYPE_CHECKING:
     from prooflight_studies.design.results import DesignRow
 
 Seed = Annotated[int, typer.Option(help="Of designs, days, prints and misprints.", min=0)]
-Cluster = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; default this machine.")
-]
 
 PUBLISHED_SEED = 3
 """Seed of ``paper.md``; it played no part in choosing the settings that are measured."""
@@ -45,7 +44,7 @@ def paper(
     cache: Cache = CACHE,
     seed: Seed = PUBLISHED_SEED,
     processes: Processes = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -63,8 +62,7 @@ def paper(
         cache=cache,
         seed=seed,
         quick=quick,
-        processes=processes,
-        cluster=cluster,
+        processes=processes_of(cluster, processes),
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "paper.md", json=json)
@@ -76,7 +74,7 @@ def robustness(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -92,7 +90,7 @@ def robustness(
         seed=seed,
         quick=quick,
         world=world,
-        cluster=cluster,
+        processes=processes_of(cluster),
         progress=show.steps(quiet=json),
     )
     report_results(parts, out / "robustness.md", json=json)
@@ -138,7 +136,7 @@ def design(
     cache: Cache = CACHE,
     seed: Seed = 1,
     world: OneWorld = None,
-    cluster: Cluster = None,
+    cluster: ClusterAt = None,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -169,7 +167,7 @@ def design(
         world=world,
         more=more,
         command=_as_typed(),
-        cluster=cluster,
+        processes=processes_of(cluster),
         progress=show.steps(quiet=json),
     )
     if json:

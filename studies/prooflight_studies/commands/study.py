@@ -7,14 +7,18 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import click
 import typer
 from rich.table import Table
 
 from prooflight.cli import show
+from prooflight.cli.workers import workers
 from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+    from prooflight.pages import parallel
 
 app = typer.Typer(help="Regenerate a table or a figure of docs/results.", no_args_is_help=True)
 
@@ -41,6 +45,13 @@ def chosen(part: Sequence[str] | None, parts: Sequence[str]) -> tuple[str, ...]:
         if one not in parts:
             raise RequestError("part", f"there is no {one!r}", remedy=f"choose of {', '.join(parts)}")
     return tuple(part or parts)
+
+
+def processes_of(cluster: str | None, processes: int | None = None) -> parallel.Processes:
+    """Return the workers of ``--cluster`` as long as the command runs; None: so many processes of this machine."""
+    if cluster is None:
+        return processes
+    return click.get_current_context().with_resource(workers(cluster))
 
 
 def report_results(results: object, path: Path, *, json: bool) -> None:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.camera.camera import Camera
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight_studies.design.choices import Choice, Prices
@@ -107,8 +108,7 @@ def run_design_study(
     more: int = 1,
     world: str | None = None,
     command: str = "",
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     plans: Sequence[Plan] | None = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[DesignRow]:
@@ -134,7 +134,6 @@ def run_design_study(
                 plan,
                 cache,
                 processes=processes,
-                cluster=cluster,
                 progress_of=partial(_progress_of, progress, what),
             )
             sets = {of_set: chosen_rows(scans, plan, of_set, noise=1.0) for of_set in JUDGED}

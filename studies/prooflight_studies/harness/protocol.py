@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from prooflight.pages.parallel import Processes
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight.registration.register import Landmarks
@@ -227,8 +228,7 @@ def watched_rows(
     plan: Plan,
     cache: Path,
     *,
-    processes: int | None,
-    cluster: str | None,
+    processes: Processes,
     progress_of: Callable[[str], Callable[[int, int], None]],
 ) -> Rows:
     """Return a plan's rows of ``WatchWork``, of the days to learn, tune and test.
@@ -243,7 +243,6 @@ def watched_rows(
         cache / "pilot",
         digest=digest,
         processes=processes,
-        cluster=cluster,
         progress=progress_of("pilot"),
     )
     return run_pieces(
@@ -252,7 +251,6 @@ def watched_rows(
         cache / "rows",
         digest=digest,
         processes=processes,
-        cluster=cluster,
         progress=progress_of("scans"),
     )
 

@@ -25,12 +25,13 @@ import numpy as np
 
 from prooflight.files.atomic import whole_file
 from prooflight.pages.parallel import in_order
-from prooflight_studies.harness.cluster import on_cluster
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from prooflight.pages.parallel import Processes
 
 Rows = dict[str, "NDArray[Any]"]
 """Columns by name; the first axis of each counts rows (columns of counts may have another length)."""
@@ -62,25 +63,19 @@ def run_pieces(
     folder: Path,
     *,
     digest: str,
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> Rows:
     """Return the rows of all pieces, in their order; those that are in ``folder`` are not computed again.
 
-    cluster: address of a Dask scheduler (``cluster``); None: processes on this machine. progress is called with the
-    number of pieces done and of all pieces.
+    processes: of this machine, or the workers of a cluster, which need no access to ``folder``. progress is called with
+    the number of pieces done and of all pieces.
     """
     paths = _paths(pieces, folder, digest)
     missing = [(path, piece) for path, piece in zip(paths, pieces, strict=True) if not _whole(path)]
     done = len(pieces) - len(missing)
     progress(done, len(pieces))
-    computed = (
-        _fetched(work, missing, cluster)
-        if cluster
-        else in_order(_CachedWork(work), missing, processes=processes)
-    )
-    for _ in computed:
+    for _ in _computed(work, missing, processes):
         done += 1
         progress(done, len(pieces))
     columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
@@ -92,10 +87,7 @@ def run_pieces(
 
 
 def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
-    """Return the minutes of one process that the pieces took when they were computed, over all runs.
-
-    Pieces that a cluster computed are not included.
-    """
+    """Return the minutes of one process that the pieces took when they were computed, over all runs."""
     seconds = 0.0
     for path in _paths(pieces, folder, digest):
         seconds += float(_load(path).get(SPENT, 0.0))
@@ -106,24 +98,38 @@ def _paths(pieces: Sequence[Any], folder: Path, digest: str) -> list[Path]:
     return [folder / digest[:16] / f"{digest_of({'piece': repr(piece)})[:16]}.npz" for piece in pieces]
 
 
+def _computed(work: Work[Any], missing: Sequence[tuple[Path, Any]], processes: Processes) -> Iterator[None]:
+    """Compute and store pieces: a process stores its own, and those of a cluster are stored here as they finish."""
+    timed = _TimedWork(work)
+    if processes is None or isinstance(processes, int):
+        yield from in_order(_CachedWork(timed), missing, processes=processes)
+        return
+    for place, rows in processes.as_finished(timed, [piece for _, piece in missing]):
+        _store(missing[place][0], rows)
+        yield
+
+
+@dataclass(frozen=True, slots=True)
+class _TimedWork:
+    """Computation of a piece's rows, with the time that it took."""
+
+    work: Work[Any]
+
+    def __call__(self, piece: Any) -> Rows:
+        started = time.perf_counter()
+        rows = self.work(piece)
+        return rows | {SPENT: np.array(time.perf_counter() - started)}
+
+
 @dataclass(frozen=True, slots=True)
 class _CachedWork:
     """Computation of a piece's rows that writes them, whole or not at all."""
 
-    work: Work[Any]
+    timed: _TimedWork
 
     def __call__(self, place: tuple[Path, Any]) -> None:
         path, piece = place
-        started = time.perf_counter()
-        rows = self.work(piece)
-        _store(path, rows | {SPENT: np.array(time.perf_counter() - started)})
-
-
-def _fetched(work: Work[Any], missing: Sequence[tuple[Path, Any]], cluster: str) -> Iterator[None]:
-    """Write rows that come back from the cluster; its workers need no access to this folder."""
-    for place, rows in on_cluster(work, [piece for _, piece in missing], address=cluster):
-        _store(missing[place][0], rows)
-        yield
+        _store(path, self.timed(piece))
 
 
 def _store(path: Path, rows: Rows) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
 
@@ -72,14 +73,13 @@ def run_paper_study(
     cache: Path,
     seed: int = 1,
     quick: bool = False,
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[Part]:
     """Run every plan and write ``paper.md`` with its pictures into ``results``.
 
     press_file: of two sensors, the first of which is the one-sensor camera. cache: folder of rows, so that an
-    interrupted study resumes. cluster: address of a Dask scheduler. ValueError: a camera of one sensor.
+    interrupted study resumes. ValueError: a camera of one sensor.
     """
     own = press_file.camera()
     if len(own.sensors) < 2:
@@ -95,7 +95,6 @@ def run_paper_study(
                 cache,
                 pitch_mm=pitch_mm,
                 processes=processes,
-                cluster=cluster,
                 progress=progress,
             )
         )
@@ -112,8 +111,7 @@ def run_part(
     cache: Path,
     *,
     pitch_mm: float,
-    processes: int | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None],
 ) -> Part:
     """Run one plan: pilot, rows, tables."""
@@ -132,9 +130,7 @@ def run_part(
 
         return tell
 
-    rows = watched_rows(
-        press, designs, plan, cache, processes=processes, cluster=cluster, progress_of=progress_of
-    )
+    rows = watched_rows(press, designs, plan, cache, processes=processes, progress_of=progress_of)
     share = 1 - begun_with[-1] / len(plan.days(*JUDGED))
     return Part(
         pitch_mm=pitch_mm,

@@ -9,8 +9,9 @@ import numpy as np
 
 from prooflight.detectors.verdict import Verdict
 from prooflight.rng import stream
-from prooflight_line.causes.corrections import LEAST_SHEETS, corrections_of
+from prooflight_line.causes.corrections import corrections_of
 from prooflight_line.journal.records import PageRecord
+from prooflight_line.run.monitor.corrections import LEAST_SHEETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

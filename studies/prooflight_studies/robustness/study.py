@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from prooflight.pages.parallel import Processes
     from prooflight.press.artefact import Press
     from prooflight.press.press_file import PressFile
     from prooflight.simulation.corpus.corpus import Designs
@@ -54,19 +55,18 @@ def run_robustness_study(
     seed: int = 1,
     quick: bool = False,
     world: str | None = None,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> list[RobustnessPart]:
     """Run every plan and write ``robustness.md`` with a picture for each world into ``results``.
 
-    world: one alone; None: both. cache: folder of rows, so that an interrupted study resumes. cluster: address of a
-    Dask scheduler.
+    world: one alone; None: both. cache: folder of rows, so that an interrupted study resumes.
     """
     press = build_press(at_pitch(press_file, PITCH_MM), seed=SPECIMEN_SEED)
     designs = Corpus(seed=seed, dpi=press.dpi)
     parts = []
     for plan in robustness_plans(seed=seed, quick=quick, world=world):
-        result = run_plan(press, designs, plan, cache, cluster=cluster, progress=progress)
+        result = run_plan(press, designs, plan, cache, processes=processes, progress=progress)
         draw_robustness(results / f"robustness-{plan.world}.png", result)
         parts.append(RobustnessPart(press_digest=press.digest, pitch_mm=PITCH_MM, result=result))
     options = f" --world {world}" if world else ""
@@ -82,7 +82,7 @@ def run_plan(
     plan: Plan,
     cache: Path,
     *,
-    cluster: str | None = None,
+    processes: Processes = None,
     progress: Callable[[str], None] = lambda _step: None,
 ) -> RobustnessResult:
     """Run one world: train on good copies, measure rows, and evaluate."""
@@ -97,7 +97,7 @@ def run_plan(
         plan.days("pilot"),
         cache / "robustness-pilot",
         digest=digest,
-        cluster=cluster,
+        processes=processes,
         progress=progress_of("pilot"),
     )
     rows = run_pieces(
@@ -105,7 +105,7 @@ def run_plan(
         plan.days(*JUDGED),
         cache / "robustness",
         digest=digest,
-        cluster=cluster,
+        processes=processes,
         progress=progress_of("scans under every belief"),
     )
     progress(f"{plan.world} world: judging")

@@ -19,6 +19,7 @@ from prooflight.cli.show import people
 from prooflight.files.content import content_digest
 from prooflight.pages.pdf.rip import PdfJob
 from prooflight.press.press_file import PressFile
+from prooflight_line.job_queue.tickets.reading import read_ticket
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import PageRecord, RunEnd, RunFacts
 
@@ -129,6 +130,7 @@ def test_a_reprint_is_a_job_and_is_reconciled(tmp_path: Path, capsys: pytest.Cap
     assert call(capsys, *options, job, "-o", again)[0] == 0
     with PdfJob(again) as pdf:
         assert [round(width / 25.4 * 72) for width, _ in pdf.page_sizes_mm] == [302, 304]
+    assert read_ticket(again.with_suffix(".xjdf")).file == "again.pdf"
     listed = again.with_suffix(".json")
     journal(path, [row(0), row(1, region(9, 9))], digest=content_digest(again), job="again.pdf")
     code, out, _ = call(capsys, "run", "reprinted", listed, "--journal", path, "--json")

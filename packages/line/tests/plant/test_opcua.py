@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import subprocess
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from asyncua import Client, ua
 from hypothesis import given
@@ -15,10 +17,11 @@ from hypothesis import strategies as st
 from packages.line.tests.plant.peers import free_port
 from packages.line.tests.plant.runs import FACTS, GOOD, LONGEST_S, MISPRINT, Heard, outcome
 
-from prooflight.detectors.verdict import Verdict
+from prooflight.detectors.verdict import Ink, Verdict
 from prooflight_line.plant.events import parsed
 from prooflight_line.plant.outlets import opcua_types as vision
 from prooflight_line.plant.outlets.opcua import OF_PRESS, OpcUa, path
+from prooflight_line.plant.outlets.opcua_corrections import FIELDS, URI
 from prooflight_line.plant.outlets.outlet import Outlets, check
 from prooflight_line.plant.stream import EventStream
 from prooflight_line.run.notices import Notice
@@ -160,6 +163,46 @@ def test_every_sheet_is_a_result_with_its_event_in_it(server: tuple[OpcUa, Outle
         assert parsed((await last.read_value())[0]) == sheets[2]
 
     asked(server, subscribe)
+
+
+def test_corrections_are_offered_and_nobody_can_write_them(server: tuple[OpcUa, Outlets]) -> None:
+    def printed(n: int) -> Verdict:
+        ink = Ink(gain_percent=5.0 + 2 * (n % 2), dot_gain_percent=0.0, register_mm=(0.0, 0.1 * (-1) ** n))
+        return replace(GOOD, inks={"K": ink})
+
+    async def read(client: Client40100, stream: EventStream) -> None:
+        index = await client.client.get_namespace_index(URI)
+
+        async def offer(channel: str) -> dict[str, Any]:
+            node = await (await client.child()).get_child([f"{index}:Corrections", f"{index}:{channel}"])
+            return {
+                field: await (await node.get_child(f"{index}:{field}")).read_value() for field, _ in FIELDS
+            }
+
+        await client.subscribe(RESULT)
+        stream.started(FACTS)
+        for n in range(30):
+            stream.observe(outcome(n, printed(n)))
+        for _ in range(30):
+            await client.next()
+        density = await offer("gain-black")
+        assert (density["Deviation"], density["Offset"]) == pytest.approx((6.0, -3.0))
+        assert density["StandardDeviation"] == pytest.approx(2 / np.sqrt(2) / np.sqrt(20))
+        facts = {name: density[name] for name in ("Unit", "Sheets", "FirstSheet", "LastSheet")}
+        assert facts == {"Unit": "%", "Sheets": 20, "FirstSheet": 10, "LastSheet": 29}
+        assert (await offer("register-black-y"))["Offset"] == 0  # its deviation is not sure
+        assert (await offer("gain-cyan"))["Sheets"] == 0  # nothing of it was measured
+        node = await (await client.child()).get_child(
+            [f"{index}:Corrections", f"{index}:gain-black", f"{index}:Offset"]
+        )
+        with pytest.raises(ua.UaStatusCodeError):
+            await node.write_value(1.0)
+        stream.started(FACTS)
+        stream.observe(outcome(0, printed(0)))
+        await client.next()
+        assert (await offer("gain-black"))["Sheets"] == 0  # a run begins without an offer
+
+    asked(server, read)
 
 
 def test_the_state_machine_follows_the_press() -> None:

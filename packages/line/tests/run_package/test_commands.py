@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -25,10 +26,12 @@ def test_a_run_is_packaged_and_verified(
     made = json.loads(call(capsys, "run", "key", "--json")[1])
     again = json.loads(call(capsys, "run", "key", "--json")[1])
     assert (made["new"], again["new"], made["key"]) == (True, False, again["key"])
-    code, out, err = call(
-        capsys, "run", "package", 1, "-o", archive, "--journal", journal, "--press", packed.press
-    )
+    result = tmp_path / "run.xjmf"
+    options = ("--journal", journal, "--press", packed.press, "--xjmf", result)
+    code, out, err = call(capsys, "run", "package", 1, "-o", archive, *options)
     assert (code, err) == (0, "")
+    with zipfile.ZipFile(archive) as members:
+        assert members.read("result.xjmf") == result.read_bytes()
     assert made["key"] in out
     code, out, err = call(capsys, "verify", archive)
     assert (code, err) == (0, "")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from scipy import special
 
-from prooflight_line.run.monitor.channels import drift_channels
+from prooflight_line.run.monitor.corrections import INK_CHANNELS, noise_sd
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,9 +26,6 @@ LEAST_SIDE: Final = 4
 LEAST_SHARE: Final = 0.25
 """Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
 misprint."""
-INK_CHANNELS: Final = tuple(
-    channel for channel in drift_channels(()) if channel.name.startswith(("gain-", "register-"))
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +96,3 @@ def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float
         sd=sd,
         z=change / sd,
     )
-
-
-def noise_sd(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation of values, of at least two, from their differences from one to the next.
-
-    The mean square of the differences of independent values is twice their variance (von Neumann 1941).
-    """
-    return max(float(np.sqrt(np.mean(np.diff(values) ** 2) / 2)), 1e-9)

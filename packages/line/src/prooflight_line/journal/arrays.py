@@ -12,12 +12,13 @@ import re
 import struct
 import zipfile
 import zlib
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from typing import IO
 
     from numpy.typing import NDArray
@@ -67,22 +68,27 @@ def write_arrays(archive: zipfile.ZipFile, sheet: int, arrays: Mapping[str, NDAr
 def read_arrays(file: IO[bytes], sheet: int) -> dict[str, NDArray[Any]]:
     """Read one page's arrays; ValueError: they are damaged, or larger than a page's may be."""
     begin = f"{sheet}/"
+    with checked_archive(file) as archive:
+        members = [each for each in archive.infolist() if each.filename.startswith(begin)]
+        left, arrays = MOST_PAGE_BYTES, {}
+        for member in members:
+            name = member.filename.removeprefix(begin).removesuffix(".npy")
+            if not _NAME.fullmatch(name) or name in arrays:
+                raise ValueError(f"{member.filename[:80]!r} is no name of an array, or stands there twice")
+            arrays[name] = _read_array(archive, member, most_bytes=left)
+            left -= arrays[name].nbytes
+    return arrays
+
+
+@contextmanager
+def checked_archive(file: IO[bytes]) -> Iterator[zipfile.ZipFile]:
+    """Open an archive of arrays whose list of members is of valid size; ValueError, also later: it is damaged."""
     try:
         _check_end(file)
         with zipfile.ZipFile(file) as archive:
-            members = [each for each in archive.infolist() if each.filename.startswith(begin)]
-            left, arrays = MOST_PAGE_BYTES, {}
-            for member in members:
-                name = member.filename.removeprefix(begin).removesuffix(".npy")
-                if not _NAME.fullmatch(name) or name in arrays:
-                    raise ValueError(
-                        f"{member.filename[:80]!r} is no name of an array, or stands there twice"
-                    )
-                arrays[name] = _read_array(archive, member, most_bytes=left)
-                left -= arrays[name].nbytes
+            yield archive
     except DAMAGED as error:
         raise ValueError(str(error) or type(error).__name__) from error
-    return arrays
 
 
 def _check_end(file: IO[bytes]) -> None:

@@ -24,8 +24,16 @@ from prooflight_line.journal.labels import LabelStore
 from prooflight_line.journal.opening import ANOTHER, examine, journal_path, open_database, why, writing
 from prooflight_line.journal.queue import JournalQueue
 from prooflight_line.journal.reading import JournalReader
-from prooflight_line.journal.records import JournalHealth, PageRecord, Retention, RunEnd, RunFacts, Tidied
-from prooflight_line.journal.retention import tidy
+from prooflight_line.journal.records import (
+    Due,
+    JournalHealth,
+    PageRecord,
+    Retention,
+    RunEnd,
+    RunFacts,
+    Tidied,
+)
+from prooflight_line.journal.retention import due, tidy
 from prooflight_line.journal.schema import JournalError, packs_table, pages_table, runs_table, stored_packs
 from prooflight_line.journal.unclaimed import Unclaimed, put_aside
 from prooflight_line.journal.writing import write
@@ -173,9 +181,19 @@ class Journal(JournalReader):
             set_aside=self._refusals.pages,
         )
 
-    def tidy(self, retention: Retention, *, now_s: float) -> Tidied:
-        """Remove runs that ended too long ago, then the oldest evidence, then the oldest runs; commits go on between.
+    def due(self, retention: Retention, *, now_s: float) -> list[Due]:
+        """Return what ``tidy`` would remove by the age of runs, and remove nothing; the limit of size is not counted.
 
+        JournalError: the holds or the rows cannot be read.
+        """
+        on_hold = LabelStore(self.path).on_hold()
+        with self._reading("runs and evidence"):
+            return due(self._engine, self._folder, retention, Tidied(), now_s=now_s, on_hold=on_hold)
+
+    def tidy(self, retention: Retention, *, now_s: float) -> Tidied:
+        """Remove runs, pictures and scans that are too old, then the oldest evidence, then the oldest runs.
+
+        Commits go on between.
         Returns what it removed, also if it had to stop; ``health`` tells whether it had to. now_s: Unix time.
         Nothing of a run on legal hold is removed. JournalError: the holds cannot be read, and nothing was removed.
         """

@@ -10,16 +10,18 @@ import os
 import secrets
 import stat
 import zipfile
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight.files.atomic import sync_folder
 from prooflight.files.lock import PLAIN
-from prooflight_line.journal.arrays import read_arrays, write_arrays
-from prooflight_line.journal.columns import PACK_NAME
+from prooflight_line.journal.arrays import checked_archive, read_arrays, write_arrays
+from prooflight_line.journal.columns import MOST_PACK_BYTES, PACK_NAME
 from prooflight_line.journal.schema import JournalError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import re
+    from collections.abc import Callable, Collection, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -71,12 +73,20 @@ def write_pack(path: Path, pages: Mapping[int, Mapping[str, NDArray[Any]]]) -> i
     OSError, FileExistsError among them: nothing is overwritten, and no part of the file stays. A process that
     dies here leaves a file that no row names.
     """
+
+    def write(archive: zipfile.ZipFile) -> None:
+        for sheet, arrays in pages.items():
+            write_arrays(archive, sheet, arrays)
+
+    return _written(path, write)
+
+
+def _written(path: Path, write: Callable[[zipfile.ZipFile], None]) -> int:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("xb") as file:
         try:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as archive:
-                for sheet, arrays in pages.items():
-                    write_arrays(archive, sheet, arrays)
+                write(archive)
             file.flush()
             os.fsync(file.fileno())
             size = os.fstat(file.fileno()).st_size
@@ -106,3 +116,44 @@ def remove_pack(folder: Path, file: object) -> int:
     except FileNotFoundError:
         return 0
     return size
+
+
+def bytes_of(path: Path, names: Collection[re.Pattern[str]]) -> int:
+    """Return the size of a pack's arrays with such names; OSError, or ValueError if it is damaged."""
+    with _opened(path) as archive:
+        return sum(member.compress_size for member in archive.infolist() if _named(member, names))
+
+
+def write_without(path: Path, out: Path, names: Collection[re.Pattern[str]]) -> int:
+    """Write a pack again without the arrays of such names, durable when this returns; return its bytes.
+
+    0: nothing would be left, and nothing was written. Errors as ``write_pack`` and ``bytes_of``.
+    """
+    with _opened(path) as archive:
+        left = [member for member in archive.infolist() if not _named(member, names)]
+        if sum(member.file_size for member in left) > MOST_PACK_BYTES:
+            raise ValueError("its arrays would take more than a gigabyte")
+        arrays = {member.filename: archive.read(member) for member in left}
+
+    def write(into: zipfile.ZipFile) -> None:
+        for name, array in arrays.items():
+            with into.open(name, "w") as member:
+                member.write(array)
+
+    return _written(out, write) if arrays else 0
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open a pack's archive; ValueError, also later, for a damaged one."""
+    handle = os.open(path, os.O_RDONLY | PLAIN)
+    with os.fdopen(handle, "rb") as file:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise ValueError("it is no file")
+        with checked_archive(file) as archive:
+            yield archive
+
+
+def _named(member: zipfile.ZipInfo, names: Collection[re.Pattern[str]]) -> bool:
+    name = member.filename.rpartition("/")[2].removesuffix(".npy")
+    return any(pattern.fullmatch(name) for pattern in names)

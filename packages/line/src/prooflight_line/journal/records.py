@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.detectors.disposition import without_gate
+from prooflight_line.journal.retention_rules import customers_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.disposition import DecidedBy, Disposition
     from prooflight.detectors.verdict import Verdict
+    from prooflight_line.journal.retention_rules import Class, Rules
 
 Ending = Literal["finished", "stopped", "fault"]
 State = Literal["running", "interrupted", "finished", "stopped", "fault"]
@@ -133,12 +135,39 @@ class Retention:
     """Days since a run ended."""
     megabytes: float = math.inf
     """Size of database and evidence together, 1e6 bytes each."""
+    rules: Rules | None = None
+    """Rules by customer and class, in place of ``days``; None: there are none."""
 
     def __post_init__(self) -> None:
         for name in ("days", "megabytes"):
             if not getattr(self, name) > 0:  # nor NaN
                 message = f"{name} must be above 0, got {getattr(self, name)}"
                 raise ValueError(message)
+        if self.rules is not None and min(self.days, self.megabytes) < math.inf:
+            raise ValueError("rules say how long everything is stored: another limit would break them")
+
+    def over(self, settings: Mapping[str, Any], days: float) -> tuple[Class, ...]:
+        """Return what is no longer stored of a run with these settings so many days after its end."""
+        if self.rules is not None:
+            return self.rules.of(customers_of(settings)).over(days)
+        return ("verdicts",) if days > self.days else ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Due:
+    """What retention removes of a run."""
+
+    run: int
+    job: str
+    customers: tuple[str, ...]
+    days: float
+    """Days since its end."""
+    classes: tuple[Class, ...]
+    """Verdicts include all that is the run's."""
+    packs: int
+    """Number of files of evidence that are removed, or written again without some arrays."""
+    bytes: int
+    """Size of what is removed of them."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -150,6 +179,9 @@ class Tidied:
     packs: int = 0
     """Number of files of evidence removed."""
     pack_bytes: int = 0
+    """Size of what was removed of evidence."""
+    thinned: int = 0
+    """Number of files of evidence written again without pictures or scans."""
     on_hold: list[int] = field(default_factory=list)
     """Numbers of the runs on legal hold, of which nothing was removed."""
     refused: list[str] = field(default_factory=list)

@@ -13,7 +13,8 @@ from sqlalchemy import case, delete, func, select, update
 from prooflight_line.journal import packs
 from prooflight_line.journal.columns import MOST_PACK_BYTES, PackColumns, RunColumns, complaint
 from prooflight_line.journal.labels import key_of
-from prooflight_line.journal.records import SECONDS_A_DAY
+from prooflight_line.journal.records import SECONDS_A_DAY, Due
+from prooflight_line.journal.retention_rules import ARRAYS, customers_of
 from prooflight_line.journal.schema import (
     JournalError,
     packs_table,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine, Row
 
     from prooflight_line.journal.records import Retention, Tidied
+    from prooflight_line.journal.retention_rules import Class
 
 ROWS_A_STEP: Final = 5000
 PACKS_A_STEP: Final = 100
@@ -47,19 +49,101 @@ def tidy(
     now_s: float,
     on_hold: Collection[str] = (),
 ) -> Iterator[None]:
-    """Remove runs that ended too long ago; then the oldest evidence, then the oldest runs, until the rest fits.
+    """Remove what is ``due``; then the oldest evidence, then the oldest runs, until the rest fits.
 
     It works while it is iterated over, one short transaction a step; ``done`` accumulates the results. The latest
     run stays: its number must not be reused, and it may be under way. on_hold: keys of runs of which nothing is
     removed. OSError, DBAPIError.
     """
-    done.on_hold = _ids(engine, on_hold)
-    before_s = now_s - retention.days * SECONDS_A_DAY
-    for run_id in _ended(engine, done, before_s=before_s):
-        yield from _remove_run(engine, folder, run_id, done)
+    for one in due(engine, folder, retention, done, now_s=now_s, on_hold=on_hold):
+        if "verdicts" in one.classes:
+            yield from _remove_run(engine, folder, one.run, done)
+        else:
+            yield from _thin_packs(engine, folder, one, done)
     if retention.megabytes < math.inf:
         yield from _make_fit(engine, folder, retention.megabytes * 1e6, done)
     while _give_back(engine):
+        yield
+
+
+def due(
+    engine: Engine,
+    folder: Path,
+    retention: Retention,
+    done: Tidied,
+    *,
+    now_s: float,
+    on_hold: Collection[str] = (),
+) -> list[Due]:
+    """Return what is stored longer than ``retention`` asks for, oldest runs first; the limit of size is not counted.
+
+    done: is given the runs on hold, and what cannot be read. OSError, DBAPIError.
+    """
+    done.on_hold = _ids(engine, on_hold)
+    every = []
+    for run in _ended(engine, done):
+        days = (now_s - (run.started_s if run.ended_s is None else run.ended_s)) / SECONDS_A_DAY
+        classes = retention.over(run.settings, days)
+        sizes = [size for _, size in _packs_with(engine, folder, run.id, classes, done)] if classes else []
+        if sizes or "verdicts" in classes:
+            every.append(
+                Due(
+                    run=run.id,
+                    job=run.job,
+                    customers=customers_of(run.settings),
+                    days=days,
+                    classes=classes,
+                    packs=len(sizes),
+                    bytes=sum(sizes),
+                )
+            )
+    return every
+
+
+def _packs_with(
+    engine: Engine, folder: Path, run_id: int, classes: Collection[Class], done: Tidied
+) -> Iterator[tuple[Row[Any], int]]:
+    """Yield the rows of a run's packs that have arrays of these classes, and the size of those; verdicts: of all."""
+    with engine.begin() as connection:
+        rows = connection.execute(select(stored_packs).where(stored_packs.c.run_id == run_id)).all()
+    for row in rows:
+        try:
+            path = packs.inside(folder, PackColumns(**row._asdict()).file)
+            names = [ARRAYS[name] for name in classes if name in ARRAYS]
+            size = path.lstat().st_size if "verdicts" in classes else packs.bytes_of(path, names)
+        except FileNotFoundError:
+            continue
+        except ValueError as error:  # JournalError is one
+            if "verdicts" not in classes:
+                _refuse(done, f"evidence {row.id} stays: it is damaged ({complaint(error)})")
+            continue
+        if size:
+            yield row, size
+
+
+def _thin_packs(engine: Engine, folder: Path, one: Due, done: Tidied) -> Iterator[None]:
+    """Write the packs of a run again without the arrays of some classes; their verdicts can still be repeated.
+
+    A file is first written anew, then named by the row, then the former one is removed: whoever dies in between leaves
+    a file that no row names.
+    """
+    for row, size in list(_packs_with(engine, folder, one.run, one.classes, done)):
+        path = folder / row.file
+        file = packs.pack_name(one.run, int(path.name.rpartition("-")[0]))
+        try:
+            left = packs.write_without(path, folder / file, [ARRAYS[name] for name in one.classes])
+        except ValueError as error:
+            _refuse(done, f"evidence {row.id} stays: it is damaged ({error})")
+            continue
+        with engine.begin() as connection:
+            if left:
+                own = packs_table.c.id == row.id
+                connection.execute(update(packs_table).where(own).values(file=file, bytes=left))
+            else:
+                _drop_packs(connection, [row.id])
+        packs.remove_pack(folder, row.file)
+        done.thinned += 1
+        done.pack_bytes += size
         yield
 
 
@@ -72,28 +156,25 @@ def _make_fit(engine: Engine, folder: Path, most_bytes: float, done: Tidied) -> 
             after = last
             yield
         elif oldest := _ended(engine, done)[:1]:
-            yield from _remove_run(engine, folder, oldest[0], done)
+            yield from _remove_run(engine, folder, oldest[0].id, done)
         else:
             break
 
 
-def _ended(engine: Engine, done: Tidied, *, before_s: float = math.inf) -> list[int]:
+def _ended(engine: Engine, done: Tidied) -> list[RunColumns]:
     """Return all runs but the latest, oldest first: those that ended, or never will because a later one began."""
     number = stored_runs.c.id
     query = select(stored_runs).where(
         number < select(func.max(number)).scalar_subquery(), number.not_in(done.on_hold)
     )
-    run_ids = []
+    runs = []
     with engine.begin() as connection:
         for row in connection.execute(query.order_by(stored_runs.c.id)):
             try:
-                run = RunColumns(**row._asdict())
+                runs.append(RunColumns(**row._asdict()))
             except ValueError as error:
                 _refuse(done, f"run {row.id} stays: its row is damaged ({complaint(error)})")
-                continue
-            if (run.started_s if run.ended_s is None else run.ended_s) < before_s:
-                run_ids.append(run.id)
-    return run_ids
+    return runs
 
 
 def _ids(engine: Engine, keys: Collection[str]) -> list[int]:

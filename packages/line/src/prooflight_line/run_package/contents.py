@@ -23,6 +23,7 @@ from prooflight_line.journal.labels import LabelStore, run_key
 from prooflight_line.journal.opening import UNREADABLE, why
 from prooflight_line.journal.schema import JournalError, json_text
 from prooflight_line.plant.gate.log import log_path
+from prooflight_line.plant.run_messages import run_result
 from prooflight_line.run_package.archive import Member, pieces_of
 from prooflight_line.run_package.pictures import seen_pictures
 from prooflight_line.run_package.report import write_report
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from prooflight_line.journal.reading import JournalReader
     from prooflight_line.journal.records import RunRow
 
-RUN, PAGES, REPORT = "run.json", "pages.jsonl", "report.pdf"
+RUN, PAGES, REPORT, RESULT = "run.json", "pages.jsonl", "report.pdf", "result.xjmf"
 EVIDENCE, PICTURES, PRESSES = "evidence", "pictures", "press"
 LIBRARIES: Final = (
     *CALCULATING,
@@ -62,6 +63,7 @@ labels.jsonl   what people said of sheets and incidents
 gate.jsonl     decisions and trays of the gate, if the run had one
 audit.jsonl    what people did in the console about this run
 press/         the press artefact, if it was at hand; manifest.json has its digest in any case
+result.xjmf    the result for the plant's management system: sheets good, waste and not inspected (CIP4 XJMF 2.1)
 manifest.json  versions of program and libraries, size and SHA-256 of each file
 
 `prooflight verify THIS.zip --key KEY.pub` checks all of it, and computes the verdicts again.
@@ -100,6 +102,7 @@ class PackageContents:
         yield Member(path="audit.jsonl", content=_pieces(audit_of(path, run_key(run))))
         if self.press is not None:
             yield Member(path=f"{PRESSES}/{self.press.name}", content=pieces_of(self.press), packed=False)
+        yield Member(path=RESULT, content=[self.result()])
         yield Member(path=REPORT, content=self._report(), packed=False)
 
     def facts(self) -> dict[str, Any]:
@@ -116,6 +119,10 @@ class PackageContents:
             "versions": versions() | {"journal": self.journal.version},
             "missing": self.missing,
         }
+
+    def result(self) -> bytes:
+        """Return the result of the run as an XJMF message; JournalError."""
+        return run_result(self.run, self.journal.pages(self.run.id))
 
     def _files(self) -> dict[int, Path]:
         """Return the files of evidence by sheet; those that do not exist are noted."""

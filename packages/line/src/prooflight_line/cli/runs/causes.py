@@ -16,8 +16,8 @@ from prooflight_line.cli.runs.journals import JournalUrl, RunNumber, reading, ru
 
 if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
-    from prooflight_line.causes.corrections import Correction
     from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.run.monitor.corrections import Correction
 
 FORMATS: Final = (".csv", ".xml", ".png", ".svg", ".pdf")
 PlantFile = Annotated[
@@ -110,7 +110,8 @@ def corrections(
     json: Json = False,
 ) -> None:
     """Offer offsets of density and register to the press, damped, with their uncertainty; none is applied."""
-    from prooflight_line.causes.corrections import DAMPING, corrections_of
+    from prooflight_line.causes.corrections import corrections_of
+    from prooflight_line.run.monitor.corrections import DAMPING
 
     damping = damping or DAMPING
     with reading(journal) as opened:

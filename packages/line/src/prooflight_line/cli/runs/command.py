@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
 
-    from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.journal.records import Due, PageRecord, RunRow
     from prooflight_line.journal.schema import JournalError
 
 DAMAGED_SHOWN = 5
@@ -343,20 +344,42 @@ def tidy(
         float,
         typer.Option(help="Megabytes to keep; the oldest evidence is removed first, then runs.", min=0.001),
     ] = float("inf"),
+    rules: Annotated[
+        Path | None,
+        typer.Option("--rules", metavar="RULES.toml", help="Rules by customer and class, instead of --days."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="List what would go, and remove nothing.")
+    ] = False,
     journal: JournalUrl = None,
     json: Json = False,
 ) -> None:
-    """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay."""
+    """Remove runs and evidence beyond the given age or size; the last run stays. Exits 2 if something had to stay.
+
+    What goes by its age is listed before it goes.
+    """
     from prooflight_line.journal.journal import Journal
     from prooflight_line.journal.records import Retention
+    from prooflight_line.journal.retention_rules import Rules
     from prooflight_line.plant.gate.log import log_path
 
+    stated = None if rules is None else Rules.read(rules)
     try:
-        retention = Retention(days=days, megabytes=megabytes)
+        retention = Retention(days=days, megabytes=megabytes, rules=stated)
     except ValueError as error:
-        raise RequestError("run tidy", str(error), remedy="give a number of days or of megabytes") from error
+        remedy = "give days, megabytes or both, or a file of rules alone"
+        raise RequestError("run tidy", str(error), remedy=remedy) from error
+    if dry_run:
+        if megabytes < float("inf"):
+            remedy = "leave --megabytes out: how much evidence it takes shows when it goes"
+            raise RequestError("run tidy", "--dry-run lists what goes by its age alone", remedy=remedy)
+        with reading(journal) as seen:
+            _print_due(seen.due(retention, now_s=time.time()), json=json)
+        return
     messages: list[str] = []
     with Journal.open(url_of(journal), announce=messages.append) as opened:
+        if not json:
+            _print_due(opened.due(retention, now_s=time.time()), json=False)
         tidied = opened.tidy(retention, now_s=time.time())
         for removed in tidied.runs:
             log_path(opened.path, removed).unlink(missing_ok=True)
@@ -367,6 +390,7 @@ def tidy(
             {
                 "removed_runs": tidied.runs,
                 "removed_evidence": tidied.packs,
+                "thinned_evidence": tidied.thinned,
                 "removed_evidence_megabytes": round(tidied.pack_bytes / 1e6, 3),
                 "on_hold": tidied.on_hold,
                 "refused": tidied.refused,
@@ -381,8 +405,10 @@ def tidy(
         )
     else:
         evidence = f"{count(tidied.packs, 'file')} of evidence ({tidied.pack_bytes / 1e6:.1f} MB)"
+        thinned = f", {count(tidied.thinned, 'file')} thinned" if tidied.thinned else ""
         show.people.print(
-            f"{count(len(tidied.runs), 'run')} and {evidence} removed; {count(len(left), 'run')}, {size:.1f} MB left"
+            f"{count(len(tidied.runs), 'run')} and {evidence} removed{thinned}; "
+            f"{count(len(left), 'run')}, {size:.1f} MB left"
         )
         if tidied.on_hold:
             show.people.print(f"On legal hold: run {', '.join(map(str, tidied.on_hold))}")
@@ -390,6 +416,20 @@ def tidy(
         faults.report(line)
     if tidied.refused or trouble is not None:
         raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _print_due(every: list[Due], *, json: bool) -> None:
+    """Print what retention removes of each run."""
+    if json:
+        show.print_json([asdict(one) for one in every])
+        return
+    headings = ("run", "job", "customer", "ended", "what", "files", "MB")
+    table = show.table_of("To be removed by age", headings, text_columns=headings[1:5])
+    for one in every:
+        what = "all" if "verdicts" in one.classes else ", ".join(one.classes)
+        named = (visible(one.job), visible(", ".join(one.customers)), f"{one.days:,.0f} days ago", what)
+        table.add_row(str(one.run), *named, str(one.packs), f"{one.bytes / 1e6:.1f}")
+    show.people.print(table if every else "Nothing is stored longer than its age allows.")
 
 
 class Damaged:

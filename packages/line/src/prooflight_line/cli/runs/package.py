@@ -51,6 +51,10 @@ def package(
             help="Press artefact of the run, to be included; default its digest.",
         ),
     ] = None,
+    xjmf: Annotated[
+        Path | None,
+        typer.Option("--xjmf", metavar="FILE", help="Write the run's result as an XJMF message beside it."),
+    ] = None,
     key: KeyFile = None,
     language: Language = "en",
     journal: JournalUrl = None,
@@ -60,6 +64,7 @@ def package(
 
     Exits 1 if evidence that the journal names is missing; what is there was packaged.
     """
+    from prooflight.files.atomic import whole_file
     from prooflight_line.run_package.archive import write_archive
     from prooflight_line.run_package.contents import PackageContents, refuse_running
     from prooflight_line.run_package.run_press import press_of_run
@@ -80,6 +85,9 @@ def package(
         )
         path = out or Path(f"run-{run_row.id}.zip")
         members = write_archive(path, contents.members(), signing, facts=contents.facts)
+        if xjmf is not None:
+            with whole_file(xjmf) as unfinished:
+                unfinished.write_bytes(contents.result())
     size, name = path.stat().st_size, signing.public.name
     if json:
         facts = {"archive": str(path), "bytes": size, "members": len(members), "key": name}
@@ -87,6 +95,8 @@ def package(
     else:
         show.people.print(f"{count(len(members), 'member')}, {size / 1e6:,.1f} MB, signed by key {name}")
         show.written(path)
+        if xjmf is not None:
+            show.written(xjmf)
     for file in contents.missing[:5]:
         faults.report(f"{file}: the journal names it, and it is missing")
     if contents.missing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -28,17 +29,23 @@ def reprint_job(
     job: Annotated[Path, typer.Option("--job", metavar="JOB.pdf", help="The PDF that the run printed.")],
     out: Annotated[
         Path,
-        typer.Option("-o", "--out", metavar="AGAIN.pdf", help="PDF to write; its list goes to AGAIN.json."),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="AGAIN.pdf",
+            help="PDF to write; its list goes to AGAIN.json, its ticket, in XJDF, to AGAIN.xjdf.",
+        ),
     ],
     run: RunNumber = "last",
     trays: TraysFile = None,
     journal: JournalUrl = None,
 ) -> None:
-    """Write the pages of all sheets to print again as one PDF, in the order of the reprint list."""
+    """Write the pages of all sheets to print again as one PDF, in the order of the reprint list, and its ticket."""
     from prooflight.files.atomic import whole_file
     from prooflight.files.content import content_digest
     from prooflight.pages.pdf.rip import PdfJob
     from prooflight_line.plant.reprint_job import ReprintJob, reprint_sheets
+    from prooflight_line.plant.run_messages import reprint_ticket
     from prooflight_line.run_package.accounts import accounts_of
 
     if out.suffix.lower() != ".pdf":
@@ -61,6 +68,8 @@ def reprint_job(
     )
     with whole_file(out.with_suffix(".json")) as unfinished:
         unfinished.write_text(again.text, encoding="utf-8")
+    with whole_file(out.with_suffix(".xjdf")) as unfinished:
+        unfinished.write_bytes(reprint_ticket(again, row, file=out.name, time_s=time.time()))
     show.written(out)
     show.people.print(
         f"{count(len(sheets), 'sheet')}, {count(len(again.pages), 'page')}; print it with the run's layout"

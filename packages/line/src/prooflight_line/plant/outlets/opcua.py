@@ -36,11 +36,13 @@ from prooflight_line.plant.events import (
     IncidentChanged,
     IncidentEnded,
     IncidentOpened,
+    RunStarted,
     SheetAtGate,
     SheetJudged,
     StateChanged,
 )
 from prooflight_line.plant.outlets import opcua_types as vision
+from prooflight_line.plant.outlets.opcua_corrections import OfferedCorrections
 from prooflight_line.plant.state import PlantState
 
 if TYPE_CHECKING:
@@ -182,9 +184,15 @@ class VisionSystem:
     """The press's ``VisionSystemType`` object."""
 
     def __init__(
-        self, server: Server, types: VisionTypes, generators: dict[str, Any], nodes: dict[str, Node]
+        self,
+        server: Server,
+        types: VisionTypes,
+        generators: dict[str, Any],
+        nodes: dict[str, Node],
+        corrections: OfferedCorrections,
     ) -> None:
         self._server, self._types, self._generators, self._nodes = server, types, generators, nodes
+        self._corrections = corrections
         self._now: tuple[str, str | None] = ("", None)
 
     @classmethod
@@ -212,7 +220,8 @@ class VisionSystem:
             for name in ("StateChangedEventType", "ResultReadyEventType", "VisionInformationEventType")
         }
         await server.nodes.server.add_reference(system, ObjectIds.HasNotifier, bidirectional=False)
-        vision_system = cls(server, types, generators, nodes)
+        corrections = await OfferedCorrections.begin(server, system)
+        vision_system = cls(server, types, generators, nodes, corrections)
         await vision_system.enter("Preoperational", None)
         await vision_system._write_state("automatic", "VisionAutomaticModeStateMachineType", Step(to=""))
         return vision_system
@@ -245,7 +254,10 @@ class VisionSystem:
     async def tell(self, event: Event, state: PlantState) -> None:
         """Emit the events to which clients subscribe."""
         match event.body:
+            case RunStarted() as started:
+                await self._corrections.note(started)
             case SheetJudged() as sheet:
+                await self._corrections.note(sheet)
                 await self._result(event, sheet, state)
             case SheetAtGate() as passed:
                 generator = self._generators["VisionInformationEventType"]

@@ -67,10 +67,10 @@ def signals(
     if not sheets:
         message = "no sheet was judged"
         raise ValueError(message)
-    root = _root(device_id, sheets[-1][0].time_s)
+    root = root_of(device_id, sheets[-1][0].time_s)
     for event, sheet in sheets:
-        signal = _element(root, "SignalResource", ChannelMode="Reliable")
-        _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
+        signal = element(root, "SignalResource", ChannelMode="Reliable")
+        header_of(signal, device_id, event.time_s, identifier=f"S-{event.key}")
         _resource_info(signal, [(event, sheet)], job, sheet_mm)
     return written(root)
 
@@ -88,9 +88,9 @@ def response(
 
     ``query_id`` is the identifier of the query.
     """
-    root = _root(device_id, time_s)
-    answer = _element(root, "ResponseResource", ReturnCode=str(OK))
-    _header(answer, device_id, time_s, query_id=query_id)
+    root = root_of(device_id, time_s)
+    answer = element(root, "ResponseResource", ReturnCode=str(OK))
+    header_of(answer, device_id, time_s, query_id=query_id)
     sheets = [(event, event.body) for event in events if isinstance(event.body, SheetJudged)]
     _resource_info(answer, sheets, job, sheet_mm)
     return written(root)
@@ -98,14 +98,14 @@ def response(
 
 def lost(event: Event, *, device_id: str) -> bytes:
     """Return a ``SignalNotification`` of an event ``events-lost``: some results were not delivered."""
-    root = _root(device_id, event.time_s)
-    signal = _element(root, "SignalNotification", ChannelMode="Reliable")
-    _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
-    notification = _element(signal, "Notification", Class="Warning")
+    root = root_of(device_id, event.time_s)
+    signal = element(root, "SignalNotification", ChannelMode="Reliable")
+    header_of(signal, device_id, event.time_s, identifier=f"S-{event.key}")
+    notification = element(signal, "Notification", Class="Warning")
     if isinstance(event.body, EventsLost):
         loss = event.body
         what = "1 message was lost" if loss.count == 1 else f"{loss.count:,} messages were lost"
-        _element(notification, "Comment").text = f"{what}, {loss.first} to {loss.last}"
+        element(notification, "Comment").text = f"{what}, {loss.first} to {loss.last}"
     return written(root)
 
 
@@ -113,13 +113,13 @@ def at_gate(event: Event, passed: SheetAtGate, *, device_id: str) -> bytes:
     """Return a ``SignalNotification`` of a sheet that has passed the gate; a warning if its tray is not the
     decided one.
     """
-    root = _root(device_id, event.time_s)
-    signal = _element(root, "SignalNotification", ChannelMode="Reliable")
-    _header(signal, device_id, event.time_s, identifier=f"S-{event.key}")
+    root = root_of(device_id, event.time_s)
+    signal = element(root, "SignalNotification", ChannelMode="Reliable")
+    header_of(signal, device_id, event.time_s, identifier=f"S-{event.key}")
     expected = "good" if passed.disposition == "accept" else "reject"
-    note = _element(signal, "Notification", Class="Event" if passed.tray == expected else "Warning")
+    note = element(signal, "Notification", Class="Event" if passed.tray == expected else "Warning")
     late = "" if passed.in_time else ", which came too late"
-    _element(
+    element(
         note, "Comment"
     ).text = (
         f"sheet {passed.sheet} at the gate: {passed.disposition} ({passed.code}){late}; tray: {passed.tray}"
@@ -132,22 +132,22 @@ def offered(lines: Iterable[str], *, device_id: str, job: str, time_s: float) ->
 
     XJMF has no resource for offsets of density and register, so that a person or a program of the plant decides.
     """
-    root = _root(device_id, time_s)
-    signal = _element(root, "SignalNotification", ChannelMode="Reliable")
-    _header(signal, device_id, time_s, identifier="S-corrections")
-    note = _element(signal, "Notification", Class="Information")
+    root = root_of(device_id, time_s)
+    signal = element(root, "SignalNotification", ChannelMode="Reliable")
+    header_of(signal, device_id, time_s, identifier="S-corrections")
+    note = element(signal, "Notification", Class="Information")
     for line in lines:
-        _element(note, "Comment").text = clean(f"offered for {job}, not applied: {line}")
+        element(note, "Comment").text = clean(f"offered for {job}, not applied: {line}")
     return written(root)
 
 
 def refusal(kind: str, text: str, code: int, *, device_id: str, query_id: str | None, time_s: float) -> bytes:
     """Return the answer to a message that cannot be answered; ``kind`` is the message's, such as ``Resource``."""
-    root = _root(device_id, time_s)
-    answer = _element(root, f"Response{kind}", ReturnCode=str(code))
-    _header(answer, device_id, time_s, query_id=query_id)
-    notification = _element(answer, "Notification", Class="Error")
-    _element(notification, "Comment").text = clean(text)
+    root = root_of(device_id, time_s)
+    answer = element(root, f"Response{kind}", ReturnCode=str(code))
+    header_of(answer, device_id, time_s, query_id=query_id)
+    notification = element(answer, "Notification", Class="Error")
+    element(notification, "Comment").text = clean(text)
     return written(root)
 
 
@@ -196,8 +196,8 @@ def box_points(box: Box, height_mm: float) -> str:
 def _resource_info(
     above: _Element, sheets: list[tuple[Event, SheetJudged]], job: str, sheet_mm: tuple[float, float] | None
 ) -> None:
-    info = _element(above, "ResourceInfo", JobID=name(job), Scope="Job")
-    resource_set = _element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
+    info = element(above, "ResourceInfo", JobID=name(job), Scope="Job")
+    resource_set = element(info, "ResourceSet", Name=RESOURCE, Usage="Output")
     for event, sheet in sheets:
         _sheet(resource_set, event, sheet, sheet_mm)
         for ink in sheet.inks:
@@ -217,7 +217,7 @@ def _sheet(above: _Element, event: Event, sheet: SheetJudged, sheet_mm: tuple[fl
         result.set("Passed", str(int(good and sheet.disposition == "accept")))
         result.set("Failed", str(int(not good)))
         result.set("Severity", str(severity(sheet)))
-        inspection = _element(result, "Inspection")
+        inspection = element(result, "Inspection")
         if not good:
             _defects(inspection, sheet, sheet_mm)
     if sheet.shift_x_mm is not None and sheet.shift_y_mm is not None:
@@ -227,14 +227,14 @@ def _sheet(above: _Element, event: Event, sheet: SheetJudged, sheet_mm: tuple[fl
 def _resource(above: _Element, sheet: SheetJudged, **part: str) -> _Element:
     own = sheet.on_sheet
     named = sheet.page if own is None else f"{sheet.page}, {_worded(own)}"
-    resource = _element(above, "Resource", ExternalID=f"sheet-{sheet.sheet}", DescriptiveName=clean(named))
+    resource = element(above, "Resource", ExternalID=f"sheet-{sheet.sheet}", DescriptiveName=clean(named))
     if not part:
         if sheet.reason:
-            _element(resource, "Comment").text = clean(sheet.reason)
-        _element(resource, "Comment").text = f"disposition: {sheet.disposition} ({sheet.decided_by})"
+            element(resource, "Comment").text = clean(sheet.reason)
+        element(resource, "Comment").text = f"disposition: {sheet.disposition} ({sheet.decided_by})"
     if own is not None and own.side is not None:
         part = {"Side": _face(sheet), **part}
-    _element(resource, "Part", SheetName=name(sheet.page), **part)
+    element(resource, "Part", SheetName=name(sheet.page), **part)
     return resource
 
 
@@ -252,10 +252,10 @@ def _face(sheet: SheetJudged) -> str:
 
 def _result(resource: _Element, event: Event, sheet: SheetJudged) -> _Element:
     inspected = sheet.verdict != "not-inspected"
-    return _element(
+    return element(
         resource,
         RESOURCE,
-        End=_time(event.time_s),
+        End=time_text(event.time_s),
         MeasurementUsage="Standard",
         Measurements=str(int(inspected)),
         Sample=f"{sheet.sheet} {sheet.sheet}",
@@ -265,7 +265,7 @@ def _result(resource: _Element, event: Event, sheet: SheetJudged) -> _Element:
 def _defects(inspection: _Element, sheet: SheetJudged, sheet_mm: tuple[float, float] | None) -> None:
     """Add a defect for each region; for a misprint without regions, one for the sheet as a whole."""
     for place in sheet.places[:MOST_DEFECTS]:
-        defect = _element(
+        defect = element(
             inspection,
             "Defect",
             DefectType="ImageDefect",
@@ -279,9 +279,9 @@ def _defects(inspection: _Element, sheet: SheetJudged, sheet_mm: tuple[float, fl
             defect.set("Severity", str(round(100 * min(abs(place.score) / SURE_SIGMAS, 1.0))))
         box = place.box
         where = f"{box.x_mm:g} mm from the left, {box.y_mm:g} mm from the top, {box.width_mm:g} x {box.height_mm:g} mm"
-        _element(defect, "Comment").text = where
+        element(defect, "Comment").text = where
     if not sheet.places:
-        defect = _element(inspection, "Defect", DefectType="ImageDefect", Face=_face(sheet))
+        defect = element(inspection, "Defect", DefectType="ImageDefect", Face=_face(sheet))
         defect.set("DefectTypeDetails", _details(sheet.kind or "unknown"))
         defect.set("Severity", str(severity(sheet)))
 
@@ -293,36 +293,41 @@ def _details(kind: str) -> str:
 def _registration(result: _Element, x_mm: float, y_mm: float, *, reference: str) -> None:
     """Add the registration error, to the right and up. [point]"""
     offset = f"{_number(POINTS_A_MM * x_mm)} {_number(-POINTS_A_MM * y_mm)}"
-    _element(result, "RegistrationQuality", Offset=offset, Reference=reference)
+    element(result, "RegistrationQuality", Offset=offset, Reference=reference)
 
 
-def _root(device_id: str, time_s: float) -> _Element:
-    root = etree.Element(_tag("XJMF"), nsmap={None: NAMESPACE}, Version=VERSION)
-    _header(root, device_id, time_s)
+def root_of(device_id: str, time_s: float) -> _Element:
+    """Return the root of a new message, with its header."""
+    root = etree.Element(tag_of("XJMF"), nsmap={None: NAMESPACE}, Version=VERSION)
+    header_of(root, device_id, time_s)
     return root
 
 
-def _header(
+def header_of(
     above: _Element, device_id: str, time_s: float, *, identifier: str = "", query_id: str | None = None
 ) -> None:
-    header = _element(above, "Header", AgentName="Prooflight", AgentVersion=__version__)
-    header.set("DeviceID", device_id)
+    """Add a header to an element. time_s: Unix time."""
+    header = element(above, "Header", AgentName="Prooflight", AgentVersion=__version__)
+    header.set("DeviceID", name(device_id))
     if identifier:
         header.set("ID", identifier)
     if query_id is not None:
         header.set("refID", name(query_id))
-    header.set("Time", _time(time_s))
+    header.set("Time", time_text(time_s))
 
 
-def _element(above: _Element, tag: str, **attributes: str) -> _Element:
-    return etree.SubElement(above, _tag(tag), attributes)
+def element(above: _Element, tag: str, **attributes: str) -> _Element:
+    """Add an element below another, and return it."""
+    return etree.SubElement(above, tag_of(tag), attributes)
 
 
-def _tag(tag: str) -> str:
+def tag_of(tag: str) -> str:
+    """Return a name with CIP4's namespace."""
     return f"{{{NAMESPACE}}}{tag}"
 
 
-def _time(time_s: float) -> str:
+def time_text(time_s: float) -> str:
+    """Return a Unix time as XML states it."""
     return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds")
 
 
@@ -340,7 +345,7 @@ def read(data: bytes) -> _Element:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
         raise ValueError(str(error)) from error
-    if root.tag != _tag("XJMF"):
+    if root.tag != tag_of("XJMF"):
         message = "the root is not XJMF"
         raise ValueError(message)
     return root
@@ -354,4 +359,4 @@ def messages(root: _Element) -> list[tuple[str, _Element]]:
 
 def part(element: _Element, tag: str) -> _Element | None:
     """Return the first child with that name."""
-    return element.find(_tag(tag))
+    return element.find(tag_of(tag))

@@ -1,0 +1,150 @@
+"""Press, designs and verdicts without a cluster and on 1, 2 and 4 workers, some of them killed; writes cluster.md."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from prooflight import __version__
+from prooflight.cluster.connection import connected
+from prooflight.commissioning.build import build_press
+from prooflight_studies.cluster import tasks
+from prooflight_studies.cluster.measuring import Done, done
+from prooflight_studies.cluster.plant import DESIGNS, PRESSES, Measured, needs, processors, shipped_rows_per_s
+from prooflight_studies.harness.page import write_page
+from prooflight_studies.paper.study import REDUCED_PITCH_MM, at_pitch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from prooflight.inspection.prepared_store import PreparedStore
+    from prooflight.press.press_file import PressFile
+    from prooflight_studies.cluster.tasks import Task
+
+WORKERS: Final = (1, 2, 4)
+KILLED_OF: Final = 2
+"""Number of workers of the runs in which some are killed."""
+SPECIMEN_SEED: Final = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClusterPlan:
+    """Numbers of pages."""
+
+    seed: int
+    pages: int = 16
+    """Pages that are prepared and inspected in all ways."""
+    labels: int = 2000
+    """Small pages by which the memory of the head is judged."""
+    full: int = 8
+    """Pages at the press's own resolution, by which a plant is computed."""
+    quick: bool = False
+
+    @classmethod
+    def quickly(cls, seed: int) -> Self:
+        """Enough to see that all of it works."""
+        return cls(seed=seed, pages=4, labels=40, full=2, quick=True)
+
+
+def run_cluster_study(
+    press_file: PressFile,
+    out: Path,
+    *,
+    plan: ClusterPlan,
+    progress: Callable[[str], None] = lambda _step: None,
+) -> dict[str, Any]:
+    """Share the work of three commands in all ways, and write ``cluster.md``.
+
+    press_file: of the press that is built, prints and inspects. InputError: ``out`` has no results of the study of
+    records.
+    """
+    rows_per_s = shipped_rows_per_s(out)
+    bare = build_press(at_pitch(press_file, REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
+    with tempfile.TemporaryDirectory(prefix="prooflight-cluster-") as place:
+        folder = Path(place)
+        build, latest = tasks.build(bare, plan.seed)
+        progress(f"{build.name}, without a cluster")
+        rows = [done(build)]
+        press = latest["press"]
+        progress("writing and printing pages")
+        job = tasks.write_designs(folder / "job", press, plan.pages, plan.seed)
+        scans = tasks.write_scans(folder / "scans", press, job, plan.pages, plan.seed)
+        labels = tasks.write_labels(folder / "labels", press, plan.labels, plan.seed)
+        full = replace(build_press(press_file, seed=SPECIMEN_SEED), detectors=press.detectors)
+        full_job = tasks.write_designs(folder / "full", full, plan.full, plan.seed)
+        prepare, _ = tasks.prepare(press, job, plan.pages, folder / "prepared")
+        inspect = tasks.inspect(press, job, scans)
+        prepare_labels, label_store = tasks.prepare(press, labels, plan.labels, folder / "prepared")
+        prepare_full, full_store = tasks.prepare(full, full_job, plan.full, folder / "prepared")
+        for task in (prepare, inspect):
+            progress(f"{task.name}, without a cluster")
+            rows.append(done(task))
+        every = (prepare, inspect, build)
+        for number in WORKERS:
+            rows += _shared(every, number, kill=False, progress=progress)
+        rows += _shared(every, KILLED_OF, kill=True, progress=progress)
+        streamed, of_full = _shared((prepare_labels, prepare_full), KILLED_OF, kill=False, progress=progress)
+        one = Measured(
+            design_s=(of_full.worker_s or 0.0) / plan.full,
+            head_s=of_full.head_s / plan.full,
+            design_bytes=sum(file.stat().st_size for file in full_store.folder.iterdir()) / plan.full,
+            head_bytes=streamed.head_mib[-1] * 2**20,
+            growth_bytes=max(streamed.head_mib[-1] - streamed.head_mib[1], 0) * 2**20 / (plan.labels / 2),
+            look_s=_look_s(label_store, plan.labels),
+            shipped_rows_per_s=rows_per_s,
+        )
+    figures = {
+        "rows": [asdict(row) | {"efficiency": _efficiency(row, rows)} for row in rows],
+        "same": {
+            task.name: len({row.digest for row in rows if row.task == task.name}) == 1 for task in every
+        },
+        "streamed": streamed,
+        "measured": one,
+        "full": plan.full,
+        "needs": [asdict(need) | {"share": need.share} for need in needs(one)],
+        "processors": processors(one),
+        "presses": PRESSES,
+        "designs": DESIGNS,
+        "label_mm": tasks.LABEL_MM,
+        "pitch_mm": REDUCED_PITCH_MM,
+        "press": press_file.name,
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0] / (os.cpu_count() or 1),
+        "seed": plan.seed,
+        "quick": plan.quick,
+        "version": __version__,
+    }
+    write_page(out / "cluster.md", "cluster", figures)
+    return figures
+
+
+def _shared(
+    every: Sequence[Task], workers: int, *, kill: bool, progress: Callable[[str], None]
+) -> list[Done]:
+    """Do all tasks by so many workers."""
+    rows = []
+    with connected(f"local:{workers}") as cluster:
+        for task in every:
+            killed = ", some of them killed" if kill else ""
+            progress(f"{task.name}, {task.pieces} pieces, {workers} workers{killed}")
+            cluster.client.wait_for_workers(workers)  # those that were killed have come back
+            rows.append(done(task, cluster, kill=kill))
+    return rows
+
+
+def _efficiency(row: Done, rows: Sequence[Done]) -> float | None:
+    """Return the processor time without a cluster by that of head and workers; None: it is not known."""
+    without = next(one for one in rows if one.task == row.task and not one.workers)
+    return None if row.worker_s is None else without.head_s / (row.head_s + row.worker_s)
+
+
+def _look_s(store: PreparedStore, pages: int) -> float:
+    """Return the time of looking for one design among those that are stored, as `job prepare` does at its start."""
+    began = time.perf_counter()
+    for number in range(1, pages + 1):
+        assert store.holds(number)
+    return (time.perf_counter() - began) / pages

@@ -108,7 +108,7 @@ class Runs:
             "density": [_stated(one, "gain-{}") / (WEAKER - 1) for one in self._prints["density"]],
             "register": [_stated(one, "register-{}-x") / REGISTER_MM for one in self._prints["register"]],
         }
-        """Share of a change that the verdict on each print states of the ink that is off."""
+        """Share of a change that a run records of the ink that is off, of each print."""
 
     def run(self, cause: str, number: int) -> Defect:
         """Return run ``number``, which has this cause."""
@@ -161,7 +161,7 @@ class Runs:
         """Return good sheets, with what was measured of good prints, and a false mark at times."""
         pitch, rows, place = self._geometry.line_pitch_mm, list[PageRecord](), 0.0
         for sheet in range(SHEETS):
-            measured = self._draw("good", rng).verdict
+            measured = self._draw("good", rng).amounts
             shift = tuple(float(one) for one in rng.uniform(-SHIFT_MM, SHIFT_MM, 2))
             rows.append(
                 PageRecord(
@@ -171,7 +171,7 @@ class Runs:
                     late=False,
                     first_line=round(place / pitch),
                     time_s=0.2 * sheet,
-                    nuisance=amounts_of(measured),
+                    nuisance=measured,
                 )
             )
             place += PAGE_MM[1] + GAP_MM + JITTER_MM * float(rng.standard_normal())
@@ -215,10 +215,10 @@ class Runs:
     def _trend(self, rows: list[PageRecord], cause: str, begins: int, rng: np.random.Generator) -> str:
         """Let an ink drift or step, and return it.
 
-        What is stated of every ink is what the verdict on one print of the library states, in proportion to the change.
+        What is recorded of every ink is what a run records of one print of the library, in proportion to the change.
         """
         shown, stated = self._draw(cause, rng), {}
-        for name, value in amounts_of(shown.verdict).items():
+        for name, value in shown.amounts.items():
             of_cause = name.startswith("gain-" if cause == "density" else "register-")
             stated[name] = value if of_cause else 0.0
         sign = 1 if rng.random() < 0.5 else -1
@@ -249,19 +249,9 @@ class Runs:
                 return distance
 
 
-def amounts_of(verdict: Verdict) -> dict[str, float]:
-    """Return the amounts of a verdict's inks as a run records them in the journal."""
-    amounts = {}
-    for letter, ink in verdict.inks.items():
-        name = NAME_OF_INK[letter]
-        amounts[f"gain-{name}"] = ink.gain_percent / 100
-        amounts[f"register-{name}-x"], amounts[f"register-{name}-y"] = ink.register_mm
-    return amounts
-
-
 def _stated(shown: DefectPrint, name: str) -> float:
-    """Return the amount that a print's verdict states of the ink that is off; 0: none."""
-    return amounts_of(shown.verdict).get(name.format(NAME_OF_INK[shown.ink]), 0.0)
+    """Return the amount that a run records of the ink that is off; 0: none."""
+    return shown.amounts.get(name.format(NAME_OF_INK[shown.ink]), 0.0)
 
 
 def _seen(shown: DefectPrint) -> bool:

@@ -11,7 +11,7 @@ from prooflight.cmyk import NAME_OF_INK
 from prooflight_line.causes.marks import marks_of
 from prooflight_line.causes.nozzles import streaks_of
 from prooflight_line.journal.records import PageRecord
-from prooflight_studies.plant.defects import NEAR_MM, amounts_of
+from prooflight_studies.plant.defects import NEAR_MM
 from prooflight_studies.plant.prints import REGISTER_MM, WEAKER
 
 if TYPE_CHECKING:
@@ -52,12 +52,12 @@ def errors_of(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> list[Err
         off = [place - one.x_mm for one in own if (place := _streak_mm([one], geometry)) is not None]
         rows.append(_errors(f"place of a {name}, one sheet", "mm", len(own), off))
     density = [one for one in prints if one.what == "density"]
-    off = [100 * (_amount(one, "gain-{}") - (WEAKER - 1)) for one in density if one.verdict.inks]
+    off = [100 * (amount - (WEAKER - 1)) for amount in _amounts(density, "gain-{}")]
     rows.append(_errors("density of an ink that is 15 % weaker", "%", len(density), off))
     register = [one for one in prints if one.what == "register"]
-    off = [_amount(one, "register-{}-x") - REGISTER_MM for one in register if one.verdict.inks]
+    off = [amount - REGISTER_MM for amount in _amounts(register, "register-{}-x")]
     rows.append(_errors("register of a plane that is 0.3 mm off", "mm", len(register), off))
-    good = [amounts_of(one.verdict) for one in prints if one.what == "good"]
+    good = [one.amounts for one in prints if one.what == "good"]
     for name, scale, unit in (("gain", 100.0, "%"), ("register", 1.0, "mm")):
         values = [scale * value for amounts in good for key, value in amounts.items() if key.startswith(name)]
         rows.append(_errors(f"{name} of good prints, with what they really vary", unit, len(good), values))
@@ -94,8 +94,10 @@ def _streak_mm(prints: Sequence[DefectPrint], geometry: ScanGeometry) -> float |
     return near[0].x_mm if near else None
 
 
-def _amount(one: DefectPrint, name: str) -> float:
-    return amounts_of(one.verdict)[name.format(NAME_OF_INK[one.ink])]
+def _amounts(prints: Sequence[DefectPrint], name: str) -> list[float]:
+    """Return what a run records of the ink that is off, of the prints on which it records something."""
+    keys = [(one, name.format(NAME_OF_INK[one.ink])) for one in prints]
+    return [one.amounts[key] for one, key in keys if key in one.amounts]
 
 
 def as_record(one: DefectPrint, sheet: int) -> PageRecord:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -19,6 +19,7 @@ from prooflight.simulation.captures import SimulatedDay
 from prooflight.simulation.corpus.corpus import Corpus
 from prooflight.simulation.misprints.drawing import ALL_INKS, INKED, Box
 from prooflight.simulation.misprints.marks import lay
+from prooflight_line.run.monitor.evidence import run_evidence
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.visible.marks import NO_INK, spot
@@ -44,6 +45,8 @@ COPIES: Final = {"spot": 3, "nozzle": 5, "scratch": 1, "density": 1, "register":
 """Prints of each design."""
 WEAKER: Final = 0.85
 """Ink that is left of the ink that prints most, where density is changed."""
+AMOUNTS: Final = ("gain-", "register-")
+"""First words of the channels of density and register."""
 REGISTER_MM: Final = 0.3
 """Shift of its plane to the right, where register is changed."""
 
@@ -58,6 +61,8 @@ class DefectPrint:
     """Place of the defect; 0: it has none."""
     y_mm: float
     verdict: Verdict
+    amounts: dict[str, float] = field(default_factory=dict)
+    """Densities and registers that a run records of it in the journal, by channel."""
     ink: str = ""
     """Letter of the ink that is off; empty: all are, or none."""
 
@@ -82,8 +87,17 @@ class PrintsWork:
         prints = []
         for what, ink, (x, y), printed in _printed(page, rng):
             own = _cloudy(bench) if what == "paper" else bench
-            verdict = own.inspect(prepared, printed, rng).verdict
-            one = DefectPrint(what=what, design=design, ink=ink, x_mm=x, y_mm=y, verdict=verdict)
+            inspection = own.inspect(prepared, printed, rng)
+            values = run_evidence(inspection, inspector.press, page_width_mm=page.width_mm).sound().values
+            one = DefectPrint(
+                what=what,
+                design=design,
+                ink=ink,
+                x_mm=x,
+                y_mm=y,
+                verdict=inspection.verdict,
+                amounts={name: value for name, value in values.items() if name.startswith(AMOUNTS)},
+            )
             prints.append(_JSON.dump_json(one).decode())
         return {"print": np.array(prints)}
 
@@ -111,6 +125,7 @@ def defect_prints(
         "press": Press.load(press).digest,
         "seed": seed,
         "prints": dict(COPIES),
+        "amounts": list(AMOUNTS),
         "algorithms": dict(ALGORITHMS),
     }
     rows = run_pieces(

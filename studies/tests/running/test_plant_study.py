@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from prooflight.detectors.verdict import Ink, Region, Verdict
+from prooflight.cmyk import INK_NAMES
+from prooflight.detectors.verdict import Region, Verdict
 from prooflight.scans.geometry import ScanGeometry
 from prooflight_line.causes.naming import named_causes
 from prooflight_studies.harness.page import page_again
@@ -21,7 +22,7 @@ from prooflight_studies.plant.prints import DefectPrint
 from prooflight_studies.plant.study import answer, first_sheets_off
 
 GEOMETRY = ScanGeometry(pixels=2048, pixel_pitch_mm=0.1, line_pitch_mm=0.1, lead_in_mm=2.0, lead_out_mm=2.0)
-INKS = {letter: Ink(gain_percent=0.5, dot_gain_percent=0.0, register_mm=(0.01, -0.02)) for letter in "CMYK"}
+AMOUNTS = {f"gain-{ink}": 0.005 for ink in INK_NAMES} | {f"register-{ink}-x": 0.01 for ink in INK_NAMES}
 
 
 def printed(what: str, *boxes: tuple[str, float, float, float, float], ink: str = "") -> DefectPrint:
@@ -30,19 +31,16 @@ def printed(what: str, *boxes: tuple[str, float, float, float, float], ink: str 
         Region(x_mm=100 + x, y_mm=y, width_mm=w, height_mm=h, score=9.0, kind=kind, ink=ink)
         for kind, x, y, w, h in boxes
     )
-    off = {
-        "density": Ink(gain_percent=-15.0, dot_gain_percent=0.0, register_mm=(0.0, 0.0)),
-        "register": Ink(gain_percent=0.0, dot_gain_percent=0.0, register_mm=(0.3, 0.0)),
-    }
+    off = {"density": {"gain-black": -0.15}, "register": {"register-black-x": 0.3}}
     verdict = Verdict(
         page="p",
         verdict="misprint" if boxes else "good",
         kind=boxes[0][0] if boxes else None,
         regions=regions,
-        inks=INKS | ({ink: off[what]} if what in off else {}),
     )
     at_mm = 0.0 if what == "paper" else 100.0
-    return DefectPrint(what=what, design=0, ink=ink, x_mm=at_mm, y_mm=at_mm, verdict=verdict)
+    amounts = AMOUNTS | off.get(what, {})
+    return DefectPrint(what=what, design=0, ink=ink, x_mm=at_mm, y_mm=at_mm, verdict=verdict, amounts=amounts)
 
 
 LIBRARY = (

@@ -84,6 +84,23 @@ def test_misprints_as_a_whole_have_a_cause_without_a_trend() -> None:
     assert named([row(0), *rows[:4]]) == []
 
 
+def test_places_where_a_register_shows_come_after_it() -> None:
+    # A step of 0.3 mm at sheet 20; where it shows best is one place of every sheet from then on. Seed 8.
+    noise = 0.03 * np.random.default_rng(8).standard_normal(60)
+    rows = [
+        row(at, *([region(50, 80)] if at >= 20 else []), nuisance={"register-cyan-x": off})
+        for at, off in enumerate((noise + 0.3 * (np.arange(60) >= 20)).tolist())
+    ]
+    register, page = named(rows)
+    assert (register.kind, register.names, register.sheets) == ("register", ("cyan",), 40)
+    assert (page.kind, page.sheets) == ("page", 40)
+    # Of marks on sheets in register, as of a roller that marked others before, it is no account.
+    early = [
+        row(at, region(50, 80), nuisance=one.nuisance) if at < 20 else one for at, one in enumerate(rows)
+    ]
+    assert [one.kind for one in named(early)] == ["page", "register"]
+
+
 @pytest.mark.parametrize("shape", ["step", "drift"])
 def test_a_trend_comes_out(shape: str) -> None:
     # Seed 5; a change of eight standard deviations of one sheet, within 4 sd of its estimate.
@@ -94,7 +111,8 @@ def test_a_trend_comes_out(shape: str) -> None:
     assert (trend.shape, trend.channel.name) == (shape, "gain-cyan")
     assert trend.change == pytest.approx(0.12, abs=4 * trend.sd)
     assert shape == "drift" or abs(trend.sheet - 25) <= 1
-    assert trend.beyond == (np.abs(values[trend.sheet :]) > 0.07).sum()
+    assert len(trend.beyond) == (np.abs(values[trend.sheet :]) > 0.07).sum()
+    assert trend.beyond[0] >= trend.sheet
 
 
 def test_noise_has_no_trend() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
@@ -35,7 +36,8 @@ from prooflight.detectors.matched_filter.explaining import (
     regions_of,
     whole_page,
 )
-from prooflight.detectors.matched_filter.extents import MODES_OF_EXTENT, extended
+from prooflight.detectors.matched_filter.extents import MODES_OF_EXTENT, column_evidence, extended
+from prooflight.detectors.matched_filter.far_amounts import FarAmounts
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
@@ -49,6 +51,7 @@ from prooflight.detectors.matched_filter.statistics.families import (
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, t_statistic
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
+from prooflight.detectors.matched_filter.streak_place import streak_centre
 from prooflight.detectors.matched_filter.variation import page_variation
 from prooflight.detectors.matched_filter.visibility import on_tint, visible_marks
 from prooflight.detectors.matched_filter.zone_pricing import MatchedFilterPricing
@@ -68,13 +71,15 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.extents import Extent
     from prooflight.detectors.matched_filter.model import DetectorModel
-    from prooflight.detectors.matched_filter.statistics.statistic import Observed
+    from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
     from prooflight.detectors.verdict import Decision, Ink, Region
     from prooflight.detectors.visible_marks import VisibleMarks
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zone import Kind, PageZones
     from prooflight.prediction.tables import SensorModel
+    from prooflight.registration.register import Registration
     from prooflight.scans.scan import Scan
 
 PICTURED_TILES: Final = 2
@@ -282,7 +287,10 @@ class MatchedFilterPage:
                 score > calibrated.threshold,
             )
         explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
-        analysis = analysis.settled()
+        placed, analysis = analysis.placed, analysis.settled()
+        far: Callable[[], Mapping[str, float]] = dict
+        if decision.misprint and not (another or self.model.residual_variance.exact):
+            far = FarAmounts.of(prepared, analysis, placed(), calibrated.model.residual_variance)
         if floor.alarms and not explanation:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
@@ -330,7 +338,7 @@ class MatchedFilterPage:
                 "glyphs": np.array(glyphs.score),
                 "floor_mm2": np.array(floor.area_mm2),
             },
-            state=partial(print_state, analysis, press_context.sensors),
+            state=partial(print_state, analysis, press_context.sensors, far),
             variation=partial(page_variation, prepared, analysis),
             summary=None if another else self._summary(values, score, decision),
         )
@@ -457,7 +465,8 @@ class MatchedFilterPage:
         places, kinds = _ordered(strongest, kind)
         sums, fit = analysis.sums, analysis.fit
         if kind in MODES_OF_EXTENT and not careful:
-            places, kinds = extended(kind, places, sums, fit.gain), [kind] * len(places)
+            box_of = partial(self._streak_box, analysis) if kind == "streak" else attrgetter("box")
+            places, kinds = extended(kind, places, sums, fit.gain, box_of=box_of), [kind] * len(places)
         distinct = distinct_inks(self.detector.press_context.sensors)
 
         def measured(statistic: Observed) -> dict[str, Any]:
@@ -472,6 +481,15 @@ class MatchedFilterPage:
 
         return self._places(kind, places, kinds, analysis, measured)
 
+    def _streak_box(self, analysis: ScanAnalysis, streak: Extent) -> Box:
+        """Return the place of a streak, about its middle to a fraction of a pixel."""
+        sums, where = analysis.sums, analysis.placed().where
+        sensors = self.prepared_page.binned_sensors
+        centre = streak_centre(column_evidence(streak, sums), where, sensors, sums.pixel_mm)
+        _, top, width, height = streak.box
+        x = sums.left_mm + (centre + 0.5) * sums.pixel_mm + _shift_mm(analysis.registration)[0]
+        return x - width / 2, top, width, height
+
     def _places(
         self,
         kind: str,
@@ -485,7 +503,7 @@ class MatchedFilterPage:
         size_mm = page.width_mm, page.height_mm
         if kind == WRONG_PAGE_KIND:  # no place is more specific than another
             return (whole_page(size_mm, places[0][1], kind),) if places else ()
-        shift_mm = analysis.registration.placement.shift_mm if analysis.registration.located else (0.0, 0.0)
+        shift_mm = _shift_mm(analysis.registration)
         return regions_of(places, kinds, shift_mm=shift_mm, size_mm=size_mm, measured=measured)
 
     def _pictured(self, analysis: ScanAnalysis, area: Area) -> NDArray[np.float32]:
@@ -499,6 +517,11 @@ class MatchedFilterPage:
         t = t_statistic(push, power, edges, self.detector.calibrated.model.scatter.boxes[light, 0])
         side = round(sums.tile_mm / self.detector.press_context.geometry.pixel_pitch_mm)
         return block_means(t, side, area, block=BLOCK_PIXELS)[None]
+
+
+def _shift_mm(registration: Registration) -> tuple[float, float]:
+    """Return by how much places on a scan are right of and below those on its page."""
+    return registration.placement.shift_mm if registration.located else (0.0, 0.0)
 
 
 def _ordered(

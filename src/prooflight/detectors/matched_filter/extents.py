@@ -19,7 +19,7 @@ from prooflight.cmyk import INK_LETTERS
 from prooflight.detectors.matched_filter.statistics.local_evidence import BASELINE_MM, SEGMENTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -73,6 +73,28 @@ class Extent:
     """Logarithm of the likelihood ratio to a page without defect."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ColumnEvidence:
+    """What the columns of a page say of a mode over the rows of a streak."""
+
+    push: NDArray[np.float64]
+    """(pixels,) N, less the level about each."""
+    power: NDArray[np.float64]
+    """(pixels,) D."""
+    rows: slice
+    """Segments of the page's height that the streak has."""
+    columns: slice
+    """Columns that it has."""
+
+
+def column_evidence(streak: Extent, sums: Sums) -> ColumnEvidence:
+    """Return what columns say of a streak, the whole width of the page."""
+    grid = _columns(sums, streak.mode)
+    rows, columns = sums.cells_of(streak.box, grid.push.shape, grid.cell_mm[::-1])
+    push, power = grid.push[rows].sum(axis=0), grid.power[rows].sum(axis=0)
+    return ColumnEvidence(push=push, power=power, rows=rows, columns=columns)
+
+
 def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.float64]) -> Extent | None:
     """Return the most likely extent of a defect; None: its kind has none, or it has no place.
 
@@ -98,17 +120,23 @@ def extent_of(kind: str, seeds: Sequence[Box], sums: Sums, gains: NDArray[np.flo
 
 
 def extended(
-    kind: str, strongest: Sequence[tuple[str, Observed]], sums: Sums, gains: NDArray[np.float64]
+    kind: str,
+    strongest: Sequence[tuple[str, Observed]],
+    sums: Sums,
+    gains: NDArray[np.float64],
+    *,
+    box_of: Callable[[Extent], Box] = lambda extent: extent.box,
 ) -> list[tuple[str, Observed]]:
     """Return families with their strongest statistics, each with the extent of the defect of a kind for its place.
 
-    The first has that of the defect as a whole; the others follow the defect from their own place.
+    The first has that of the defect as a whole; the others follow the defect from their own place. box_of: returns the
+    place of an extent, where that is known better than by its cells.
     """
     result = []
     for at, (cause, observed) in enumerate(strongest):
         seeds = [one.box for _, one in (strongest if at == 0 else [(cause, observed)])]
         extent = extent_of(kind, seeds, sums, gains) if at == 0 or not math.isnan(seeds[0][0]) else None
-        result.append((cause, observed if extent is None else replace(observed, box=extent.box)))
+        result.append((cause, observed if extent is None else replace(observed, box=box_of(extent))))
     return result
 
 

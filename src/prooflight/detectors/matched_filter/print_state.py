@@ -10,7 +10,7 @@ from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.base import PrintState
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -22,10 +22,12 @@ LEAST_SHARE: Final = 0.4
 """Minimum share of an ink's amount that the page determines, instead of the prior, for it to count."""
 
 
-def print_state(analysis: ScanAnalysis, sensors: Sequence[SensorModel]) -> PrintState:
-    """Return the print state of one scan."""
+def print_state(
+    analysis: ScanAnalysis, sensors: Sequence[SensorModel], far: Callable[[], Mapping[str, float]] = dict
+) -> PrintState:
+    """Return the print state of one scan; far: returns the amounts that are further off than the fit follows."""
     excess, light = analysis.sums.columns[:2, 0]
-    amounts = fitted_amounts(analysis, sensors)
+    amounts = fitted_amounts(analysis, sensors) | dict(far())
     return PrintState(amounts=amounts, excess=excess, light=light, pitch_mm=analysis.sums.pixel_mm)
 
 

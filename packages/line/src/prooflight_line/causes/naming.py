@@ -45,6 +45,9 @@ OF_KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "register": ("plane-register",),
 }
 """Kinds of misprint that are of one cause whatever else is seen."""
+OF_WHOLE: Final = 0.8
+"""Least share of sheets with a cause that are off in density or register as a whole for that to account for it.
+assumed."""
 PAPER_WIDTH: Final = 10.0
 """Least standard deviation of such marks' places across: they are in no one column. assumed. [mm]"""
 
@@ -83,24 +86,47 @@ def named_causes(
 ) -> list[Cause]:
     """Return the causes of a run's defects, that of most sheets first.
 
+    Marks on sheets whose density or register is off as a whole are mostly places where that is seen best: a cause of
+    which most sheets are such comes after all others.
+
     records: all of the run, good ones too, since drifts show on these as well. parts: of the press file.
     """
     parts = parts or PartsBlock()
     marks = marks_of(records, geometry)
     streaks = streaks_of(marks)
-    causes = [_of_streak(streak, parts) for streak in streaks]
+    placed_causes = [(_of_streak(streak, parts), _sheets(streak.marks)) for streak in streaks]
     others = [mark for mark in marks if mark.kind not in COLUMN_KINDS]
     placed = [mark for mark in others if max(mark.width_mm, mark.height_mm) <= AREA_MM]
     distance = sheet_distance_mm(records, geometry)
     sheet_mm = distance or max((mark.y_mm for mark in marks), default=1.0)
     repeats = repeats_of(placed, sheet_mm=sheet_mm, sd_mm=MARK_SD_MM)
-    causes += [_of_repeat(repeat, parts) for repeat in repeats]
+    placed_causes += [(_of_repeat(repeat, parts), _sheets(repeat.marks)) for repeat in repeats]
     explained = {id(mark) for repeat in repeats for mark in repeat.marks}
-    causes += _of_rest([mark for mark in others if id(mark) not in explained])
-    trends = list(map(_of_trend, trends_of(records)))
-    named = {trend.kind for trend in trends if trend.sheets}
-    causes += trends + [cause for cause in _of_kinds(records) if cause.kind not in named]
-    return sorted(causes, key=lambda cause: -cause.sheets)
+    rest = [mark for mark in others if id(mark) not in explained]
+    placed_causes += [(cause, _sheets(rest)) for cause in _of_rest(rest)]
+    trends = trends_of(records)
+    of_trends = list(map(_of_trend, trends))
+    named = {cause.kind for cause in of_trends if cause.sheets}
+    of_kinds = [cause for cause in _of_kinds(records) if cause.kind not in named]
+    whole = {sheet for trend in trends for sheet in trend.beyond}
+    whole |= {one.sheet for cause in of_kinds for one in records if one.verdict.kind in OF_KINDS[cause.kind]}
+    shares = [(cause, _share(cause_sheets, whole)) for cause, cause_sheets in placed_causes]
+    after = [cause for cause, share in shares if share >= OF_WHOLE]
+    first = [cause for cause, share in shares if share < OF_WHOLE] + of_trends + of_kinds
+    return [*sorted(first, key=_most_sheets), *sorted(after, key=_most_sheets)]
+
+
+def _sheets(marks: Sequence[Mark]) -> set[int]:
+    return {mark.sheet for mark in marks}
+
+
+def _share(sheets: set[int], others: set[int]) -> float:
+    """Return the share of sheets that are among others."""
+    return len(sheets & others) / max(len(sheets), 1)
+
+
+def _most_sheets(cause: Cause) -> int:
+    return -cause.sheets
 
 
 def _fitting(repeat: Repeat, rollers: Sequence[RollerBlock]) -> list[RollerBlock]:
@@ -219,7 +245,7 @@ def _of_trend(trend: Trend) -> Cause:
         names=(ink,),
         text=text,
         marks=0,
-        sheets=trend.beyond,
+        sheets=len(trend.beyond),
         first_sheet=trend.sheet,
         last_sheet=trend.last_sheet,
         ink=ink,

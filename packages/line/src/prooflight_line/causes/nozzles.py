@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from prooflight_line.causes.marks import Mark
 
 PLACE_SD_MM: Final = 0.06
-"""Standard deviation of a streak's place on one sheet beside the width of its window: warp of the print, and
-registration. measured: docs/results/running/plant.md."""
+"""Standard deviation of a streak's place on one sheet: register of its plane, warp of the print, and registration.
+assumed: planes vary by 0.048 mm and the warp by 0.03 mm (``worlds.toml``)."""
+MEDIAN: Final = 1.2533
+"""Standard deviation of the median of many normal values over that of their mean: sqrt(pi / 2)."""
 NARROW: Final = 1.5
 """Windows up to so many times as wide as the narrowest count for the place."""
 SURE_SHARE: Final = 0.5
@@ -54,9 +56,8 @@ class Nozzle:
 def streaks_of(marks: Sequence[Mark], *, least_sheets: int = LEAST_SHEETS) -> list[Streak]:
     """Return the streaks of a run, those on most sheets first.
 
-    A streak's place is the weighted mean of its narrowest windows: a window of width w that covers a narrow
-    streak is anywhere within w of it, which has a variance of w^2 / 12 if it is anywhere alike; wider ones than needed
-    were measured to be more often on one side.
+    A streak's place is the median over its sheets of the strongest of each sheet's narrow windows, which is about the
+    streak's middle. Wider windows than needed were measured to be more often on one side.
     """
     own = sorted((mark for mark in marks if mark.kind in COLUMN_KINDS), key=lambda mark: mark.width_mm)
     groups: list[list[Mark]] = []
@@ -68,15 +69,17 @@ def streaks_of(marks: Sequence[Mark], *, least_sheets: int = LEAST_SHEETS) -> li
 
 
 def _streak(marks: Sequence[Mark]) -> Streak:
-    width = np.array([mark.width_mm for mark in marks])
-    place = np.array([mark.x_mm for mark in marks])
-    narrow = width <= NARROW * width.min()
-    variance = width[narrow] ** 2 / 12 + PLACE_SD_MM**2
+    most = NARROW * min(mark.width_mm for mark in marks)
+    strongest: dict[int, Mark] = {}
+    for mark in sorted(marks, key=lambda mark: mark.score):
+        if mark.width_mm <= most:
+            strongest[mark.sheet] = mark
+    places = np.array([mark.x_mm for mark in strongest.values()])
     ink, times = Counter(mark.ink for mark in marks).most_common(1)[0]
     return Streak(
         marks=tuple(marks),
-        x_mm=float(np.average(place[narrow], weights=1 / variance)),
-        sd_mm=float(1 / np.sqrt((1 / variance).sum())),
+        x_mm=float(np.median(places)),
+        sd_mm=MEDIAN * PLACE_SD_MM / float(np.sqrt(places.size)),
         ink=ink if times > SURE_SHARE * len(marks) else "",
     )
 

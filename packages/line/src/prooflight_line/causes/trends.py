@@ -37,8 +37,8 @@ class Trend:
     sheet: int
     """First sheet after a step; first sheet of the run for a drift."""
     last_sheet: int
-    beyond: int
-    """Number of sheets from then on that are beyond the channel's tolerance."""
+    beyond: tuple[int, ...]
+    """Sheets from then on that are beyond the channel's tolerance."""
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float
@@ -91,7 +91,7 @@ def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float
         shape=shape,
         sheet=first,
         last_sheet=int(sheets[-1]),
-        beyond=int((np.abs(values[sheets >= first]) > channel.tolerance).sum()),
+        beyond=tuple(sheets[(sheets >= first) & (np.abs(values) > channel.tolerance)].tolist()),
         change=change,
         sd=sd,
         z=change / sd,

@@ -59,6 +59,11 @@ one."""
 EDGE_BIAS: Final = 0.05
 """Displacement by which all edges of a block may be biased: planes that hide each other's register. [pixels,
 assumed]"""
+FREE_GAIN: Final = 0.2
+"""Standard deviation of the gain of an ink that is off. assumed: half of the most in ``worlds.toml``."""
+BETTER: Final = 9.0
+"""Decrease of minus twice the logarithm of the likelihood by which one more ink is taken to be off. assumed: three
+standard deviations."""
 FAR: Final = 4.685
 """Tukey's biweight constant: blocks off by more standard deviations get no weight."""
 
@@ -336,6 +341,45 @@ def fit_blocks(
     )
 
 
+def free_gains(
+    blocks: FitBlocks,
+    sums: NDArray[np.float32],
+    *,
+    sensors: Sequence[SensorModel],
+    colours: Colours,
+    planes: NDArray[np.float64],
+    pixel_mm: float,
+    prior: PrintPrior,
+    residual_variance: ResidualVariance,
+) -> dict[int, float]:
+    """Return the gain of each ink that is further off than on good prints, by its number; empty: none is.
+
+    The prior of good prints holds gains back. Inks are freed of it one by one, the one first whose freedom explains
+    most: that one ink is off is likelier than that several are, of which the same light may be a mixture. Arguments as
+    of ``fit_blocks``.
+    """
+    model = _Model.of(_means(blocks, sums, colours), prior, pixel_mm, planes)
+    white_dn = np.array([sensor.white_dn for sensor in sensors])
+    variance = model.variance(np.ones(len(sensors)), residual_variance, white_dn)
+
+    def solved(inks: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
+        free = model.freed(inks, FREE_GAIN / prior.gain)
+        amounts = free.solved(np.ones(len(sensors)), residual_variance, white_dn)[0]
+        z = (model.blocks.residual - free.x @ amounts) / np.sqrt(variance)
+        cost = TEMPER * np.minimum(z**2, FAR**2).sum() + (amounts**2).sum()
+        return float(cost), model.layout.parts(amounts * free.scale).gain[:, 0]
+
+    freed: tuple[int, ...] = ()
+    cost, gains = solved(freed)
+    while len(freed) < INKS:
+        tried = {ink: solved((*freed, ink)) for ink in range(INKS) if ink not in freed}
+        best = min(tried, key=lambda ink: tried[ink][0])
+        if tried[best][0] > cost - BETTER:
+            break
+        freed, (cost, gains) = (*freed, best), tried[best]
+    return {ink: float(gains[ink]) for ink in freed}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Blocks:
     """Means over the pixels of some blocks of every sensor; darker is less."""
@@ -483,10 +527,16 @@ class _Model:
         layout.parts(start).planes[...] = planes / layout.parts(scale).planes
         return cls(layout=layout, blocks=blocks, x=x, scale=scale, start=start)
 
-    def solved(
+    def freed(self, inks: Sequence[int], times: float) -> _Model:
+        """Return the model with priors of the gains of some inks that are so many times as wide."""
+        wider = np.ones(self.layout.size)
+        self.layout.parts(wider).gain[list(inks), 0] = times
+        return replace(self, x=self.x * wider, scale=self.scale * wider, start=self.start / wider)
+
+    def variance(
         self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-        """Return the amounts in prior standard deviations, their scatter, the spread and the share lost."""
+    ) -> NDArray[np.float64]:
+        """Return the variance of the blocks' residuals, (sensors, blocks) [DN^2]."""
         of = self.blocks
         variance = (
             noise[:, None] * of.variance
@@ -494,7 +544,16 @@ class _Model:
             + 4 * residual_variance.edge * of.steepness
         )
         variance = variance / of.pixels + EDGE_BIAS**2 * of.steepness
-        variance += (residual_variance.share_of(of.light, white_dn[:, None]) * of.light) ** 2
+        return np.asarray(
+            variance + (residual_variance.share_of(of.light, white_dn[:, None]) * of.light) ** 2
+        )
+
+    def solved(
+        self, noise: NDArray[np.float64], residual_variance: ResidualVariance, white_dn: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+        """Return the amounts in prior standard deviations, their scatter, the spread and the share lost."""
+        of = self.blocks
+        variance = self.variance(noise, residual_variance, white_dn)
         weight = TEMPER / variance
         robust = np.ones_like(weight)
         size = self.x.shape[-1]

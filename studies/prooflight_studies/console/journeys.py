@@ -157,7 +157,7 @@ def measure_journeys(
         settings = ConsoleSettings.of(folder / "runs.sqlite")
         walk = partial(_walked, record, times=times, progress=progress)
         rows = walk(facts, settings, JOURNEYS, role=Role.OPERATOR)
-        learnable = Learnable.made(folder / "learned", seed=seed, progress=progress)
+        learnable = Learnable.create(folder / "learned", seed=seed, progress=progress)
         settings = ConsoleSettings.of(
             folder / "press.sqlite",
             presses=(learnable.press,),

@@ -61,7 +61,7 @@ class Learnable:
     """Digest of the press before it learns."""
 
     @classmethod
-    def made(cls, folder: Path, *, seed: int, progress: Callable[[str], None]) -> Self:
+    def create(cls, folder: Path, *, seed: int, progress: Callable[[str], None]) -> Self:
         """Build and train the press, draw a job, and print and scan its pages on a day of the press."""
         press_file = PressFile.preset(TWO_SENSORS)
         pitch_mm = press_file.geometry(press_file.camera()).pixel_pitch_mm
@@ -70,18 +70,20 @@ class Learnable:
         built = build_press(press_file, seed=seed, pixels=pixels)
         designs = NarrowDesigns(seed=seed, dpi=built.dpi)
         press = trained(built, designs, designs=DESIGNS, seed=seed)
-        made = cls(press=folder / "x.press", job=folder / "job", scans=folder / "scans", digest=press.digest)
-        made.job.mkdir(parents=True)
-        made.scans.mkdir()
-        press.save(made._kept)
+        created = cls(
+            press=folder / "x.press", job=folder / "job", scans=folder / "scans", digest=press.digest
+        )
+        created.job.mkdir(parents=True)
+        created.scans.mkdir()
+        press.save(created.original)
         progress(f"{PAGES} good pages")
         for index in range(FIRST_PAGE, FIRST_PAGE + PAGES):
             page = designs.page(index)
-            write_tiff(page, made.job / f"{page.name}.tif")
+            write_tiff(page, created.job / f"{page.name}.tif")
         work = ScanToFile(
-            job=job_source(made.job, press),
+            job=job_source(created.job, press),
             press=press,
-            out=made.scans,
+            out=created.scans,
             request=None,
             seed=seed,
             job_pages=PAGES,
@@ -89,12 +91,12 @@ class Learnable:
         )
         for number in range(1, PAGES + 1):
             work(number)
-        made.begin_again()
-        return made
+        created.begin_again()
+        return created
 
     def begin_again(self) -> None:
         """Put the press back as it was before it learned."""
-        shutil.copyfile(self._kept, self.press)
+        shutil.copyfile(self.original, self.press)
         waiting_path(self.press).unlink(missing_ok=True)
         shutil.rmtree(self.press.with_name(f"{self.press.name}.versions"), ignore_errors=True)
 
@@ -104,5 +106,6 @@ class Learnable:
         return Press.load(self.press).digest != self.digest
 
     @property
-    def _kept(self) -> Path:
+    def original(self) -> Path:
+        """The press as it was before it learned."""
         return self.press.with_name("before.press")

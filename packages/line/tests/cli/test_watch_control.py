@@ -6,10 +6,10 @@ import json
 import os
 import signal
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from packages.line.tests.cli.test_queue import page, stages
-from packages.line.tests.cli.test_watch_ends import PATIENCE_S, arguments, lines_of, next_row, started
+from packages.line.tests.cli.test_watch_ends import arguments, lines_of, next_row, started
 from packages.line.tests.cli.test_watch_ends import folder as folder
 from tests.cli.calls import call
 
@@ -19,6 +19,7 @@ from prooflight_line.journal.labels import run_key
 from prooflight_line.journal.run_control import RunControl
 
 if TYPE_CHECKING:
+    import subprocess
     from collections.abc import Callable
     from pathlib import Path
 
@@ -27,9 +28,14 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
 
 
-def until(true: Callable[[], object]) -> None:
+PATIENCE_S = 300.0
+"""Only a test that fails waits so long."""
+
+
+def until(process: subprocess.Popen[str], true: Callable[[], object]) -> None:
     end_s = time.monotonic() + PATIENCE_S
     while not true():
+        assert process.poll() is None, process.communicate()
         assert time.monotonic() < end_s, "it never came"
         time.sleep(0.05)
 
@@ -43,8 +49,9 @@ def test_a_stop_from_another_process_ends_a_run_as_ctrl_c_does(folder: Path, tmp
         data = memoryview(lines_of(folder, 3))
         while data:
             data = data[os.write(camera, data) :]
-        rows = [next_row(process) for _ in range(3)]
-        assert [row["verdict"] for row in rows] == ["good"] * 3
+        rows: list[dict[str, Any]] = []
+        while sum("verdict" in row for row in rows) < 3:
+            rows.append(next_row(process))  # a slow machine may report a silence too
         control = RunControl(journal=journal)
         with Journal.open(str(journal), read_only=True) as opened:
             (run,) = opened.runs()
@@ -57,10 +64,8 @@ def test_a_stop_from_another_process_ends_a_run_as_ctrl_c_does(folder: Path, tmp
         process.kill()
         os.close(camera)
     assert process.returncode == 3
-    assert json.loads(out.splitlines()[-1]) == {
-        "notice": "stopped",
-        "text": "Ann stopped the run in the console",
-    }
+    notices = [json.loads(line) for line in out.splitlines() if '"notice": "stopped"' in line]
+    assert [one["text"] for one in notices] == ["Ann stopped the run in the console"]
     assert said.splitlines()[-1] == "prooflight: 2 of 5 sheets did not come"
     with Journal.open(str(journal), read_only=True) as opened:
         (run,) = opened.runs()
@@ -87,15 +92,15 @@ def test_jobs_are_started_by_people_one_after_another(
     process = started([str(one) for one in (*given, *run)], None)
     control = RunControl(journal=journal)
     try:
-        until(lambda: control.starter)
+        until(process, lambda: control.starter)
         control.start("000009-000000000000", by="Ann")
-        until(lambda: control.starter and control.starter.trouble)
+        until(process, lambda: control.starter and control.starter.trouble)
         assert control.starter is not None
         assert "job 000009-000000000000 is not queued any more" in control.starter.trouble
         assert control.starter.job == ""
         control.start(second, by="Ann")
-        until(lambda: control.starter and control.starter.job == second)
-        until(lambda: control.starter and not control.starter.job)
+        until(process, lambda: control.starter and control.starter.job == second)
+        until(process, lambda: control.starter and not control.starter.job)
         assert (control.starter.trouble, process.poll()) == ("", None)
         process.send_signal(signal.SIGINT)
         out, said = process.communicate(timeout=PATIENCE_S)

@@ -19,7 +19,7 @@ from prooflight_line.job_queue.listing import ENDED, WAITING, Listed, arriving, 
 from prooflight_line.job_queue.tickets.ticket import SUFFIXES as TICKETS
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable
 
     from prooflight_line.job_queue.hot_folder import Entry
     from prooflight_line.journal.run_control import RunControl
@@ -81,7 +81,7 @@ class Queue:
     def move(self, key: str, move: Move, *, by: str) -> Listed:
         """Move a job as a person asks; RequestError: it is not where that can be done any more."""
         folder = self.folder
-        moves = {
+        moves: dict[Move, Callable[[str], Entry]] = {
             "start": partial(self._start, by=by),
             "first": folder.put_first,
             "hold": folder.hold,

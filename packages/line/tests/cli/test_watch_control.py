@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from packages.line.tests.cli.test_queue import page, stages
-from packages.line.tests.cli.test_watch_ends import arguments, lines_of, next_row, started
+from packages.line.tests.cli.test_watch_ends import PHASE, arguments, lines_of, next_row, started
 from packages.line.tests.cli.test_watch_ends import folder as folder
 from tests.cli.calls import call
 
@@ -50,8 +50,8 @@ def test_a_stop_from_another_process_ends_a_run_as_ctrl_c_does(folder: Path, tmp
         while data:
             data = data[os.write(camera, data) :]
         rows: list[dict[str, Any]] = []
-        while sum("verdict" in row for row in rows) < 3:
-            rows.append(next_row(process))  # a slow machine may report a silence too
+        while sum("verdict" in row for row in rows) < 2:  # the end of the third is not known yet
+            rows.append(next_row(process))
         control = RunControl(journal=journal)
         with Journal.open(str(journal), read_only=True) as opened:
             (run,) = opened.runs()
@@ -64,8 +64,10 @@ def test_a_stop_from_another_process_ends_a_run_as_ctrl_c_does(folder: Path, tmp
         process.kill()
         os.close(camera)
     assert process.returncode == 3
-    notices = [json.loads(line) for line in out.splitlines() if '"notice": "stopped"' in line]
-    assert [one["text"] for one in notices] == ["Ann stopped the run in the console"]
+    rows += [json.loads(line) for line in out.splitlines() if PHASE not in line]
+    assert [row["verdict"] for row in rows if "verdict" in row] == ["good"] * 3
+    stops = [row["text"] for row in rows if row.get("notice") == "stopped"]
+    assert stops == ["Ann stopped the run in the console"]
     assert said.splitlines()[-1] == "prooflight: 2 of 5 sheets did not come"
     with Journal.open(str(journal), read_only=True) as opened:
         (run,) = opened.runs()
@@ -94,10 +96,9 @@ def test_jobs_are_started_by_people_one_after_another(
     try:
         until(process, lambda: control.starter)
         control.start("000009-000000000000", by="Ann")
-        until(process, lambda: control.starter and control.starter.trouble)
+        until(process, lambda: control.starter and control.starter.trouble and not control.starter.job)
         assert control.starter is not None
         assert "job 000009-000000000000 is not queued any more" in control.starter.trouble
-        assert control.starter.job == ""
         control.start(second, by="Ann")
         until(process, lambda: control.starter and control.starter.job == second)
         until(process, lambda: control.starter and not control.starter.job)

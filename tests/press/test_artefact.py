@@ -8,6 +8,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
+from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import PressError
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import RipModel
@@ -144,6 +145,26 @@ def test_a_press_without_fringes_is_what_it_was_before_there_were_any(press: Pre
     with safe_open(path, framework="numpy") as file:
         assert "fringes" not in file.metadata()["document"]
     assert not Press.load(path).fringes
+
+
+def test_other_costs_make_another_press_that_scores_alike(press: Press, tmp_path: Path) -> None:
+    first = press.with_costs(false_alarm_cents=1.0, missed_misprint_cents=3.0)
+    second = first.with_costs(false_alarm_cents=1.0, missed_misprint_cents=4.0)
+    second.save(tmp_path / "x.press")
+    loaded = Press.load(tmp_path / "x.press")
+    assert loaded.digest == second.digest not in (first.digest, press.digest)
+    assert {press.digest, first.digest, second.digest} <= loaded.scored_alike
+    assert press.scored_alike == press.digests
+    assert loaded.costs.misprint_rate == press.costs.misprint_rate
+    statistics = np.random.default_rng(4).standard_normal((80, 3))
+    network = BayesianNetwork.learn(statistics, ["correct", "misprint"] * 40, misprint_rate=0.01, bins=8)
+    taught = loaded.with_detector("bayes", BayesDetector(network=network, threshold=0.5, unit=np.ones(1)))
+    assert first.digest not in taught.scored_alike, "another detector scores otherwise"
+    dearer = taught.with_costs(false_alarm_cents=1.0, missed_misprint_cents=3.0).detectors["bayes"]
+    assert isinstance(dearer, BayesDetector)
+    assert dearer.threshold == 0.25, "stopping pays from 1 / (1 + 3)"
+    with pytest.raises(ValueError, match="must be above 0"):
+        press.with_costs(false_alarm_cents=0.0, missed_misprint_cents=3.0)
 
 
 def test_saving_gives_the_digest_and_leaves_nothing_else_behind(press: Press, tmp_path: Path) -> None:

@@ -10,13 +10,18 @@ import pytest
 from packages.console.tests.consoles import served
 from packages.console.tests.engineering_steps import at_usual_priority
 from packages.line.tests.cli.test_feedback import SHEETS, told, watched
+from packages.line.tests.journal.journals import record
 from tests.cli.word_jobs import write_word_job
 
 from prooflight.cli import run
+from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.matched_filter.entry import model_of
+from prooflight.detectors.verdict import Verdict
 from prooflight.press.artefact import Press
 from prooflight_console.accounts.roles import Role
-from prooflight_console.engineering.effect import of_thresholds, recent_runs
+from prooflight_console.engineering.effect import JudgedSheet, of_thresholds, of_version, recent_runs
+from prooflight_console.engineering.steps import StepProgress
+from prooflight_console.engineering.work import Task
 from prooflight_line.journal.journal import Journal
 
 if TYPE_CHECKING:
@@ -195,6 +200,96 @@ def test_a_higher_threshold_never_alarms_more(console: Served, trained_press: Pr
     (present,) = [one.effect for one in effects if one.present]
     assert (present.alarms, present.more, present.fewer) == (60, 0, 0)
     assert present.cost_cents == pytest.approx(60 * trained_press.costs.false_alarm_cents)
+
+
+def test_costs_change_like_a_threshold_and_labels_keep_counting(
+    console: Served, trained_press: Press
+) -> None:
+    engineer, path = console.client(Role.ENGINEER), console.console.settings.presses[0]
+
+    def step(**given: str) -> Any:
+        answer = engineer.post("/press/engineering/work", data=given)
+        assert answer.status_code == 200, answer.text
+        return ended(console)
+
+    given = {"step": "costs", "false_alarm_cents": "2", "missed_misprint_cents": "50"}
+    for wrong in ("0", "-1", "nan", "inf", "much"):
+        answer = engineer.post("/press/engineering/work", data={**given, "false_alarm_cents": wrong})
+        assert answer.status_code == 422, wrong
+    task = step(**given)
+    assert (task.state, task.why) == ("done", "")
+    effect = task.facts["effect"]
+    assert (effect["sheets"], effect["alarms_before"], effect["alarms"], effect["unknown"]) == (
+        240,
+        60,
+        60,
+        0,
+    )
+    assert effect["cost_cents"] == effect["cost_cents_before"] == pytest.approx(120)
+    assert Press.load(path).digest == trained_press.digest, "nothing is in use before the second click"
+    used = {"digest": task.digest, "seen": trained_press.digest}
+    assert engineer.post("/press/engineering/use", data=used).status_code == 204
+    changed = Press.load(path)
+    assert (changed.costs.false_alarm_cents, changed.costs.missed_misprint_cents) == (2.0, 50.0)
+    assert changed.costs.misprint_rate == trained_press.costs.misprint_rate
+    assert model_of(changed).threshold == model_of(trained_press).threshold
+    assert "2 cents for a false alarm, 50 for" in engineer.get("/press/engineering").text
+    assert engineer.get("/press/engineering/thresholds").text.count("<tr") == 14
+    assert "The labels so far give" in engineer.get("/press/engineering/calibration").text
+    assert "they are those in use" in step(**given).why
+    # The runs of the press before it have its scores: their labels set its threshold.
+    assert step(step="recalibrate", promise="10").facts["effect"]["fewer"] == 31
+
+
+def test_costs_decide_which_alarms_are_accepted(trained_press: Press) -> None:
+    """At 0.01 and 0.1 cents stopping pays from a probability of 1/11; another page stops at any costs."""
+    edge = model_of(trained_press).threshold
+
+    def judged(sheet: int, chance: float, *, accepted: bool, state: str = "") -> JudgedSheet:
+        verdict = Verdict(
+            page="p0001",
+            verdict="misprint",
+            score=edge + 1,
+            threshold=edge,
+            probability=chance,
+            expected_cost=RunningCosts().expected_cents(chance),
+            stopping_costs_more=accepted,
+            detector="matched_filter",
+        )
+        kept = record(sheet, kept=False, verdict=verdict)
+        return JudgedSheet(run=1, record=kept, state=state, same_scale=True)
+
+    sheets = [
+        judged(0, 0.05, accepted=True, state="misprint"),
+        judged(1, 0.5, accepted=False),
+        judged(2, 0.05, accepted=False),  # another page
+    ]
+    for alarm, miss, accepted, missed, cents, cents_before in (
+        (0.01, 1.0, 0, 0, 0.02, 1.02),
+        (10.0, 0.1, 2, 1, 10.1, 20.1),
+    ):
+        press = trained_press.with_costs(false_alarm_cents=alarm, missed_misprint_cents=miss)
+        effect = of_version(sheets, press, "matched_filter")
+        assert (effect.alarms, effect.accepted_before, effect.accepted) == (3, 1, accepted)
+        assert effect.missed == missed
+        assert effect.cost_cents == pytest.approx(cents)
+        assert effect.cost_cents_before == pytest.approx(cents_before)
+
+
+def test_the_time_left_is_that_of_the_part(tmp_path: Path) -> None:
+    """However long the parts before it took."""
+    made = served(tmp_path, run=False)
+    work, clock = made.console.work, made.clock
+    work._task = Task(id="1", step="build", by="Ann", began_s=clock(), progress=StepProgress(what="starting"))
+    left = []
+    for seconds, what, done in ((500, "pages", 0), (10, "pages", 1), (10, "pages", 2), (5, "days", 1)):
+        clock.now_s += seconds
+        work._now("1", progress=StepProgress(what=what, done=done, total=10))
+        task = work.task
+        assert task is not None
+        left.append(task.left_s)
+    assert left == [None, 9 * 10.0, 4 * 20.0, 9 * 5.0]
+    made.close()
 
 
 def test_a_console_without_a_press_says_so(tmp_path: Path) -> None:

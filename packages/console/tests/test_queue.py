@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,6 +13,7 @@ from starlette.requests import ClientDisconnect
 
 from prooflight_console.accounts.roles import Role, Scope
 from prooflight_console.bodies import UPLOADS
+from prooflight_line.journal.run_control import RunControl, Starter
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterator
@@ -142,6 +144,44 @@ def test_jobs_are_held_released_preferred_and_removed(console: Served, filling: 
     assert operator.post(f"/api/v1/queue/{b}/sell").status_code == 422
     assert operator.post("/api/v1/queue/999999-000000000000/hold").status_code == 409
     assert console.accounts.audited()[0].what == "queue.remove"
+
+
+def test_the_next_job_is_started_where_something_waits_for_that(
+    console: Served, filling: Filling, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        filling.send(f"{name}.pdf", f"good {name}")
+    filling.fill()
+    a, b = (entry.key for entry in filling.folder.entries("queued"))
+    operator, viewer = console.client(Role.OPERATOR), console.client(Role.VIEWER)
+    assert "Start now" not in operator.get("/queue/jobs").text
+    answer = operator.post(f"/api/v1/queue/{a}/start")
+    assert answer.status_code == 409
+    assert "--on-start" in answer.json()["detail"]
+    control = RunControl(journal=console.journal)
+    with control.starting(Starter(folder=str(tmp_path / "elsewhere"))):
+        assert operator.post(f"/api/v1/queue/{a}/start").status_code == 409, "it takes jobs of another folder"
+    waiting = Starter(folder=str(filling.folder.path.resolve()))
+    with control.starting(waiting):
+        assert operator.get("/queue/jobs").text.count("Start now</button>") == 1, "of the next job alone"
+        assert "Start now" not in viewer.get("/queue/jobs").text
+        assert viewer.post(f"/queue/{a}/start").status_code == 403
+        assert control.start_request() is None
+        assert operator.post(f"/queue/{a}/start").status_code == 200
+        request = control.start_request()
+        assert request is not None
+        assert (request.of, request.by) == (a, "operator")
+        assert operator.post("/api/v1/queue/999999-000000000000/start").status_code == 409
+        control.write_starter(replace(waiting, job=a))
+        assert operator.post(f"/api/v1/queue/{b}/start").status_code == 409, "a run goes on"
+        control.write_starter(replace(waiting, trouble="camera: does not answer"))
+        console.clock.now_s += 2
+        shown = operator.get("/queue/control").text
+        assert "camera: does not answer" in shown
+        seen = shown.partition("seen=")[2].partition('"')[0]
+        assert operator.get(f"/queue/control?seen={seen}").status_code == 204
+    started = next(one for one in console.accounts.audited() if one.what == "queue.start")
+    assert (started.who, started.target) == ("operator", "job 1, a.pdf")
 
 
 def test_a_console_without_a_folder_has_no_queue(tmp_path: Path) -> None:

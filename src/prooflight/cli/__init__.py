@@ -80,7 +80,7 @@ def run(arguments: list[str] | None = None) -> int:
 def _called(given: list[str]) -> int:
     """Call the command, not by the program's own method, which exits with 1, a misprint, in many other cases."""
     try:
-        with typer.main.get_command(app).make_context("prooflight", list(given)) as context:
+        with typer.main.get_command(app).make_context("prooflight", list(given), obj=tuple(given)) as context:
             context.command.invoke(context)
         sys.stdout.flush()
     except typer.Exit as exit_:

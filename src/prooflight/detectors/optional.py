@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Detector, Inspection, PlannedPage, PreparedPage, RunTest
+    from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.false_alarm_rate import Guarantee
     from prooflight.detectors.print_prior import PrintPrior
     from prooflight.detectors.visible_marks import VisibleMarks
@@ -51,6 +52,15 @@ class Recalibrates(TrainedModel, Protocol):
 
     def before_recalibration(self) -> Self | None:
         """Return the model that ``recalibrated`` was applied to; None: it never was."""
+        ...
+
+
+@runtime_checkable
+class FollowsCosts(TrainedModel, Protocol):
+    """A model whose threshold follows from the costs of errors."""
+
+    def at_costs(self, costs: RunningCosts) -> Self:
+        """Return the model with the threshold of these costs."""
         ...
 
 

@@ -38,7 +38,7 @@ from safetensors.numpy import save
 from prooflight.artefact import Damaged, Tensors
 from prooflight.detectors.base import PressContext
 from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
-from prooflight.detectors.optional import StatesPrintPrior
+from prooflight.detectors.optional import FollowsCosts, StatesPrintPrior
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.detectors.registry import entry
 from prooflight.errors import PressError
@@ -74,6 +74,12 @@ INK_ARRAYS = "inks."
 REBUILD = "build it again with `prooflight press build`"
 
 MUPDF: Final = RipEngine()
+COSTS_BEFORE: Final = "costs_before"
+"""Name in ``Press.origin`` of the digests of presses that differ from this one in their costs alone, the latest first.
+
+It is absent where costs were never changed, so that digests stay."""
+MOST_BEFORE: Final = 30
+"""Number of such digests that are stored; assumed: labels of runs under earlier costs are too old to count."""
 LIGHT_STEPS: Final = 18
 """Steps of ink, 15 bytes apart, so that no ink and full ink are both among them."""
 
@@ -188,7 +194,29 @@ class Press(Shown):
 
     def with_detector(self, name: str, model: TrainedModel) -> Self:
         """Return the press with this model of a detector."""
+        origin = {key: text for key, text in self.origin.items() if key != COSTS_BEFORE}
+        return replace(self, detectors={**self.detectors, name: model}, origin=origin)
+
+    def with_threshold(self, name: str, model: TrainedModel) -> Self:
+        """Return the press with this model of a detector, which differs from its own in the threshold alone."""
         return replace(self, detectors={**self.detectors, name: model})
+
+    def with_costs(self, *, false_alarm_cents: float, missed_misprint_cents: float) -> Self:
+        """Return the press with other costs of errors; its scores stay, and thresholds that follow from costs change.
+
+        The rate of misprints stays as well, since detectors were trained by it. ValueError: a cost is not above 0.
+        """
+        costs = replace(
+            self.costs, false_alarm_cents=false_alarm_cents, missed_misprint_cents=missed_misprint_cents
+        )
+        models = {
+            name: model.at_costs(costs) if isinstance(model, FollowsCosts) else model
+            for name, model in self.detectors.items()
+        }
+        before = [self.digest, *self.origin.get(COSTS_BEFORE, "").split()][:MOST_BEFORE]
+        return replace(
+            self, costs=costs, detectors=models, origin={**self.origin, COSTS_BEFORE: " ".join(before)}
+        )
 
     @property
     def digest(self) -> str:
@@ -201,6 +229,11 @@ class Press(Shown):
         """Return its digest, and that of when presses had schema 10: runs and zones of then name that."""
         arrays, document = self._parts()
         return frozenset((_digest(arrays, document), _digest(*former.as_schema_10(arrays, document))))
+
+    @property
+    def scored_alike(self) -> frozenset[str]:
+        """Return the digests of the presses whose scores are its own: ``digests``, and those of other costs."""
+        return self.digests | frozenset(self.origin.get(COSTS_BEFORE, "").split())
 
     def check(self) -> None:
         """Raise PressError, with the field's name, if it holds a value that no artefact may hold."""

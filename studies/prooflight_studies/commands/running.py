@@ -164,6 +164,7 @@ def console(
     minutes: Annotated[
         float | None, typer.Option(help="Default 10, of `hour` 60, quick 1.", min=0.3, max=1000)
     ] = None,
+    seed: Annotated[int, typer.Option(help="Of `journeys`: of the press that is learned.", min=0)] = 547,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
@@ -198,7 +199,7 @@ def console(
                 paired=part == "beside",
                 quick=quick,
             )
-        figures = run_console_part(out, part, plan=plan, quick=quick, progress=steps)
+        figures = run_console_part(out, part, plan=plan, quick=quick, seed=seed, progress=steps)
         report_results(figures, out / "console.md", json=json)
         return
     results = run_console_study(out, quick=quick, progress=steps)

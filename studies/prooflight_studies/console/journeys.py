@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,10 +23,13 @@ from prooflight_console.running import LOOPBACK, Listening, spawned
 from prooflight_console.settings import ConsoleSettings
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import RunEnd
+from prooflight_studies.console.learning import Learnable
 from prooflight_studies.console.listeners import CHROMIUM, COOKIE, FLAGS
 from prooflight_studies.console.serving import free_port, nothing, session, wait_until_it_answers
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from playwright.sync_api import Page
 
     from prooflight_line.journal.records import PageRecord, RunFacts
@@ -36,7 +40,8 @@ RUNS: Final = 20
 SHEETS: Final = 400
 TIMES, QUICK_TIMES = 5, 1
 WIDTHS: Final = (1440, 390)
-PATIENCE_MS: Final = 60_000
+PATIENCE_MS: Final = 600_000
+"""Learning takes only the time that nothing else on the machine wants."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,55 +121,110 @@ JOURNEYS: Final = (
 )
 
 
+def _learn_again(hand: Hand) -> None:
+    hand.click(".tabs a[href='/press']")
+    hand.click("a[href='/press/engineering']")
+    hand.click("input[name=good]")
+    hand.click("form:has([name=step][value=learn]) button")
+    hand.wait("#work form button.main")
+    hand.click("#work form button.main")
+    hand.wait(".version form button")
+
+
+LEARNING: Final = Journey(name="the press learned again", most_clicks=5, most_s=None, walk=_learn_again)
+"""Of a press of its own: a third of A4 wide, with 24 recorded good pages."""
+
+
 def measure_journeys(
     record: Callable[[int, bool], PageRecord],
     facts: Callable[[int], RunFacts],
     *,
+    seed: int,
     quick: bool,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
     """Walk every journey in a desk's and in a phone's window. RequestError: no browser is installed.
 
     record: returns a sheet by its number and whether it is an alarm. facts: returns those of a run of so many sheets.
+    seed: of the press that is learned again, its job and its scans.
     """
     if find_spec("playwright") is None or not CHROMIUM.exists():
         remedy = "apt install chromium"
         raise RequestError("--part journeys", "Chromium or Playwright is not installed", remedy=remedy)
+    times = QUICK_TIMES if quick else TIMES
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        settings = ConsoleSettings.of(folder / "runs.sqlite")
+        walk = partial(_walked, record, times=times, progress=progress)
+        rows = walk(facts, settings, JOURNEYS, role=Role.OPERATOR)
+        learnable = Learnable.create(folder / "learned", seed=seed, progress=progress)
+        settings = ConsoleSettings.of(
+            folder / "press.sqlite",
+            presses=(learnable.press,),
+            jobs=(learnable.job,),
+            scans=(learnable.scans,),
+        )
+        of_press = partial(_of_press, facts, learnable.digest)
+        rows += walk(of_press, settings, (LEARNING,), role=Role.ENGINEER, before=learnable.begin_again)
+        if not learnable.learned:
+            raise RequestError(
+                "--part journeys", "the press in use is the one before", remedy="look at the console"
+            )
+    return {"rows": rows, "times": times, "runs": RUNS, "sheets": SHEETS, "seed": seed, "quick": quick}
+
+
+def _of_press(facts: Callable[[int], RunFacts], digest: str, sheets: int) -> RunFacts:
+    """Return the facts of a run on this press."""
+    return replace(facts(sheets), press_digest=digest)
+
+
+def _walked(
+    record: Callable[[int, bool], PageRecord],
+    facts: Callable[[int], RunFacts],
+    settings: ConsoleSettings,
+    journeys: Sequence[Journey],
+    *,
+    role: Role,
+    times: int,
+    progress: Callable[[str], None],
+    before: Callable[[], None] = lambda: None,
+) -> list[dict[str, Any]]:
+    """Walk journeys through a console of its own, and return a row for each and each window. before: of every walk."""
     from playwright.sync_api import sync_playwright
 
-    times = QUICK_TIMES if quick else TIMES
-    with tempfile.TemporaryDirectory() as folder:
-        settings = ConsoleSettings.of(Path(folder) / "runs.sqlite")
-        with Journal.open(str(settings.journal)) as journal:  # stays open, so that the last run goes on
-            _write(journal, record, facts)
-            secret, port = session(settings, role=Role.OPERATOR), free_port()
-            console = spawned(settings, Listening(port=port), ready=nothing)
-            address = f"http://{LOOPBACK}:{port}"
-            rows: list[dict[str, Any]] = []
-            try:
-                wait_until_it_answers(port)
-                with sync_playwright() as started:
-                    browser = started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
-                    for journey in JOURNEYS:
-                        for width in WIDTHS:
-                            progress(f"{journey.name}, {width} px")
-                            walks = [_walk(browser, address, secret, journey, width) for _ in range(times)]
-                            rows.append(
-                                {
-                                    "journey": journey.name,
-                                    "width": width,
-                                    "clicks": max(clicks for clicks, _ in walks),
-                                    "most_clicks": journey.most_clicks,
-                                    "median_s": sorted(seconds for _, seconds in walks)[times // 2],
-                                    "greatest_s": max(seconds for _, seconds in walks),
-                                    "most_s": journey.most_s,
-                                }
-                            )
-                    browser.close()
-            finally:
-                console.terminate()
-                console.join()
-    return {"rows": rows, "times": times, "runs": RUNS, "sheets": SHEETS, "quick": quick}
+    rows: list[dict[str, Any]] = []
+    with Journal.open(str(settings.journal)) as journal:  # stays open, so that the last run goes on
+        _write(journal, record, facts)
+        secret, port = session(settings, role=role), free_port()
+        console = spawned(settings, Listening(port=port), ready=nothing)
+        address = f"http://{LOOPBACK}:{port}"
+        try:
+            wait_until_it_answers(port)
+            with sync_playwright() as started:
+                browser = started.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+                for journey in journeys:
+                    for width in WIDTHS:
+                        progress(f"{journey.name}, {width} px")
+                        walks = []
+                        for _ in range(times):
+                            before()
+                            walks.append(_walk(browser, address, secret, journey, width))
+                        rows.append(
+                            {
+                                "journey": journey.name,
+                                "width": width,
+                                "clicks": max(clicks for clicks, _ in walks),
+                                "most_clicks": journey.most_clicks,
+                                "median_s": sorted(seconds for _, seconds in walks)[times // 2],
+                                "greatest_s": max(seconds for _, seconds in walks),
+                                "most_s": journey.most_s,
+                            }
+                        )
+                browser.close()
+        finally:
+            console.terminate()
+            console.join()
+    return rows
 
 
 def _walk(browser: Any, address: str, secret: str, journey: Journey, width: int) -> tuple[int, float]:

@@ -7,6 +7,7 @@ import os
 import tempfile
 import time
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -164,11 +165,18 @@ def run_console_study(
 
 
 def run_console_part(
-    results: Path, part: str, *, plan: LoadPlan | None, quick: bool, progress: Callable[[str], None]
+    results: Path,
+    part: str,
+    *,
+    plan: LoadPlan | None,
+    quick: bool,
+    progress: Callable[[str], None],
+    seed: int = 0,
 ) -> dict[str, Any]:
     """Measure ``beside``, ``hour``, ``pages``, ``journeys`` or ``search`` and keep the others.
 
-    plan: what is measured in ``beside`` and ``hour``; None for the others. RequestError: the rest was never measured.
+    plan: what is measured in ``beside`` and ``hour``; None for the others. seed: of ``journeys``.
+    RequestError: the rest was never measured.
     """
     stored = stored_results(results / "console.md")
     if "alone" not in stored:
@@ -179,7 +187,7 @@ def run_console_part(
     elif part == "search":
         figures = measure_searches(quick=quick, progress=progress)
     else:
-        measure = measure_journeys if part == "journeys" else measure_loads
+        measure = partial(measure_journeys, seed=seed) if part == "journeys" else measure_loads
         figures = measure(
             lambda sheet, alarm: _sheet(sheet, alarm=alarm), _facts, quick=quick, progress=progress
         )

@@ -24,6 +24,7 @@ def test_journeys_are_stated_with_their_bounds() -> None:
         "times": 5,
         "runs": 20,
         "sheets": 400,
+        "seed": 547,
         "quick": False,
         "cores": 2,
         "load": 1.25,
@@ -31,6 +32,7 @@ def test_journeys_are_stated_with_their_bounds() -> None:
     page = page_with(journeys=journeys)
     assert "| from an alarm to what is wrong | 390 px | 1 | 1 | 0.81 s | 1.02 s | 5 s |" in page
     assert "load 1.25 a core" in page
+    assert "(seed 547)" in page
 
 
 def test_a_small_journal_is_searched_and_its_figures_are_stated() -> None:

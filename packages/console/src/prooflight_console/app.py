@@ -46,6 +46,7 @@ from prooflight_console.zones.prices import Prices
 from prooflight_console.zones.rasters import Rasters
 from prooflight_console.zones.service import ZonesService
 from prooflight_line.journal.labels import LabelStore
+from prooflight_line.journal.run_control import RunControl
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -130,7 +131,7 @@ def console_app(
             settings.data.with_name(settings.data.name + SUFFIX), reading, incidents, label_store
         ),
         saved=SavedSearches(accounts),
-        queue=Queue(path=settings.queue),
+        queue=Queue(path=settings.queue, control=RunControl(journal=settings.journal)),
         began_s=clock(),
         provider=None if settings.provider is None else Provider(settings.provider, clock=clock),
     )

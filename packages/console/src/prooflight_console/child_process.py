@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from prooflight.errors import ProoflightError
 from prooflight.pages.process import LOWEST, settle_process
 
 if TYPE_CHECKING:
@@ -16,9 +18,15 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 Request = TypeVar("Request")
+Result = TypeVar("Result")
+Refusal = TypeVar("Refusal")
+
+_log = logging.getLogger(__name__)
 
 END_S: Final = 10.0
 """Time that a process has to end before it is killed. [s]"""
+FULL: Final = "memory ran out; close what takes memory on this machine, and begin again"
+FAULT: Final = "it failed by a fault of Prooflight itself; the console's log says which"
 
 
 def begin_process(
@@ -68,6 +76,30 @@ def send_result(sender: Connection, result: Callable[[], object]) -> None:
             sender.send(result())
     finally:
         sender.close()
+
+
+def result_or_refusal(
+    compute: Callable[[], Result], refused: Callable[[str], Refusal], *, what: str
+) -> Result | Refusal:
+    """Compute a result; where that fails, return ``refused`` with the reason in a line for people.
+
+    what: names the computation in the log. BrokenPipeError: nobody receives any more.
+    """
+    try:
+        return compute()
+    except ProoflightError as error:
+        return refused(str(error))
+    except BrokenPipeError:
+        raise
+    except MemoryError:
+        return refused(FULL)
+    except OSError as error:
+        return refused(
+            f"a file cannot be read or written ({error.strerror}: {error.filename}); see to it, and begin again"
+        )
+    except Exception:
+        _log.exception("%s", what)
+        return refused(FAULT)
 
 
 def yield_to_all() -> None:

@@ -206,6 +206,20 @@ class Console:
         self.accounts.note(who.name, f"queue.{move}", f"job {job.number}, {job.name}")
         return job
 
+    def stop_run(self, who: Who, run: RunRow) -> None:
+        """Ask for the end of a run: what has passed is still inspected, as after one Ctrl-C.
+
+        Raises RequestError if no process watches it, ``Problem`` 503 if the request cannot be written.
+        """
+        if run.state != "running":
+            raise RequestError("run", f"{run.id} has ended already", remedy="look at its report")
+        try:
+            self.queue.control.stop(run_key(run), by=who.name)
+        except OSError as error:
+            what = f"the end could not be asked for ({error.strerror})"
+            raise Problem(503, "storage", what) from error
+        self.accounts.note(who.name, "run.stop", f"run {run_key(run)}, {run.facts.job}")
+
     def vouch(self, who: Who, run: RunRow, sheet: int, *, reason: str) -> Label:
         """Record that a person has this one sheet in hand and that it is good.
 

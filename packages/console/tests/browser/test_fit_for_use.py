@@ -56,10 +56,15 @@ ELSEWHERE: Final = {
 """Pages that need more than runs; zones beside a job are looked at in ``test_zones_page``."""
 PARTS: Final = (
     *("/now/events", "/setup/camera/events", "/press/{run}/course", "/press/figures", "/setup/audit/chain"),
-    *("/press/engineering/thresholds", "/press/engineering/work", "/press/history/charts"),
+    *(
+        "/press/engineering/thresholds",
+        "/press/engineering/work",
+        "/press/engineering/calibration",
+        "/press/history/charts",
+    ),
     *("/runs/{run}/sheets/{sheet}/again", "/runs/{run}/sheets/{sheet}/thumbnail", "/runs/{run}/reprint.csv"),
     *("/runs/{run}/report.pdf", "/search.csv", "/search.json"),
-    "/queue/jobs",
+    *("/queue/control", "/queue/jobs"),
     *("/setup/zones/{job}/picture", "/sign-in/provider/return", "/static/{name:path}"),
     *("/healthz", "/metrics", "/readyz"),
 )

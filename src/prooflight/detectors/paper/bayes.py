@@ -7,7 +7,7 @@ Laplace's smoothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import StoredArrays
+    from prooflight.detectors.cost import RunningCosts
     from prooflight.detectors.paper.evidence import Evidence
 
 Binning = Literal["quantile", "equal-width"]
@@ -192,6 +193,10 @@ class BayesDetector:
             p_value=None,
             probability=float(special.expit(score)),
         )
+
+    def at_costs(self, costs: RunningCosts) -> Self:
+        """Return the detector with the most economical threshold of these costs."""
+        return replace(self, threshold=costs.stopping_probability)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Return what an artefact stores as tensors."""

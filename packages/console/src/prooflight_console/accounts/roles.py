@@ -38,7 +38,7 @@ class Scope(StrEnum):
     ZONES = "zones"
     """Scope for pricing zones and putting them in force."""
     JOBS = "jobs"
-    """Scope for sending jobs into the queue and for changing their order."""
+    """Scope for sending jobs into the queue, for changing their order, and for starting and stopping runs."""
     AUDIT = "audit"
     """Scope for reading the audit."""
     PEOPLE = "people"

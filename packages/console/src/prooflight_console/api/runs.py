@@ -7,7 +7,16 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 
-from prooflight_console.api.common import PREFIX, Damaged, Limit, RunId, Viewer, console, listed
+from prooflight_console.api.common import (
+    PREFIX,
+    Damaged,
+    JobsOperator,
+    Limit,
+    RunId,
+    Viewer,
+    console,
+    listed,
+)
 from prooflight_console.api.schemas import ReportAnswer, ReprintAnswer, RunAnswer, RunsAnswer, SheetsAnswer
 from prooflight_console.problems import responses
 from prooflight_console.reading import facts
@@ -38,6 +47,18 @@ def run(request: Request, _who: Viewer, run: RunId) -> RunAnswer:
     """Return one run, with its settings and the last status that it reported."""
     reading = console(request).reading
     return RunAnswer(**facts.whole_run(reading.run_named(run)))
+
+
+@router.post("/runs/{run}/stop", status_code=202, responses=responses(401, 403, 404, 409, 422, 503))
+def stop(request: Request, who: JobsOperator, run: RunId) -> RunAnswer:
+    """End a run: sheets that have passed are still inspected, all others are not. The press itself does not stop.
+
+    The run goes on for some seconds, until all that has passed is inspected.
+    """
+    state = console(request)
+    run_row = state.reading.run_named(run)
+    state.stop_run(who, run_row)
+    return RunAnswer(**facts.run_of(run_row))
 
 
 @router.get("/runs/{run}/sheets", responses=responses(401, 403, 404, 422, 503))

@@ -444,6 +444,11 @@ class NowAnswer(Answer):
     start: dict[str, Any] | None = Field(
         description="Stage of a start, its steps done and in total, and the seconds left; null: nothing starts."
     )
+    stopping: str | None = Field(description="Who asked for the end of the run, which goes on until then.")
+    starter: dict[str, str] | None = Field(
+        description="What starts jobs of `folder` when people ask for it: key of its `job`, empty while it waits, and "
+        "`trouble`, why the last could not begin; null: nothing does."
+    )
     overload: dict[str, int] | None
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
     incidents: list[dict[str, Any]] = Field(description="The most urgent of those that need action.")

@@ -7,6 +7,7 @@ evidence, which is kept of misprints and of the sample: of the other sheets noth
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -53,6 +54,12 @@ class JudgedSheet:
         assert verdict.threshold is not None
         return verdict.score > verdict.threshold
 
+    @property
+    def always_stops(self) -> bool:
+        """Whether its alarm stopped the press although stopping cost more: no costs change that."""
+        verdict, cents = self.record.verdict, self.record.verdict.expected_cost
+        return bool(cents) and cents["stop"] >= cents["accept"] and not verdict.stopping_costs_more
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
@@ -76,7 +83,16 @@ class Effect:
     missed: int
     """... and those of them that would pass."""
     cost_cents: float
-    """Cost of the alarms not labelled misprints, and of the labelled misprints that pass, by the press's costs."""
+    """Cost of the alarms not labelled misprints, and of the labelled misprints that pass, by the press's costs.
+
+    An alarm that is accepted, because stopping costs more, is no stop: its sheet passes.
+    """
+    cost_cents_before: float = 0.0
+    """The same of what was done, by the costs of the version."""
+    accepted_before: int = 0
+    """Alarms that were accepted because stopping costs more ..."""
+    accepted: int = 0
+    """... and those that would be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,20 +147,19 @@ def judged_sheets(
 def of_version(sheets: Iterable[JudgedSheet], press: Press, detector: str) -> Effect:
     """Return what a version of the press would have done."""
     model = press.detectors[detector]
-    threshold = model.threshold if isinstance(model, Recalibrates) else np.inf
 
-    def alarms(one: JudgedSheet) -> bool | None:
-        if one.same_scale:
-            assert one.record.verdict.score is not None
-            return one.record.verdict.score > threshold
+    def decide(one: JudgedSheet) -> _Decided | None:
+        if one.same_scale and isinstance(model, Recalibrates):
+            return _decided(one, model.threshold)
         if one.record.evidence is None:
             return None
         try:
-            return decided_again(one.record.evidence, press, detector).misprint
+            again = decided_again(one.record.evidence, press, detector)
         except RequestError:
             return None
+        return _Decided(alarm=again.misprint, probability=again.probability)
 
-    return _effect(sheets, alarms, press.costs)
+    return _effect(sheets, decide, press.costs)
 
 
 def of_thresholds(sheets: Iterable[JudgedSheet], press: Press, detector: str) -> list[ThresholdEffect]:
@@ -160,20 +175,29 @@ def of_thresholds(sheets: Iterable[JudgedSheet], press: Press, detector: str) ->
         ThresholdEffect(
             threshold=threshold,
             present=at == 0,
-            effect=_effect(scored, lambda one, t=threshold: bool(_score(one) > t), press.costs),  # type: ignore[misc]
+            effect=_effect(scored, partial(_decided, threshold=threshold), press.costs),
         )
         for at in range(-STEPS, STEPS + 1)
         for threshold in (model.threshold + at * step,)
     ]
 
 
-def _score(one: JudgedSheet) -> float:
-    assert one.record.verdict.score is not None
-    return one.record.verdict.score
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Decided:
+    alarm: bool
+    probability: float | None
+    """Probability of a misprint; None: not known, so that costs accept nothing. [-]"""
+
+
+def _decided(one: JudgedSheet, threshold: float) -> _Decided:
+    """Return the decision on a sheet at another threshold; the probability is that of its score."""
+    verdict = one.record.verdict
+    assert verdict.score is not None
+    return _Decided(alarm=verdict.score > threshold, probability=verdict.probability)
 
 
 def _effect(
-    sheets: Iterable[JudgedSheet], alarms: Callable[[JudgedSheet], bool | None], costs: RunningCosts
+    sheets: Iterable[JudgedSheet], decide: Callable[[JudgedSheet], _Decided | None], costs: RunningCosts
 ) -> Effect:
     runs = set[int]()
     counts = dict.fromkeys(
@@ -187,14 +211,21 @@ def _effect(
             "fewer_good",
             "misprints",
             "missed",
+            "accepted_before",
+            "accepted",
         ),
         0,
     )
-    false_alarms = 0
+    cents = cents_before = 0.0
     for one in sheets:
         runs.add(one.run)
-        known, before = alarms(one), one.alarmed
-        now = before if known is None else known
+        known, before = decide(one), one.alarmed
+        accepted_before = before and one.record.verdict.stopping_costs_more
+        now, accepted = before, accepted_before
+        if known is not None:
+            chance, now = known.probability, known.alarm
+            pays = chance is None or one.always_stops or costs.stopping_pays(chance)
+            accepted = now and not pays
         is_misprint = one.state == "misprint"
         counts["sheets"] += 1
         counts["unknown"] += known is None
@@ -204,7 +235,18 @@ def _effect(
         counts["fewer"] += before and not now
         counts["fewer_good"] += before and not now and one.state == "good"
         counts["misprints"] += is_misprint
-        counts["missed"] += is_misprint and not now
-        false_alarms += now and not is_misprint
-    cost = false_alarms * costs.false_alarm_cents + counts["missed"] * costs.missed_misprint_cents
-    return Effect(runs=len(runs), cost_cents=round(cost, 4), **counts)
+        counts["missed"] += is_misprint and (accepted or not now)
+        counts["accepted_before"] += accepted_before
+        counts["accepted"] += accepted
+        cents += _cents(costs, stopped=now and not accepted, is_misprint=is_misprint)
+        cents_before += _cents(costs, stopped=before and not accepted_before, is_misprint=is_misprint)
+    return Effect(
+        runs=len(runs), cost_cents=round(cents, 4), cost_cents_before=round(cents_before, 4), **counts
+    )
+
+
+def _cents(costs: RunningCosts, *, stopped: bool, is_misprint: bool) -> float:
+    """Return the cost of what is done with a sheet, where a label says that it is wrong. [cent]"""
+    if stopped:
+        return 0.0 if is_misprint else costs.false_alarm_cents
+    return costs.missed_misprint_cents if is_misprint else 0.0

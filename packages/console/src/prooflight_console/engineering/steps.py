@@ -1,4 +1,4 @@
-"""The work that makes a version of the press, in a process of the lowest priority: learn, recalibrate, build.
+"""The work that makes a version of the press, in a process of the lowest priority: learn, recalibrate, build, costs.
 
 Each step calls what the command of the same name calls, writes an artefact beside the press, and computes what this
 version would have done in the last runs. It puts nothing to use.
@@ -6,7 +6,6 @@ version would have done in the last runs. It puts nothing to use.
 
 from __future__ import annotations
 
-import logging
 import secrets
 import time
 from dataclasses import asdict, dataclass, field
@@ -19,31 +18,27 @@ from prooflight.commissioning.training.train import DEFAULT_RATE
 from prooflight.detectors.entry import Training
 from prooflight.detectors.optional import Recalibrates
 from prooflight.detectors.registry import default_name, training_functions
-from prooflight.errors import ProoflightError, RequestError
+from prooflight.errors import RequestError
 from prooflight.files.lock import WriterLock
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, ScanPage, paired
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
 from prooflight.press.press_file import PressFile
-from prooflight_console.child_process import send_result
+from prooflight_console.child_process import result_or_refusal, send_result
 from prooflight_console.engineering.effect import judged_sheets, of_version, recent_runs
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore
-from prooflight_line.run.recalibrating import recalibrated
+from prooflight_line.run.recalibrating import recalibrated, same_scale
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from multiprocessing.connection import Connection
     from pathlib import Path
 
     from prooflight_line.journal.reading import JournalReader
 
-_log = logging.getLogger(__name__)
-
-Step = Literal["learn", "recalibrate", "build"]
-FULL: Final = "memory ran out; close what takes memory on this machine, and begin again"
-FAULT: Final = "it failed by a fault of Prooflight itself; the console's log says which"
+Step = Literal["learn", "recalibrate", "build", "costs"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +58,9 @@ class StepRequest:
     """Recorded scans of the job's good pages, for ``learn``."""
     press_file: Path | None = None
     """For ``build``."""
+    false_alarm_cents: float | None = None
+    missed_misprint_cents: float | None = None
+    """For ``costs``."""
     digests: frozenset[str] = field(default_factory=frozenset)
     """Digests of all versions of the press, whose runs are looked at."""
 
@@ -98,7 +96,14 @@ def step_aside(request: StepRequest, sender: Connection) -> None:
 
     Ends when nobody receives any more.
     """
-    send_result(sender, lambda: _done(request, _Reports(sender)))
+    send_result(
+        sender,
+        lambda: result_or_refusal(
+            lambda: STEPS[request.step](request, _Reports(sender)),
+            lambda why: StepRefused(why=why),
+            what=f"the step {request.step}",
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,22 +117,6 @@ class _Reports:
         for done, one in enumerate(items, start=1):
             yield one
             self.sender.send(StepProgress(what=what, done=done, total=total))
-
-
-def _done(request: StepRequest, reports: _Reports) -> StepResult | StepRefused:
-    try:
-        return {"learn": _learn, "recalibrate": _recalibrate, "build": _build}[request.step](request, reports)
-    except ProoflightError as error:
-        return StepRefused(why=str(error))
-    except BrokenPipeError:
-        raise
-    except MemoryError:
-        return StepRefused(why=FULL)
-    except OSError as error:
-        return StepRefused(why=f"a file cannot be read or written ({error.strerror}: {error.filename})")
-    except Exception:
-        _log.exception("the step %s", request.step)
-        return StepRefused(why=FAULT)
 
 
 def _learn(request: StepRequest, reports: _Reports) -> StepResult:
@@ -209,6 +198,29 @@ def _build(request: StepRequest, reports: _Reports) -> StepResult:
     return _result(request, reports, target, press, {"press_file": request.press_file.name})
 
 
+def _costs(request: StepRequest, reports: _Reports) -> StepResult:
+    press, target = Press.load(request.press), _target(request)
+    alarm, miss = request.false_alarm_cents, request.missed_misprint_cents
+    if alarm is None or miss is None:
+        raise RequestError("costs", "there are none", remedy="give the cost of a false alarm and of a miss")
+    before = press.costs
+    if (alarm, miss) == (before.false_alarm_cents, before.missed_misprint_cents):
+        raise RequestError("costs", "they are those in use", remedy="give others")
+    changed = press.with_costs(false_alarm_cents=alarm, missed_misprint_cents=miss)
+    changed.save(target)
+    return _result(
+        request, reports, target, changed, {"false_alarm_cents": alarm, "missed_misprint_cents": miss}
+    )
+
+
+STEPS: Final[dict[Step, Callable[[StepRequest, _Reports], StepResult]]] = {
+    "learn": _learn,
+    "recalibrate": _recalibrate,
+    "build": _build,
+    "costs": _costs,
+}
+
+
 def _target(request: StepRequest) -> Path:
     request.folder.mkdir(parents=True, exist_ok=True)
     return request.folder / f".{secrets.token_hex(8)}.part"
@@ -233,10 +245,10 @@ def _effect(request: StepRequest, opened: JournalReader, press: Press, name: str
     runs = recent_runs(
         (run for run in opened.runs() if run.facts.press_digest in request.digests), now_s=time.time()
     )
-    model = press.detectors.get(name)
-    # A recalibration changes the threshold alone: scores of the press that it replaces are its own.
-    recalibrations = model.told if isinstance(model, Recalibrates) else ()
-    same = press.digests | {labelled.replaces for labelled in recalibrations}
+    # Without a threshold that scores could be compared with, all is decided again.
+    same = (
+        same_scale(press, name) if isinstance(press.detectors.get(name), Recalibrates) else frozenset[str]()
+    )
     sheets = judged_sheets(
         opened, LabelStore(opened.path), runs, detector=name, same_scale=same, evidence=True
     )

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from prooflight_console.accounts.account_store import Accounts
     from prooflight_console.accounts.roles import Who
 
-Kind = Literal["learn", "recalibrate", "build", "before"]
+Kind = Literal["learn", "recalibrate", "build", "costs", "before"]
 MOST_VERSIONS: Final = 30
 """Number of versions that are stored; the oldest that is not in use goes first. A press takes some ten megabytes."""
 DIGEST_LETTERS: Final = 16

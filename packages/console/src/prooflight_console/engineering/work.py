@@ -60,6 +60,7 @@ class Work:
         self._guard = threading.Condition()
         self._task: Task | None = None
         self._process: BaseProcess | None = None
+        self._part_s = self._seen_s = 0.0  # when the part began, and when its progress was last reported
 
     @property
     def task(self) -> Task | None:
@@ -85,11 +86,12 @@ class Work:
                 what = f"no process can be started ({error.strerror})"
                 raise Problem(503, "no-process", what) from error
             self._process = process
+            self._part_s = self._seen_s = self._accounts.clock()
             self._task = task = Task(
                 id=secrets.token_hex(8),
                 step=request.step,
                 by=by,
-                began_s=self._accounts.clock(),
+                began_s=self._seen_s,
                 progress=StepProgress(what="starting"),
             )
         self._accounts.note(by, "press.begin", request.press.name, after={"step": request.step})
@@ -163,8 +165,16 @@ class Work:
                 self._task = replace(task, **changes, left_s=self._left_s(task, changes.get("progress")))
 
     def _left_s(self, task: Task, progress: StepProgress | None) -> float | None:
-        """Return the time left of the part that is being done, by the part of it that is done."""
-        if progress is None or not progress.done:
+        """Return the time left of the part that is being done, by the part of it that is done.
+
+        A part begins with its first report, or with the last of the part before where steps are done by then.
+        """
+        if progress is None:
             return None
-        spent_s = self._accounts.clock() - task.began_s
+        seen_s, self._seen_s = self._seen_s, self._accounts.clock()
+        if progress.what != task.progress.what:
+            self._part_s = seen_s if progress.done else self._seen_s
+        if not progress.done:
+            return None
+        spent_s = self._seen_s - self._part_s
         return spent_s * (progress.total - progress.done) / progress.done

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
@@ -21,12 +21,12 @@ from prooflight_console.engineering.effect import (
     of_thresholds,
     recent_runs,
 )
-from prooflight_console.engineering.steps import StepRequest
+from prooflight_console.engineering.steps import Step, StepRequest
 from prooflight_console.pages.shell import EngineerPage, ViewerPage, page
 from prooflight_console.problems import Problem
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore
-from prooflight_line.run.recalibrating import recalibrated
+from prooflight_line.run.recalibrating import recalibrated, same_scale
 
 if TYPE_CHECKING:
     from prooflight.press.artefact import Press
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 router = APIRouter(include_in_schema=False)
 
 Digest = Annotated[str, Form(pattern=r"^[0-9a-f]{64}$")]
+Cents = Annotated[float | None, Form(gt=0, le=1e9, allow_inf_nan=False)]
 ThresholdStep = Annotated[int, Query(ge=-STEPS, le=STEPS)]
 
 
@@ -71,7 +72,8 @@ def thresholds(request: Request, who: ViewerPage, at: ThresholdStep = 0) -> Resp
     state = console(request)
     versions = _versions(state)
     press, _ = versions.in_use()
-    effects, calibrated, why = _threshold_effects(state, versions, press)
+    effects = _threshold_effects(state, press)
+    calibrated, why = _calibrated(state, versions, press)
     return page(
         request,
         who,
@@ -83,6 +85,19 @@ def thresholds(request: Request, who: ViewerPage, at: ThresholdStep = 0) -> Resp
         calibrated=calibrated,
         why=why,
     )
+
+
+@router.get("/press/engineering/calibration")
+def calibration(request: Request, who: ViewerPage) -> Response:
+    """Return the threshold in use beside the one that the labels so far would give, for the page of alarms."""
+    state = console(request)
+    if state.work.versions is None:
+        return page(request, who, "engineering/calibration", model=None, calibrated=None, why="")
+    press, _ = state.work.versions.in_use()
+    model = press.detectors.get(default_name(press))
+    calibrated, why = _calibrated(state, state.work.versions, press)
+    model = model if isinstance(model, Recalibrates) else None
+    return page(request, who, "engineering/calibration", model=model, calibrated=calibrated, why=why)
 
 
 @router.get("/press/engineering/work")
@@ -102,10 +117,12 @@ def work_part(request: Request, who: ViewerPage) -> Response:
 def begin(
     request: Request,
     who: EngineerPage,
-    step: Annotated[Literal["learn", "recalibrate", "build"], Form()],
+    step: Annotated[Step, Form()],
     guaranteed_pages: Annotated[float | None, Form(alias="promise", ge=2, le=1e6)] = None,
     job: Annotated[int, Form(ge=1, le=1000)] = 1,
     good: Annotated[bool, Form()] = False,
+    false_alarm_cents: Cents = None,
+    missed_misprint_cents: Cents = None,
 ) -> Response:
     """Begin a step. Learning requires that a person has examined the pages: only good ones may be learned."""
     state = console(request)
@@ -116,7 +133,7 @@ def begin(
     if step == "learn" and job not in learnable:
         raise Problem(422, "scans", "there are no scans of this job: start the console with --scans")
     job_path, scans = learnable[job] if step == "learn" else (None, None)
-    digests = {digest for one in versions.listed() for digest in (one.digest,)} | versions.in_use()[0].digests
+    digests = {one.digest for one in versions.listed()} | versions.in_use()[0].digests
     request_ = StepRequest(
         step=step,
         press=versions.press,
@@ -126,6 +143,8 @@ def begin(
         job=job_path,
         scans=scans,
         press_file=state.settings.press_file,
+        false_alarm_cents=false_alarm_cents,
+        missed_misprint_cents=missed_misprint_cents,
         digests=frozenset(digests),
     )
     state.work.begin(request_, by=who.name)
@@ -168,20 +187,26 @@ def _effect(facts: Any) -> Effect | None:
         return None
 
 
-def _threshold_effects(
-    state: Console, versions: PressVersions, press: Press
-) -> tuple[list[ThresholdEffect], float | None, str]:
-    """Return the effects of thresholds; the threshold that labels would give, or why they give none."""
+def _threshold_effects(state: Console, press: Press) -> list[ThresholdEffect]:
+    """Return the effects of thresholds; none where the press has none that could change, or there is no journal."""
     name, journal = default_name(press), state.settings.journal
-    model = press.detectors.get(name)
-    if not isinstance(model, Recalibrates) or not journal.exists():
-        return [], None, ""
-    same = press.digests | {labelled.replaces for labelled in model.told}
+    if not isinstance(press.detectors.get(name), Recalibrates) or not journal.exists():
+        return []
+    same = same_scale(press, name)
     with Journal.open(str(journal), read_only=True) as opened:
         own = (run for run in opened.runs(damaged=lambda _: None) if run.facts.press_digest in same)
         runs = recent_runs(own, now_s=time.time())
         sheets = list(judged_sheets(opened, LabelStore(journal), runs, detector=name, same_scale=same))
-        try:
+    return of_thresholds(sheets, press, name)
+
+
+def _calibrated(state: Console, versions: PressVersions, press: Press) -> tuple[float | None, str]:
+    """Return the threshold that the labels so far would give, or None and why they give none."""
+    journal = state.settings.journal
+    if not isinstance(press.detectors.get(default_name(press)), Recalibrates) or not journal.exists():
+        return None, ""
+    try:
+        with Journal.open(str(journal), read_only=True) as opened:
             given = recalibrated(
                 press,
                 [opened],
@@ -192,6 +217,6 @@ def _threshold_effects(
                 now_s=time.time(),
                 where=versions.press,
             )
-        except ProoflightError as error:
-            return of_thresholds(sheets, press, name), None, str(error)
-    return of_thresholds(sheets, press, name), given.threshold, ""
+    except ProoflightError as error:
+        return None, str(error)
+    return given.threshold, ""

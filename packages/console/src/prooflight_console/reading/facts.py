@@ -114,6 +114,8 @@ def now_facts(now: Now) -> dict[str, Any]:
         "shelved": len(now.shelved),
         "flood": now.flood,
         "start": None if now.start is None else asdict(now.start),
+        "stopping": now.stopping or None,
+        "starter": None if now.starter is None else asdict(now.starter),
         "overload": None
         if now.overload is None
         else dict(zip(("late", "recent"), now.overload, strict=True)),

@@ -22,6 +22,8 @@ from prooflight_console.reading.gate_health import GateFollower
 from prooflight_console.reading.imposition import imposed_sheets
 from prooflight_console.reading.now import RECENT, Now, now
 from prooflight_console.reading.reprints import Counted
+from prooflight_line.journal.labels import run_key
+from prooflight_line.journal.run_control import RunControl
 from prooflight_line.journal.schema import JournalError
 from prooflight_line.journal.start import StartFile
 
@@ -103,6 +105,7 @@ class Live:
         self._reprints, self._alarm_store = reprints, alarm_store
         self._gate = GateFollower(reading.path)
         self._start_file = StartFile(journal=reading.path)
+        self._control = RunControl(journal=reading.path)
         self._events: deque[Event] = deque(maxlen=MOST_MISSED)
         self._recent: deque[Written] = deque(maxlen=RECENT)
         self._row, self._state_label = -1, (-1, -1)
@@ -226,9 +229,18 @@ class Live:
             gate=None if run is None else self._gate.of(run, reprints.gated),
             handover=self._alarm_store.last_handover(),
             start=self._start_file.read(),
+            stopping=self._stopping(run),
+            starter=self._control.starter,
             begun_s=() if run is None else self._incidents.begun_s(run),
         )
         return self._publish("now", facts.now_facts(self._now))
+
+    def _stopping(self, run: RunRow | None) -> str:
+        """Return who asked for the end of a run that goes on; empty: nobody."""
+        if run is None or run.state != "running":
+            return ""
+        request = self._control.stop_request(run_key(run))
+        return "" if request is None else request.by
 
     def _counted(self, run: RunRow) -> Counts | None:
         """Count sheets and sets of a run, which needs many rows and is therefore done seldom."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from prooflight_console.reading.incidents import LabelledIncident
     from prooflight_console.reading.reprints import Counted
     from prooflight_line.journal.records import PageRecord, RunRow
+    from prooflight_line.journal.run_control import Starter
     from prooflight_line.journal.start import Start
 
 State = Literal[
@@ -111,6 +112,10 @@ class Now:
     """The last note of hand-over, if it is of the last shift."""
     start: Start | None = None
     """How far the start of the next run has got; None: nothing starts."""
+    stopping: str = ""
+    """Who asked for the end of the run, which goes on until then; empty: nobody."""
+    starter: Starter | None = None
+    """What starts jobs when people ask for it; None: nothing does."""
     overload: tuple[int, int] | None = None
     """Late sheets, and how many of the last they are of; None if inspection keeps pace."""
 
@@ -118,6 +123,11 @@ class Now:
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the run's job, a line each."""
         return () if self.run is None else job_warnings(self.run)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a process watches the run."""
+        return self.run is not None and self.run.state == "running"
 
     @property
     def alarm(self) -> bool:
@@ -184,6 +194,8 @@ def now(
     begun_s: Sequence[float] = (),
     handover: Handover | None = None,
     start: Start | None = None,
+    stopping: str = "",
+    starter: Starter | None = None,
 ) -> Now:
     """Return the current state of the press.
 
@@ -226,6 +238,8 @@ def now(
     return Now(
         state=state,
         start=start,
+        stopping=stopping,
+        starter=starter,
         run=run,
         cause=pending[0] if pending else None,
         incidents=tuple(pending),

@@ -6,9 +6,11 @@ import contextlib
 import os
 import secrets
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Final, Literal
 
+from prooflight.errors import RequestError
 from prooflight.files.atomic import sync_folder
 from prooflight.pages.files import SUFFIXES as PICTURES
 from prooflight_console.problems import Problem
@@ -17,9 +19,12 @@ from prooflight_line.job_queue.listing import ENDED, WAITING, Listed, arriving, 
 from prooflight_line.job_queue.tickets.ticket import SUFFIXES as TICKETS
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable
 
-Move = Literal["first", "hold", "release", "remove"]
+    from prooflight_line.job_queue.hot_folder import Entry
+    from prooflight_line.journal.run_control import RunControl
+
+Move = Literal["start", "first", "hold", "release", "remove"]
 TAKEN: Final = (".pdf", *PICTURES, *TICKETS)
 """Endings of files that can be sent."""
 LATEST: Final = 25
@@ -40,6 +45,8 @@ class QueueState:
     """Names of files that were not taken in yet."""
     filled: bool
     """Whether a process takes jobs in."""
+    next: str
+    """Key of the job that people may start now; empty: there is none, or nothing waits for a start."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +54,8 @@ class Queue:
     """The hot folder of one press; None: the console was started without."""
 
     path: Path | None
+    control: RunControl
+    """Requests to start its jobs."""
 
     @property
     def folder(self) -> HotFolder:
@@ -59,20 +68,47 @@ class Queue:
         """Return the jobs that wait, and the latest that ended."""
         folder = self.folder
         waiting = [entry for stage in WAITING for entry in folder.entries(stage)]
+        queued = [entry.key for entry in waiting if entry.stage == "queued"]
         ended = [entry for stage in ENDED for entry in folder.entries(stage)[-LATEST:]]
         return QueueState(
             waiting=listed(waiting),
             ended=listed(sorted(ended, key=lambda entry: -entry.number)),
             arriving=arriving(folder),
             filled=filled(folder),
+            next=queued[0] if queued and self._waits_for_start else "",
         )
 
     def move(self, key: str, move: Move, *, by: str) -> Listed:
         """Move a job as a person asks; RequestError: it is not where that can be done any more."""
         folder = self.folder
-        moves = {"first": folder.put_first, "hold": folder.hold, "release": folder.release}
-        entry = folder.remove(key, f"removed by {by}") if move == "remove" else moves[move](key)
-        return listed([entry])[0]
+        moves: dict[Move, Callable[[str], Entry]] = {
+            "start": partial(self._start, by=by),
+            "first": folder.put_first,
+            "hold": folder.hold,
+            "release": folder.release,
+            "remove": partial(folder.remove, reason=f"removed by {by}"),
+        }
+        return listed([moves[move](key)])[0]
+
+    @property
+    def _waits_for_start(self) -> bool:
+        starter = self.control.starter
+        return starter is not None and not starter.job and starter.folder == str(self.folder.path.resolve())
+
+    def _start(self, key: str, *, by: str) -> Entry:
+        """Ask for the start of a job; RequestError: it is not queued any more, or nothing waits for a start."""
+        entry = self.folder.entry(key, "queued")
+        if not self._waits_for_start:
+            remedy = (
+                "wait until the run has ended, or start `prooflight watch --queue --on-start` at the press"
+            )
+            raise RequestError(self.folder.path, "nothing waits for the start of a job", remedy=remedy)
+        try:
+            self.control.start(key, by=by)
+        except OSError as error:
+            what = f"the start could not be asked for ({error.strerror})"
+            raise Problem(503, "storage", what) from error
+        return entry
 
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> int:
         """Write a file that is sent into the hot folder under a temporary name, then give it its own; return its bytes.

@@ -147,9 +147,11 @@ if (live) {
       const part = one(id);
       if (!part || part.dataset.html === html) continue;
       const focused = part.contains(document.activeElement) ? document.activeElement.getAttribute("href") || document.activeElement.getAttribute("hx-post") : null;
+      const asked = part.querySelector("details.ask-first")?.open; // what a person reads stays open
       part.innerHTML = html;
       part.dataset.html = html;
       htmx.process(part);
+      if (asked) part.querySelector("details.ask-first")?.setAttribute("open", "");
       if (focused) part.querySelector(`[href="${CSS.escape(focused)}"], [hx-post="${CSS.escape(focused)}"]`)?.focus();
     }
     Sound.set(told.alarm);

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from prooflight.commissioning.zones.price import price_of
-from prooflight.errors import ProoflightError
 from prooflight.press.artefact import Press
 from prooflight.press.pages import job_source
-from prooflight_console.child_process import send_result
+from prooflight_console.child_process import result_or_refusal, send_result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -20,12 +18,6 @@ if TYPE_CHECKING:
     from prooflight.commissioning.zones.price import Price
     from prooflight.pages.zones.zones_file import JobZones, PriceEntry
 
-_log = logging.getLogger(__name__)
-
-FULL: Final = (
-    "memory ran out while the price was made; close what takes memory on this machine, and ask again"
-)
-FAULT: Final = "the price could not be made, by a fault of Prooflight itself; the console's log says which"
 Stage = Literal["starting", "prints", "defects"]
 STAGES: Final[dict[str, Stage]] = {"printing good pages": "prints", "trying defects": "defects"}
 """Stages of progress by the texts of ``price_of``."""
@@ -82,10 +74,14 @@ def price_aside(request: PriceRequest, sender: Connection) -> None:
 
     Ends when nobody receives any more.
     """
-    send_result(sender, lambda: _priced(request, sender))
+    what = f"the price of zones of {request.job.name}"
+    send_result(
+        sender,
+        lambda: result_or_refusal(lambda: _priced(request, sender), lambda why: Refused(why=why), what=what),
+    )
 
 
-def _priced(request: PriceRequest, sender: Connection) -> Priced | Refused:
+def _priced(request: PriceRequest, sender: Connection) -> Priced:
     def shown(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
         stage = STAGES[what]
         begun = done[stage]
@@ -96,31 +92,17 @@ def _priced(request: PriceRequest, sender: Connection) -> Priced | Refused:
             sender.send(Progress(stage=stage, done=done[stage], total=whole))
 
     done = dict.fromkeys(STAGES.values(), 0)
-    try:
-        press = Press.load(request.press)
-        price: Price = price_of(
-            job_source(request.job, press),
-            press,
-            request.zones,
-            prints=request.prints,
-            trials=request.trials,
-            seed=request.seed,
-            processes=1,
-            shown=shown,
-        )
-    except ProoflightError as error:
-        return Refused(why=str(error))
-    except BrokenPipeError:
-        raise
-    except MemoryError:
-        return Refused(why=FULL)
-    except OSError as error:
-        return Refused(
-            why=f"a file of the price cannot be read or written ({error.strerror}); see to it, and ask again"
-        )
-    except Exception:
-        _log.exception("the price of zones of %s", request.job.name)
-        return Refused(why=FAULT)
+    press = Press.load(request.press)
+    price: Price = price_of(
+        job_source(request.job, press),
+        press,
+        request.zones,
+        prints=request.prints,
+        trials=request.trials,
+        seed=request.seed,
+        processes=1,
+        shown=shown,
+    )
     return Priced(
         entry=price.entry,
         promised=price.promised,

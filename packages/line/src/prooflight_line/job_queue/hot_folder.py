@@ -247,14 +247,16 @@ class HotFolder:
     # --- of the process that prints ---
 
     @contextmanager
-    def printing(self) -> Iterator[Printing]:
+    def printing(self, key: str | None = None) -> Iterator[Printing]:
         """Take the queue's next job for a run, and put it where it belongs when that has ended.
 
         It is done where ``Printing.finished`` was set; otherwise, and after a process that was killed, it is queued
-        again in its place. RequestError: no job is queued.
+        again in its place. key: take this job and no other. RequestError: no job is queued, or this one is not.
         """
         self.put_back()
         for entry in self.entries("queued"):
+            if key is not None and entry.key != key:
+                continue
             lock = self._lock(entry)
             if lock is None:
                 continue
@@ -270,6 +272,8 @@ class HotFolder:
             finally:
                 lock.release()
             return
+        if key is not None:
+            raise RequestError(self.path, f"job {key} is not queued any more", remedy="look again")
         what = "has no job that is queued"
         raise RequestError(self.path, what, remedy="put a job into it while `prooflight queue fill` runs")
 

@@ -36,6 +36,7 @@ NoticeKind = Literal[
     "outlet-away",
     "outlet-ready",
     "resumed",
+    "stopped",
 ]
 
 

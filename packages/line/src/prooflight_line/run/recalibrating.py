@@ -61,11 +61,19 @@ def recalibratable(press: Press, detector: str | None, *, where: object) -> tupl
     return name, model
 
 
+def same_scale(press: Press, name: str) -> frozenset[str]:
+    """Return the digests of the presses whose scores by the detector ``name`` are those of this one.
+
+    They differ from it in the threshold or in the costs alone.
+    """
+    model = press.detectors.get(name)
+    recalibrations = model.told if isinstance(model, Recalibrates) else ()
+    return press.scored_alike | {labelled.replaces for labelled in recalibrations}
+
+
 def sampled_runs(press: Press, name: str, journals: Sequence[JournalReader]) -> Iterator[SampledRun]:
     """Yield the runs that a press, or one whose threshold it replaces, judged by its detector ``name``."""
-    model = press.detectors[name]
-    recalibrations = model.told if isinstance(model, Recalibrates) else ()
-    digests = press.digests | {labelled.replaces for labelled in recalibrations}
+    digests = same_scale(press, name)
     for opened in journals:
         for run in opened.runs():
             if run.facts.detector == name and run.facts.press_digest in digests:
@@ -121,7 +129,7 @@ def recalibrated(
             records = opened.pages(one.run.id)
             replays.append(replayed_run(one.run, records, one.sheets, threshold=new.threshold))
     return Recalibrated(
-        press=press.with_detector(name, new),
+        press=press.with_threshold(name, new),
         replaces=press.digest,
         labelled=labelled,
         threshold_before=model.threshold,
@@ -142,7 +150,7 @@ def before_recalibration(press: Press, where: object) -> Press:
     if previous is None:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     name, model, last = previous
-    before, wanted = press.with_detector(name, last), model.told[-1].replaces
+    before, wanted = press.with_threshold(name, last), model.told[-1].replaces
     if wanted not in before.digests:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")

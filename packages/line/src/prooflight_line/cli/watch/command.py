@@ -37,6 +37,7 @@ from prooflight_line.cli.watch.options import (
     JournalOption,
     KeepOption,
     MisprintOption,
+    OnStartOption,
     PlantOption,
     QueueOption,
     ResumeOption,
@@ -47,6 +48,7 @@ from prooflight_line.cli.watch.options import (
     SourceOption,
     StallSOption,
     StartAtOnceOption,
+    StartedOption,
     ThreadsOption,
     TraysOption,
     TriggerOption,
@@ -106,6 +108,8 @@ def watch(
     serve_port: ServePortOption = 8080,
     trays: TraysOption = None,
     queue: QueueOption = False,
+    on_start: OnStartOption = False,
+    started: StartedOption = "",
     resume: ResumeOption = False,
     json: Json = False,
     log: LogOption = "text",
@@ -122,6 +126,7 @@ def watch(
     from prooflight.inspection.sheets import NEXT, Assembling
     from prooflight.pages.process import settle_process
     from prooflight.press.artefact import Press
+    from prooflight_line.cli.watch import on_start as starting
     from prooflight_line.cli.watch.resuming import Resumption
     from prooflight_line.cli.watch.running import (
         PlannedRun,
@@ -142,10 +147,18 @@ def watch(
     event_log.begin(log)
     if keep not in ("all", "misprints", "none"):
         raise RequestError("keep", f"there is no {keep!r}", remedy="choose all, misprints or none")
+    if on_start:
+        starting.refuse_unfit(queue=queue, journal=journal, resume=resume, serve=serve)
+    if started:
+        context.with_resource(starting.started(job, started, journal))
     traces = Traces.of_environment()
     loaded = Press.load(press)
     inspector = Inspector.of(loaded, detector).on(device)  # a wrong name ends before any work
-    taken = context.with_resource(HotFolder.open(job).printing()) if queue else None
+    if on_start:
+        arguments, say = context.find_root().obj, show.steps(quiet=json)
+        starting.run_on_start(job, journal=journal, arguments=arguments, say=say)
+        return
+    taken = context.with_resource(HotFolder.open(job).printing(started or None)) if queue else None
     job = job if taken is None else taken.entry.file
     ticket = None if taken is None else ticket_of(taken.entry)
     if ticket is not None:

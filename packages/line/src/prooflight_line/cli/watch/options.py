@@ -123,3 +123,13 @@ ResumeOption = Annotated[
 QueueOption = Annotated[
     bool, typer.Option("--queue", help="JOB is a hot folder: print the next job of its queue, see `queue`.")
 ]
+OnStartOption = Annotated[
+    bool,
+    typer.Option(
+        "--on-start",
+        help="With --queue: print each job when an operator starts it in the console, until Ctrl-C.",
+    ),
+]
+StartedOption = Annotated[
+    str, typer.Option("--started", metavar="KEY", hidden=True, help="With --queue: print this job alone.")
+]

@@ -124,16 +124,19 @@ def run_until_ended(
     if traced is not None and recorder is not None:
         recorder.committed = traced.committed
     notify = console.noticed
-    with plant.served(
-        planned.facts,
-        press,
-        job_pages=planned.pages,
-        plan=planned.plan,
-        recorder=recorder,
-        resumption=planned.resumption,
-        notice=lambda one: notify(one),
-        progress=show.steps(quiet=console.json),
-    ) as served:
+    with (
+        _stoppable(recorder, console),
+        plant.served(
+            planned.facts,
+            press,
+            job_pages=planned.pages,
+            plan=planned.plan,
+            recorder=recorder,
+            resumption=planned.resumption,
+            notice=lambda one: notify(one),
+            progress=show.steps(quiet=console.json),
+        ) as served,
+    ):
         console.phase, console.too_late = served.phase, served.too_late
         page_store = JobPageStore(
             job=planned.job,
@@ -184,13 +187,30 @@ def run_until_ended(
         notify = console.noticed
         status = running.status()
         lacks = console.lacks(status, sheets=sheets)
+        detail = "; ".join(filter(None, (console.stopped_text, lacks)))
         if recorder is not None:
-            recorder.end(status, stopped=stopped, detail=lacks)
+            recorder.end(status, stopped=stopped, detail=detail)
         if traced is not None:
             traced.close()
         console.log.ended(status, ending_of(status, stopped=stopped))
-        served.ended(ending_of(status, stopped=stopped), lacks)
+        served.ended(ending_of(status, stopped=stopped), detail)
     return status
+
+
+@contextmanager
+def _stoppable(recorder: Recorder | None, console: Watching) -> Iterator[None]:
+    """Let people end the run from other processes, if there is a journal next to which they ask for it."""
+    if recorder is None:
+        yield
+        return
+    from prooflight_line.journal.labels import run_key
+    from prooflight_line.journal.run_control import RunControl
+
+    control = RunControl(journal=recorder.journal.path)
+    with control.stoppable():
+        key = run_key(recorder.journal.run(recorder.run_id))
+        console.stop_request = partial(control.stop_request, key)
+        yield
 
 
 def _timed(

@@ -18,6 +18,7 @@ from prooflight_line.cli.watch.run_log import RunLog
 from prooflight_line.journal.exporting import page_facts
 from prooflight_line.journal.start import Start
 from prooflight_line.reporting.run_line import alarm_lines, preparation, run_line
+from prooflight_line.run.notices import Notice
 from prooflight_line.run.pace import REMEDY
 from prooflight_line.run.status import Phase
 
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
     from prooflight.inspection.sheets import Assembling, SetVerdict, SheetVerdict
     from prooflight_line.cameras.camera import Health
+    from prooflight_line.journal.run_control import Request
     from prooflight_line.journal.start import StartFile
-    from prooflight_line.run.notices import Notice
     from prooflight_line.run.outcomes import Outcome
     from prooflight_line.run.recording import Recorder
     from prooflight_line.run.runner import Running
@@ -58,6 +59,10 @@ class Watching:
     """Function that returns how many sheets have passed the gate before their result could be written."""
     cameras: Callable[[], Mapping[str, Health]] = dict
     """Function that returns the health of the source's cameras, by name."""
+    stop_request: Callable[[], Request | None] = lambda: None
+    """Function that returns the request of a person elsewhere to end the run."""
+    stopped_by: str = ""
+    """Who ended the run from elsewhere; empty: nobody."""
     start_file: StartFile | None = None
     """File in which consoles read how far the start has got; None: there is no journal."""
     health_printed_s: float = 0.0
@@ -180,6 +185,8 @@ class Watching:
                 self.live.set()
             running.start()
             while not running.join(REFRESH_S):
+                if not stops:
+                    self._stop_if_requested(running)
                 status = running.status()
                 self.phase(str(status.phase), status.detail)
                 self.tell_phase(status)
@@ -193,7 +200,19 @@ class Watching:
             status = running.status()
             self.phase(str(status.phase), status.detail)
             self.note_start(status)
-        return bool(stops)
+        return bool(stops or self.stopped_by)
+
+    def _stop_if_requested(self, running: Running) -> None:
+        """End the run as the first Ctrl-C does, if a person asked for it elsewhere."""
+        if not self.stopped_by and (request := self.stop_request()) is not None:
+            self.stopped_by = request.by
+            running.note(Notice(kind="stopped", text=self.stopped_text))
+            running.stop()
+
+    @property
+    def stopped_text(self) -> str:
+        """Who ended the run from elsewhere, in words; empty: nobody."""
+        return f"{self.stopped_by} stopped the run in the console" if self.stopped_by else ""
 
     def lacks(self, status: Status, *, sheets: int, unrecorded: int = 0) -> str:
         """Return why a run of ``sheets`` sheets is incomplete, in one line; empty if it is complete."""

@@ -63,7 +63,7 @@ def test_a_recalibration_is_replayed_put_to_use_and_taken_back(console: Served, 
     engineer, path = console.client(Role.ENGINEER), console.console.settings.presses[0]
     before = path.read_bytes()
     assert "No version was made here yet" in engineer.get("/press/engineering").text
-    answer = engineer.post("/press/engineering/work", data={"step": "recalibrate", "promise": "10"})
+    answer = engineer.post("/press/engineering/work", data={"step": "recalibrate", "guaranteed_pages": "10"})
     assert answer.status_code == 200, answer.text
     task = ended(console)
     assert (task.state, task.why) == ("done", "")

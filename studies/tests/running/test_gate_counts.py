@@ -50,12 +50,14 @@ def test_without_the_controllers_log_no_sheet_is_forgotten_and_a_vouched_one_lea
     console = Console(journal, trays)
     listed = console.get(f"/runs/{start.run}/reprint")["sheets"]
     sheet = next(one["sheet"] for one in listed if one["sheet"] is not None and one["why"] == "a misprint")
-    label = {"word": "false-alarm"}
+    label = {"label": "false-alarm"}
     incident = next(one["incident"] for one in listed if one["sheet"] == sheet)
-    console.client.post(f"/api/v1/runs/{start.run}/incidents/{incident}/words", json=label).raise_for_status()
+    console.client.post(
+        f"/api/v1/runs/{start.run}/incidents/{incident}/labels", json=label
+    ).raise_for_status()
     assert collected(journal, start.run, trays).counts == {len(start.lacking)}
     vouched = {"reason": "seen at the reject tray"}
-    console.client.post(f"/api/v1/runs/{start.run}/sheets/{sheet}/vouch", json=vouched).raise_for_status()
+    console.client.post(f"/api/v1/runs/{start.run}/sheets/{sheet}/release", json=vouched).raise_for_status()
     assert collected(journal, start.run, trays).counts == {len(start.lacking) - 1}
     console.close()
 

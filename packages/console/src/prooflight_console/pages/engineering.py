@@ -103,7 +103,7 @@ def begin(
     request: Request,
     who: EngineerPage,
     step: Annotated[Literal["learn", "recalibrate", "build"], Form()],
-    guaranteed_pages: Annotated[float | None, Form(alias="promise", ge=2, le=1e6)] = None,
+    guaranteed_pages: Annotated[float | None, Form(ge=2, le=1e6)] = None,
     job: Annotated[int, Form(ge=1, le=1000)] = 1,
     good: Annotated[bool, Form()] = False,
 ) -> Response:

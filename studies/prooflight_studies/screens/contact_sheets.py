@@ -11,17 +11,17 @@ from PIL import Image
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-SCALE: Final = 0.6
-"""Scale of the pictures: text of 16 pixels has ten, which can be read."""
-MOST_PX: Final = 1300
+SCALE: Final = 0.5
+"""Scale of the pictures: text of 16 pixels has eight, which can be read."""
+MOST_PX: Final = 1200
 """Pixels of a page that are shown, from its top."""
 GAP_PX: Final = 12
 GROUND: Final = (128, 136, 144)
 MOST_BYTES: Final = 150_000
 """Largest contact sheet. [bytes]"""
-COLOURS: Final = (256, 128, 64, 48, 32)
+COLOURS: Final = (96, 64, 48, 40, 32, 24)
 """Numbers of colours that are tried, until a sheet is small enough."""
-EXACT: Final = 6
+EXACT: Final = 14
 """Number of the most common colours that are exact: grounds must not change their hue."""
 
 
@@ -49,9 +49,19 @@ def side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
 
 def as_png(picture: Image.Image, *, most_bytes: int = MOST_BYTES) -> bytes:
     """Return a picture as PNG in as many colours as its size permits, of ``COLOURS``."""
+    pixels = np.asarray(picture.convert("RGB"), np.uint32)
+    packed = (pixels[..., 0] << 16 | pixels[..., 1] << 8 | pixels[..., 2]).ravel()
+    distinct, counts = np.unique(packed, return_counts=True)
+    common = distinct[np.argsort(-counts)[:EXACT]]
     for colours in COLOURS:
+        result = picture.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        palette, which = np.array(result.getpalette()).reshape(-1, 3), np.asarray(result).ravel()
+        for colour in common:
+            index = np.bincount(which[packed == colour]).argmax()
+            palette[index] = colour >> 16, colour >> 8 & 255, colour & 255
+        result.putpalette(palette.ravel().tolist())
         file = io.BytesIO()
-        _quantised(picture, colours).save(file, "PNG", optimize=True)
+        result.save(file, "PNG", optimize=True)
         if len(file.getvalue()) <= most_bytes:
             break
     return file.getvalue()
@@ -61,16 +71,3 @@ def _scaled(picture: Image.Image) -> Image.Image:
     cut = picture.convert("RGB").crop((0, 0, picture.width, min(picture.height, MOST_PX)))
     size = round(cut.width * SCALE), round(cut.height * SCALE)
     return cut.resize(size, Image.Resampling.LANCZOS)
-
-
-def _quantised(picture: Image.Image, colours: int) -> Image.Image:
-    """Return the picture in few colours, of which the most common are exact and small areas keep theirs."""
-    result = picture.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    palette = np.array(result.getpalette()).reshape(-1, 3)
-    seen, which = np.asarray(picture).reshape(-1, 3), np.asarray(result).ravel()
-    distinct, counts = np.unique(seen, axis=0, return_counts=True)
-    for colour in distinct[np.argsort(-counts)[:EXACT]]:
-        index = np.bincount(which[(seen == colour).all(axis=1)]).argmax()
-        palette[index] = colour
-    result.putpalette(palette.ravel().tolist())
-    return result

@@ -158,6 +158,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),
         "sample-job": Purpose("stock, invoices and charts of the sample job, a child each", (SEED,)),
         "sample-print": Purpose("misprint and noise of a copy of a page", (SEED, "page", "copy")),
+        "sample-run": Purpose("sheets of a made-up run, for tests and pictures", (SEED, FREE + 127, "run")),
         "sample-session": Purpose("the session of the copies of a page", (SEED, "page")),
         "scene-print": Purpose("misprint, print and noise of a copy", (SEED, "scene", "design", "copy", 3)),
         "scene-session": Purpose("the session of a press day", (SEED, "scene", "first design", 2)),

@@ -25,7 +25,7 @@ BODIES: dict[str, Any] = {
     "/api/v1/people": {"name": "new", "role": "viewer"},
     "/api/v1/tokens": {"name": "t", "scopes": ["read"]},
 }
-WORD = {"word": "seen"}
+WORD = {"label": "seen"}
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,7 @@ def test_nobody_gets_anything(console: Served) -> None:
 
 def test_a_change_without_the_session_s_csrf_token_is_refused(console: Served) -> None:
     client = console.client(Role.OPERATOR)
-    address = "/api/v1/runs/1/incidents/1/words"
+    address = "/api/v1/runs/1/incidents/1/labels"
     right = client.headers.pop("X-CSRF-Token")
     for headers in ({}, {"X-CSRF-Token": "wrong"}, {"X-CSRF-Token": right[:-1]}):
         answer = client.post(address, json=WORD, headers=headers)
@@ -143,7 +143,7 @@ def test_what_another_site_sent_is_refused_even_with_the_token(
     console: Served, headers: dict[str, str]
 ) -> None:
     client = console.client(Role.OPERATOR)
-    answer = client.post("/api/v1/runs/1/incidents/1/words", json=WORD, headers=headers)
+    answer = client.post("/api/v1/runs/1/incidents/1/labels", json=WORD, headers=headers)
     assert answer.json()["type"] == "urn:prooflight:origin"
     given = {"name": "operator", "password": PASSWORD}
     assert client.post("/api/v1/session", json=given, headers=headers).status_code == 403
@@ -153,7 +153,7 @@ def test_a_token_may_what_its_scopes_say_and_its_owner_may(console: Served) -> N
     console.client(Role.OPERATOR)
     _, reading = console.accounts.new_token("operator", "screen", [Scope.READ], by="test")
     _, all_of = console.accounts.new_token("operator", "all", list(Scope), by="test")
-    client, words = console.client(), "/api/v1/runs/1/incidents/1/words"
+    client, words = console.client(), "/api/v1/runs/1/incidents/1/labels"
     for secret, says, sees_audit in ((reading, 403, 403), (all_of, 201, 403)):
         headers = {"Authorization": f"Bearer {secret}"}
         assert client.get("/api/v1/runs", headers=headers).status_code == 200

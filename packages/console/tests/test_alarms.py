@@ -233,12 +233,12 @@ def test_a_note_is_handed_over_with_the_state_of_the_alarms(console: Served) -> 
 def test_a_label_says_what_it_changed_and_undo_takes_it_back(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
     assert "What the labels changed" not in operator.get("/runs/1/incidents/1").text
-    answer = operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm"}).text
+    answer = operator.post("/runs/1/incidents/1/label", data={"label": "false-alarm"}).text
     assert '<s>1</s> → <a href="/runs/1/reprint">0</a>' in answer
     assert "<s>0</s> → 1" in answer
     assert "no sheet of this incident is part of the random sample" in answer
-    (word,) = operator.get(f"{API}/incidents/1").json()["words"]
-    undone = operator.post(f"/runs/1/words/{word['id']}/undo?shown=30").text
+    (word,) = operator.get(f"{API}/incidents/1").json()["labels"]
+    undone = operator.post(f"/runs/1/labels/{word['id']}/undo?shown=30").text
     assert '<s>0</s> → <a href="/runs/1/reprint">1</a>' in undone
 
 
@@ -300,5 +300,5 @@ def test_misprints_of_different_causes_are_red_together(console: Served, journal
     assert [one["priority"] for one in told["incidents"]] == ["medium"] * 3
     assert (told["state"], told["alarm"]) == ("stop", True)
     assert "Misprints with different causes" in operator.get("/").text
-    operator.post(f"{API}/incidents/1/words", json={"word": "false-alarm"}).raise_for_status()
+    operator.post(f"{API}/incidents/1/labels", json={"label": "false-alarm"}).raise_for_status()
     assert now(console, operator)["state"] == "look", "a false alarm wastes nothing"

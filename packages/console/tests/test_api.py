@@ -13,6 +13,7 @@ from packages.console.tests.consoles import Served, served, write_run
 from packages.line.tests.journal.sample_rows import good, misprint
 
 from prooflight_console.accounts.roles import Role
+from prooflight_console.headers import FIXED
 from prooflight_console.problems import MEDIA_TYPE
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.records import RunEnd
@@ -61,7 +62,7 @@ def test_lists_come_page_by_page_and_none_comes_twice(console: Served, viewer: T
         ({"verdict": "misprint"}, [(2, 1), (1, 12), (1, 11), (1, 10)]),
         ({"kind": "spots-voids", "job": "cata"}, [(1, 12), (1, 11), (1, 10)]),
         ({"page": "p0001"}, [(2, 0), (1, 0)]),
-        ({"press": "ri", "to_look_at": True, "job": "second"}, [(2, 1)]),
+        ({"press": "ri", "to_review": True, "job": "second"}, [(2, 1)]),
         ({"job": "%"}, []),
         ({"since": "1970-01-01T00:30:00Z", "verdict": "misprint"}, [(2, 1)]),
         ({"until": "1970-01-01T00:30:00Z", "page": "p0001"}, [(1, 0)]),
@@ -131,26 +132,32 @@ def test_a_fault_of_our_own_tells_nothing_of_its_inside(
     answer = viewer.get(f"{API}/runs")
     assert (answer.status_code, answer.json()["type"]) == (500, "urn:prooflight:fault")
     assert "secret" not in answer.text
+    page = viewer.get("/report")
+    assert (page.status_code, "secret" in page.text) == (500, False)
+    for headers in (answer.headers, page.headers):
+        assert {name.decode(): value.decode() for name, value in FIXED.items()}.items() <= headers.items()
+        assert headers["cache-control"] == "no-store"
+        assert headers["x-request-id"]
 
 
 def test_words_are_added_and_the_last_one_counts(console: Served, viewer: TestClient) -> None:
     operator, path = console.client(Role.OPERATOR), f"{API}/runs/1/incidents/1"
-    assert viewer.get(path).json() | {"words": []} == viewer.get(path).json()
+    assert viewer.get(path).json() | {"labels": []} == viewer.get(path).json()
     for word in ("seen", "misprint", "false-alarm"):
         console.clock.now_s += 60
-        answer = operator.post(f"{path}/words", json={"word": word, "note": f"it is {word}"})
+        answer = operator.post(f"{path}/labels", json={"label": word, "note": f"it is {word}"})
         assert answer.status_code == 201
     told = viewer.get(path).json()
-    assert (told["word"], told["seen"], told["count"]) == ("false-alarm", True, 3)
-    assert [(one["word"], one["by"], one["at_s"]) for one in told["words"]] == [
+    assert (told["label"], told["seen"], told["count"]) == ("false-alarm", True, 3)
+    assert [(one["label"], one["by"], one["at_s"]) for one in told["labels"]] == [
         ("seen", "operator", 1_000_060.0),
         ("misprint", "operator", 1_000_120.0),
         ("false-alarm", "operator", 1_000_180.0),
     ]
-    assert operator.post(f"{path}/words", json={"word": "maybe"}).status_code == 422
-    assert operator.post(f"{API}/runs/1/sheets/10/words", json={"word": "unknown"}).status_code == 201
+    assert operator.post(f"{path}/labels", json={"label": "maybe"}).status_code == 422
+    assert operator.post(f"{API}/runs/1/sheets/10/labels", json={"label": "unknown"}).status_code == 201
     sheet = viewer.get(f"{API}/runs/1/sheets/10").json()
-    assert ([one["word"] for one in sheet["words"]], sheet["incident"]) == (["unknown"], 1)
+    assert ([one["label"] for one in sheet["labels"]], sheet["incident"]) == (["unknown"], 1)
 
 
 def test_what_people_call_a_false_alarm_is_not_printed_again(console: Served, viewer: TestClient) -> None:
@@ -160,18 +167,18 @@ def test_what_people_call_a_false_alarm_is_not_printed_again(console: Served, vi
     assert [one["run_sheet"] for one in told["sheets"]] == [10, 11, 12, *range(30, 40)]
     assert (told["count"], told["unprinted"], told["by"], told["trays_from"]) == (13, 10, "verdicts", None)
     assert viewer.get(f"{API}/now").json()["to_print_again"] == 13
-    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/words", json={"word": "false-alarm"})
+    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     told = viewer.get(path).json()
     assert [one["run_sheet"] for one in told["sheets"]] == list(range(30, 40))
     report = viewer.get(f"{API}/runs/1/report").json()
-    assert (report["false_alarms"], report["answered"], report["to_print_again"]) == (3, 1, 10)
-    assert report["realised_per_good_sheet"] == pytest.approx(3 / 30)
-    assert report["words_by"] == {"operator": {"false-alarm": 1}}
+    assert (report["false_alarms"], report["labelled"], report["to_print_again"]) == (3, 1, 10)
+    assert report["false_alarms_per_good_sheet"] == pytest.approx(3 / 30)
+    assert report["labels_by_user"] == {"operator": {"false-alarm": 1}}
 
 
 def test_words_stay_with_their_run_where_a_journal_begins_anew(tmp_path: Path) -> None:
     console = served(tmp_path)
-    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/words", json={"word": "false-alarm"})
+    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     console.close()
     for file in tmp_path.glob("journal.sqlite*"):
         if file.is_file() and "console" not in file.name:
@@ -179,7 +186,7 @@ def test_words_stay_with_their_run_where_a_journal_begins_anew(tmp_path: Path) -
     write_run(console.journal, started_s=9000.0)
     again = served(tmp_path, run=False)
     told = again.client(Role.VIEWER).get(f"{API}/runs/1/incidents/1").json()
-    assert (told["word"], told["words"]) == (None, [])
+    assert (told["label"], told["labels"]) == (None, [])
     again.close()
 
 

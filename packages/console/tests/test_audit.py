@@ -24,7 +24,7 @@ def test_who_did_what_before_and_after(console: Served) -> None:
     admin = console.client(Role.ADMIN)
     admin.post("/api/v1/people", json={"name": "Ann", "role": "viewer"})
     admin.patch("/api/v1/people/Ann", json={"role": "operator"})
-    admin.post("/api/v1/runs/1/incidents/1/words", json={"word": "false-alarm", "note": "a hair"})
+    admin.post("/api/v1/runs/1/incidents/1/labels", json={"label": "false-alarm", "note": "a hair"})
     console.client().post("/api/v1/session", json={"name": "Ann", "password": "wrong"})
     assert rows(console)[-4:] == [
         ("admin", "user.add"),
@@ -98,7 +98,7 @@ def test_an_end_that_was_cut_off_shows_beside_a_head_that_was_noted(
 @pytest.mark.parametrize("sql", ["UPDATE audit SET who = 'x'", "DELETE FROM audit"])
 def test_rows_are_only_added(console: Served, sql: str) -> None:
     fill(console)
-    console.client(Role.OPERATOR).post("/api/v1/runs/1/incidents/1/words", json={"word": "seen"})
+    console.client(Role.OPERATOR).post("/api/v1/runs/1/incidents/1/labels", json={"label": "seen"})
     with (
         sqlite3.connect(console.accounts.path) as connection,
         pytest.raises(sqlite3.IntegrityError, match="append-only"),

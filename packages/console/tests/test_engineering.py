@@ -68,7 +68,7 @@ def test_a_recalibration_is_replayed_put_to_use_and_taken_back(console: Served, 
     engineer, path = console.client(Role.ENGINEER), console.console.settings.presses[0]
     before = path.read_bytes()
     assert "No version was made here yet" in engineer.get("/press/engineering").text
-    answer = engineer.post("/press/engineering/work", data={"step": "recalibrate", "promise": "10"})
+    answer = engineer.post("/press/engineering/work", data={"step": "recalibrate", "guaranteed_pages": "10"})
     assert answer.status_code == 200, answer.text
     task = ended(console)
     assert (task.state, task.why) == ("done", "")
@@ -238,7 +238,7 @@ def test_costs_change_like_a_threshold_and_labels_keep_counting(
     assert "The labels so far give" in engineer.get("/press/engineering/calibration").text
     assert "they are those in use" in step(**given).why
     # The runs of the press before it have its scores: their labels set its threshold.
-    assert step(step="recalibrate", promise="10").facts["effect"]["fewer"] == 31
+    assert step(step="recalibrate", guaranteed_pages="10").facts["effect"]["fewer"] == 31
 
 
 def test_costs_decide_which_alarms_are_accepted(trained_press: Press) -> None:

@@ -55,7 +55,7 @@ def test_a_person_signs_in_as_operator_at_most_and_acts_under_their_name(
     assert signed_in(device, **given) == 303
     session = device.get("/api/v1/session").json()
     assert (session["name"], session["role"]) == ("engineer", "operator")
-    assert device.post("/api/v1/runs/1/incidents/1/words", json={"word": "seen"}).status_code == 201
+    assert device.post("/api/v1/runs/1/incidents/1/labels", json={"label": "seen"}).status_code == 201
     assert ("engineer", "words.say") in audited(console)
     assert device.get("/setup/zones/1").status_code == 403
     # Nothing that outlives the session: no token, no PIN, no password.

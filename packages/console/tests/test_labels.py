@@ -89,12 +89,12 @@ def test_no_label_ships_a_sheet_that_nobody_looked_at(console: Served, word: str
     operator = console.client(Role.OPERATOR)
     before = again(operator)
     assert set(BLIND) <= set(before)
-    answer = operator.post(f"{API}/incidents/1/words", json={"word": word})
+    answer = operator.post(f"{API}/incidents/1/labels", json={"label": word})
     assert (answer.status_code, "one by one" in answer.json()["detail"]) == (409, True)
-    assert operator.post("/runs/1/incidents/1/word", data={"word": word}).status_code == 409
-    operator.post(f"{API}/sheets/5/words", json={"word": word})
+    assert operator.post("/runs/1/incidents/1/label", data={"label": word}).status_code == 409
+    operator.post(f"{API}/sheets/5/labels", json={"label": word})
     assert again(operator) == before
-    assert operator.post(f"{API}/incidents/1/words", json={"word": "seen"}).status_code == 201
+    assert operator.post(f"{API}/incidents/1/labels", json={"label": "seen"}).status_code == 201
     page = operator.get("/runs/1/incidents/1").text
     assert "False alarm" not in page
     assert "Nichts" not in operator.get("/runs/1/incidents/1", headers={"Accept-Language": "de"}).text
@@ -106,30 +106,30 @@ def test_a_label_that_an_older_version_kept_of_such_an_incident_counts_for_nothi
     key = console.console.reading.run(1).facts.started_s
     LabelStore(console.journal).say("false-alarm", run=f"1@{key:.0f}", incident="1", by="Jan", at_s=1.0)
     assert again(operator) == before
-    assert operator.get(f"{API}/incidents/1").json()["word"] is None
+    assert operator.get(f"{API}/incidents/1").json()["label"] is None
 
 
 def test_a_person_vouches_for_one_sheet_by_name_with_a_reason_and_it_stands_in_the_audit(
     console: Served,
 ) -> None:
-    operator, path = console.client(Role.OPERATOR), f"{API}/sheets/7/vouch"
+    operator, path = console.client(Role.OPERATOR), f"{API}/sheets/7/release"
     before = again(operator)
     for wrong in ({}, {"reason": ""}, {"reason": " "}):
         assert operator.post(path, json=wrong).status_code in (409, 422)
-    assert "Enter a reason" in operator.post("/runs/1/sheets/7/vouch", data={"reason": " "}).text
+    assert "Enter a reason" in operator.post("/runs/1/sheets/7/release", data={"reason": " "}).text
     assert console.client(Role.VIEWER).post(path, json={"reason": "fine"}).status_code == 403
     assert again(operator) == before
     said = operator.post(path, json={"reason": "held against the light"}).json()
-    assert (said["word"], said["by"], said["note"]) == ("vouched", "operator", "held against the light")
+    assert (said["label"], said["by"], said["note"]) == ("vouched", "operator", "held against the light")
     assert again(operator) == [sheet for sheet in before if sheet != 7]
-    assert operator.get(f"{API}/reprint").json()["vouched"] == [7]
+    assert operator.get(f"{API}/reprint").json()["released_manually"] == [7]
     entry = console.accounts.audited(limit=1)[0]
     assert (entry.who, entry.what) == ("operator", "words.vouch")
     assert entry.target.endswith("sheet 7")
     assert json.loads(entry.after or "")["reason"] == "held against the light"
     page = operator.get("/runs/1/sheets/7").text
     assert "Released manually" in page
-    assert operator.post(f"{API}/words/{said['id']}/undo").status_code == 201
+    assert operator.post(f"{API}/labels/{said['id']}/undo").status_code == 201
     assert again(operator) == before
 
 
@@ -139,34 +139,34 @@ def test_a_token_cannot_vouch_and_nobody_can_for_a_sheet_that_never_came(
     operator = console.client(Role.OPERATOR)
     secret = console.accounts.new_token("operator", "program", list(Scope), by="test")[1]
     bearer = {"Authorization": f"Bearer {secret}"}
-    answer = console.client().post(f"{API}/sheets/7/vouch", json={"reason": "fine"}, headers=bearer)
+    answer = console.client().post(f"{API}/sheets/7/release", json={"reason": "fine"}, headers=bearer)
     assert (answer.status_code, answer.json()["type"]) == (403, "urn:prooflight:scope")
-    assert operator.post(f"{API}/sheets/7/words", json={"word": "vouched"}).status_code == 422
-    assert operator.post("/runs/1/sheets/7/word", data={"word": "vouched"}).status_code == 409
+    assert operator.post(f"{API}/sheets/7/labels", json={"label": "vouched"}).status_code == 422
+    assert operator.post("/runs/1/sheets/7/label", data={"label": "vouched"}).status_code == 409
     gone = Verdict(page="p0041", verdict="not-inspected")
     journal.record(1, good(40, verdict=gone, faults=("missing",)))
     journal.commit()
-    answer = operator.post(f"{API}/sheets/40/vouch", json={"reason": "fine"})
+    answer = operator.post(f"{API}/sheets/40/release", json={"reason": "fine"})
     assert (answer.status_code, "did not come" in answer.json()["detail"]) == (409, True)
-    assert operator.post(f"{API}/sheets/66/vouch", json={"reason": "fine"}).status_code == 404
+    assert operator.post(f"{API}/sheets/66/release", json={"reason": "fine"}).status_code == 404
 
 
 def test_a_label_covers_what_the_person_saw_and_later_sheets_open_the_incident_again(
     console: Served, journal: Journal
 ) -> None:
     operator, path = console.client(Role.OPERATOR), f"{API}/incidents/2"
-    operator.post(f"{API}/incidents/1/words", json={"word": "seen"})
-    assert operator.post(f"{path}/words", json={"word": "false-alarm"}).json()["upto"] == 21
+    operator.post(f"{API}/incidents/1/labels", json={"label": "seen"})
+    assert operator.post(f"{path}/labels", json={"label": "false-alarm"}).json()["upto"] == 21
     assert open_incidents(operator) == []
     go_on(journal, 40, SHEETS)
     told = operator.get(path).json()
-    assert (told["count"], told["word"], told["answered"], told["seen"]) == (4, "false-alarm", False, False)
+    assert (told["count"], told["label"], told["labelled"], told["seen"]) == (4, "false-alarm", False, False)
     assert open_incidents(operator) == [2]
     assert again(operator) == [*BLIND, 60, 61]
     report = operator.get(f"{API}/report").json()
     assert (report["run"]["misprints"], sum(report["kinds"].values()), report["false_alarms"]) == (4, 4, 2)
     assert "up to sheet 21" in operator.get("/runs/1/incidents/2").text
-    operator.post(f"{path}/words", json={"word": "false-alarm"})
+    operator.post(f"{path}/labels", json={"label": "false-alarm"})
     assert (open_incidents(operator), again(operator)) == ([], list(BLIND))
     page = operator.get("/report/1").text
     assert page.count('<td class="n">2</td>') >= 1
@@ -180,10 +180,10 @@ def test_a_tap_covers_the_sheets_that_the_page_showed_and_not_those_that_came_me
     page = operator.get("/runs/1/incidents/2").text
     assert "&#34;upto&#34;: 21" in page or '"upto": 21' in page
     go_on(journal, 40, SHEETS)
-    answer = operator.post("/runs/1/incidents/2/word", data={"word": "false-alarm", "upto": "21"})
+    answer = operator.post("/runs/1/incidents/2/label", data={"label": "false-alarm", "upto": "21"})
     assert "Sheet 61 came later" in answer.text
     assert again(operator) == [*BLIND, 60, 61]
-    late = operator.post(f"{API}/incidents/2/words", json={"word": "false-alarm", "upto": 10**9}).json()
+    late = operator.post(f"{API}/incidents/2/labels", json={"label": "false-alarm", "upto": 10**9}).json()
     assert late["upto"] == 61, "nobody sees what has not come"
 
 
@@ -201,31 +201,31 @@ def test_every_label_can_be_undone_and_the_one_before_counts(console: Served, pa
 
     def state() -> tuple[Any, ...]:
         told = operator.get(f"{API}/{path}").json()
-        return told.get("word"), told.get("seen"), again(operator), operator.get(f"{API}/report").json()
+        return told.get("label"), told.get("seen"), again(operator), operator.get(f"{API}/report").json()
 
     before = state()
-    said = operator.post(f"{API}/{path}/words", json={"word": word}).json()
-    undone = operator.post(f"{API}/words/{said['id']}/undo")
+    said = operator.post(f"{API}/{path}/labels", json={"label": word}).json()
+    undone = operator.post(f"{API}/labels/{said['id']}/undo")
     assert (undone.status_code, undone.json()["undoes"]) == (201, said["id"])
     assert state() == before
-    assert len(operator.get(f"{API}/{path}").json()["words"]) == 2, "nothing is taken away"
-    assert operator.post(f"{API}/words/{said['id']}/undo").status_code == 409, "it does not stand any more"
+    assert len(operator.get(f"{API}/{path}").json()["labels"]) == 2, "nothing is taken away"
+    assert operator.post(f"{API}/labels/{said['id']}/undo").status_code == 409, "it does not stand any more"
     assert console.accounts.audited(limit=1)[0].what == "words.undo"
     shown = 20 if path == "incidents/2" else int(path.rpartition("/")[2])
     page = operator.get(f"/runs/1/{path}").text
     assert "undone by operator" in page
-    again_said = operator.post(f"{API}/{path}/words", json={"word": word}).json()
-    part = operator.post(f"/runs/1/words/{again_said['id']}/undo?shown={shown}")
+    again_said = operator.post(f"{API}/{path}/labels", json={"label": word}).json()
+    part = operator.post(f"/runs/1/labels/{again_said['id']}/undo?shown={shown}")
     assert part.status_code == 200
     assert state() == before
 
 
 def test_an_undone_label_leaves_the_one_before_it(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
-    operator.post(f"{API}/incidents/2/words", json={"word": "false-alarm"})
-    said = operator.post(f"{API}/incidents/2/words", json={"word": "misprint"}).json()
+    operator.post(f"{API}/incidents/2/labels", json={"label": "false-alarm"})
+    said = operator.post(f"{API}/incidents/2/labels", json={"label": "misprint"}).json()
     assert again(operator) == [*BLIND, 20, 21]
-    operator.post(f"{API}/words/{said['id']}/undo")
+    operator.post(f"{API}/labels/{said['id']}/undo")
     assert again(operator) == list(BLIND)
 
 

@@ -72,9 +72,9 @@ def test_a_word_changes_the_report_and_is_told_as_an_override(console: Served) -
         return told.false_alarms.confirmed, told.false_alarms.unanswered, len(told.overrides)
 
     assert now() == (0, 3, 0)
-    operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm", "note": "lint"})
+    operator.post("/runs/1/incidents/1/label", data={"label": "false-alarm", "note": "lint"})
     assert now() == (3, 0, 1)
-    operator.post("/runs/1/incidents/1/word", data={"word": "misprint"})
+    operator.post("/runs/1/incidents/1/label", data={"label": "misprint"})
     assert now() == (0, 0, 1)
     told = quality(held.reading, held.incidents, held.stations, held.reprints.count(run), run)
     assert [(one.by, one.note, one.stands) for one in told.overrides] == [("operator", "lint", False)]
@@ -142,7 +142,7 @@ def test_stored_script_shows_as_text_in_the_office(tmp_path: Path) -> None:
     console = served(tmp_path, run=False)
     write_run(console.journal, job=SCRIPT, press=SCRIPT, source=SCRIPT, settings={SCRIPT: SCRIPT})
     client = console.client(Role.ADMIN)
-    client.post("/runs/1/incidents/1/word", data={"word": "false-alarm", "note": SCRIPT})
+    client.post("/runs/1/incidents/1/label", data={"label": "false-alarm", "note": SCRIPT})
     for address in PAGES:
         answer = client.get(address)
         assert answer.status_code == 200, address
@@ -223,7 +223,7 @@ def test_search_keeps_what_was_asked_from_page_to_page(tmp_path: Path) -> None:
 
 def test_names_in_the_audit_and_words_are_told_by_the_reader_s_language(console: Served) -> None:
     client = console.client(Role.ADMIN)
-    client.post("/runs/1/incidents/1/word", data={"word": "false-alarm"})
+    client.post("/runs/1/incidents/1/label", data={"label": "false-alarm"})
     assert "False alarm" in client.get("/setup/audit").text
     german = client.get("/setup/audit", headers={"Accept-Language": "de"}).text
     assert "hat eine Bewertung abgegeben" in german

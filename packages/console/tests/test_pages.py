@@ -64,7 +64,7 @@ def test_stored_script_shows_as_text(tmp_path: Path) -> None:
     client = console.client()
     csrf = client.post("/api/v1/session", json={"name": name, "password": PASSWORD}).json()["csrf"]
     client.headers["X-CSRF-Token"] = csrf
-    client.post("/api/v1/runs/1/incidents/1/words", json={"word": "unknown", "note": SCRIPT})
+    client.post("/api/v1/runs/1/incidents/1/labels", json={"label": "unknown", "note": SCRIPT})
     for address, text in pages_of(client).items():
         for raw in ("<script>alert", "<img src=x", "<b onclick"):
             assert raw not in text, address
@@ -198,14 +198,14 @@ def test_who_is_not_signed_in_comes_back_to_the_page_that_was_asked_for(console:
 def test_one_tap_is_kept_with_who_and_when(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
     page = operator.get("/runs/1/incidents/1").text
-    assert 'hx-post="/runs/1/incidents/1/word"' in page
-    answer = operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm", "note": "a hair"})
+    assert 'hx-post="/runs/1/incidents/1/label"' in page
+    answer = operator.post("/runs/1/incidents/1/label", data={"label": "false-alarm", "note": "a hair"})
     assert answer.status_code == 200
     assert 'class="tap false-alarm" aria-pressed="true"' in answer.text
     assert "a hair" in answer.text
     assert "operator" in answer.text
     assert (
-        'hx-post="/runs/1/incidents/1/word"'
+        'hx-post="/runs/1/incidents/1/label"'
         not in console.client(Role.VIEWER).get("/runs/1/incidents/1").text
     )
 

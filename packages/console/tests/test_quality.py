@@ -240,7 +240,7 @@ def test_results_are_sorted_by_each_column_and_pages_of_them_join(console: Serve
 def test_many_sheets_are_labelled_at_once_and_taken_back(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
     address = "/search/label?upto=1000000&verdict=look"
-    answer = operator.post(address, data={"word": "false-alarm", "note": "lint"})
+    answer = operator.post(address, data={"label": "false-alarm", "note": "lint"})
     assert answer.status_code == 200, answer.text
     done = answer.headers["HX-Redirect"]
     first, last, labelled, left_out = re.search(r"labelled=(\d+)-(\d+)-(\d+)-(\d+)", done).groups()  # type: ignore[union-attr]
@@ -257,19 +257,19 @@ def test_many_sheets_are_labelled_at_once_and_taken_back(console: Served) -> Non
     assert operator.post(undo).status_code == 200
     assert hits(console, label="any") == []
     assert operator.post(undo).status_code in (404, 409, 422), "nothing is left to undo"
-    picked = operator.post(address, data={"word": "misprint", "pick": ["1/10", "2/21"]})
+    picked = operator.post(address, data={"label": "misprint", "pick": ["1/10", "2/21"]})
     assert picked.status_code == 200
     assert hits(console, label="misprint") == [(1, 10), (2, 21)]
-    assert operator.post(address, data={"word": "misprint", "pick": ["x"]}).status_code == 422
-    assert operator.post(address, data={"word": "good"}).status_code == 422
-    assert operator.post("/search/label?upto=9&job=none", data={"word": "misprint"}).status_code == 422
+    assert operator.post(address, data={"label": "misprint", "pick": ["x"]}).status_code == 422
+    assert operator.post(address, data={"label": "good"}).status_code == 422
+    assert operator.post("/search/label?upto=9&job=none", data={"label": "misprint"}).status_code == 422
 
 
 def test_a_label_of_an_incident_is_that_of_its_sheets(console: Served) -> None:
     operator = console.client(Role.OPERATOR)
-    assert operator.post("/runs/1/incidents/1/word", data={"word": "false-alarm"}).status_code == 200
+    assert operator.post("/runs/1/incidents/1/label", data={"label": "false-alarm"}).status_code == 200
     assert hits(console, label="good") == [(1, 10), (1, 11), (1, 12)]
-    assert operator.post("/runs/1/sheets/5/word", data={"word": "misprint"}).status_code == 200
+    assert operator.post("/runs/1/sheets/5/label", data={"label": "misprint"}).status_code == 200
     assert hits(console, label="misprint", verdict="any") == [(1, 5)], "a good sheet that somebody labelled"
 
 
@@ -310,7 +310,7 @@ def test_behind_each_bar_are_exactly_its_sheets(console: Served, by_cost: bool) 
 
 
 def test_a_trend_counts_each_sheet_on_its_own_day(console: Served) -> None:
-    console.client(Role.OPERATOR).post("/runs/1/incidents/1/word", data={"word": "false-alarm"})
+    console.client(Role.OPERATOR).post("/runs/1/incidents/1/label", data={"label": "false-alarm"})
     index = console.console.index
     index.catch_up()
     days = trend(index, SheetSearch(), step="day")

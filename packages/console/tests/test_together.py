@@ -49,7 +49,7 @@ def console(tmp_path: Path) -> Any:
 
 def test_a_bad_back_is_told_with_its_sheet_and_its_set(console: Any) -> None:
     viewer = console.client(Role.VIEWER)
-    told = viewer.get(f"{API}/runs/1/report").json()["together"]
+    told = viewer.get(f"{API}/runs/1/report").json()["layout_counts"]
     assert told["counts"] == {
         "sheets": {"misprint": 1, "not-inspected": 0, "good": 5},
         "sets": {"misprint": 1, "not-inspected": 0, "good": 2},
@@ -59,7 +59,7 @@ def test_a_bad_back_is_told_with_its_sheet_and_its_set(console: Any) -> None:
     assert (sheet["sheet"], sheet["name"], sheet["copy"]) == (3, "s0002", 2)
     assert [side["verdict"] for side in sheet["sides"]] == ["good", "misprint"]
     assert (own["set_number"], own["bad"], own["complete"]) == (1, [3], True)
-    assert viewer.get(f"{API}/now").json()["together"] == told["counts"]
+    assert viewer.get(f"{API}/now").json()["layout_counts"] == told["counts"]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_without_a_gate_a_spoiled_set_is_printed_again_by_its_verdicts(console: 
     assert [one["behind"] for one in told["sheets"]] == ["s0002", "s0002"]
     page = viewer.get("/runs/1/reprint").text
     assert '<td class="n">2</td><td>5, 6, 7, 8</td><td>s0002</td>' in page
-    operator.post(f"{API}/runs/1/incidents/1/words", json={"word": "false-alarm"})
+    operator.post(f"{API}/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     assert viewer.get(f"{API}/runs/1/reprint").json()["sheets"] == []
 
 
@@ -108,7 +108,7 @@ def test_with_a_gate_the_list_is_that_of_the_trays(console: Any) -> None:
             )  # fmt: skip
             log.add("tray", tag=tag, tray="reject" if sheet in (3, 5) else "good", session=1)
     viewer = console.client(Role.VIEWER)
-    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/words", json={"word": "false-alarm"})
+    console.client(Role.OPERATOR).post(f"{API}/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     told = viewer.get(f"{API}/runs/1/reprint").json()
     assert told["by"] == "trays"
     assert [(one["page"], one["copy"], one["why"]) for one in told["sheets"]] == [

@@ -59,7 +59,9 @@ def desk(tmp_path: Path, trained_press: Press) -> Iterator[Served]:
         for run, digest in enumerate((content_digest(job), "another"), start=1):
             assert alarms(console.journal, job_digest=digest) == run
             for sheet in range(0, 6 * EVERY, EVERY):
-                said = operator.post(f"/api/v1/runs/{run}/sheets/{sheet}/words", json={"word": "false-alarm"})
+                said = operator.post(
+                    f"/api/v1/runs/{run}/sheets/{sheet}/labels", json={"label": "false-alarm"}
+                )
                 assert said.status_code == 201
         yield console
 

@@ -43,17 +43,17 @@ def test_a_word_of_the_command_line_stands_in_the_console_and_the_other_way(
     journal = str(console.console.settings.journal)
     operator = console.client(Role.OPERATOR)
     assert run(["run", "mark", "1", str(PASSED), "misprint", "--by", "Mei", "--journal", journal]) == 0
-    (word,) = operator.get(f"/api/v1/runs/1/sheets/{PASSED}").json()["words"]
-    assert (word["word"], word["by"]) == ("misprint", "Mei")
-    answer = operator.post(f"/api/v1/runs/1/sheets/{PASSED}/words", json={"word": "good"})
+    (word,) = operator.get(f"/api/v1/runs/1/sheets/{PASSED}").json()["labels"]
+    assert (word["label"], word["by"]) == ("misprint", "Mei")
+    answer = operator.post(f"/api/v1/runs/1/sheets/{PASSED}/labels", json={"label": "good"})
     assert answer.status_code == 201
-    operator.post("/api/v1/runs/1/incidents/1/words", json={"word": "false-alarm"})
+    operator.post("/api/v1/runs/1/incidents/1/labels", json={"label": "false-alarm"})
     capsys.readouterr()
     assert run(["run", "asked", "1", "--all", "--journal", journal]) == 0
     told = capsys.readouterr().out
     assert "told: 1 of the sheets that passed and 1 of 1 alarm" in told
     sample = operator.get("/api/v1/runs/1/report").json()["sample"]
-    assert (sample["sampled"], sample["sampled_told"], sample["alarms_told"]) == (5, 1, 1)
+    assert (sample["sampled"], sample["sampled_labelled"], sample["alarms_labelled"]) == (5, 1, 1)
     assert sample["open"] == [0, 16, 24, 32]
     assert sample["false_alarms"]["value"] == pytest.approx(1 / 40)
 
@@ -67,11 +67,11 @@ def test_a_sheet_that_passed_is_told_by_a_tap(console: Served) -> None:
     assert f'href="/runs/1/sheets/{PASSED}"' in report
     assert f'src="/runs/1/sheets/{PASSED}/thumbnail"' in report
     assert 'href="/runs/1/sheets/16"' in page, "the next that is asked"
-    answer = operator.post(f"/runs/1/sheets/{PASSED}/word", data={"word": "good", "note": "<b>fine</b>"})
+    answer = operator.post(f"/runs/1/sheets/{PASSED}/label", data={"label": "good", "note": "<b>fine</b>"})
     assert answer.status_code == 200
     assert "&lt;b&gt;fine&lt;/b&gt;" in answer.text
     assert 'aria-pressed="true"' in answer.text
     assert f'href="/runs/1/sheets/{PASSED}"' not in operator.get("/report/1").text
-    assert operator.post(f"/runs/1/sheets/{PASSED}/word", data={"word": "bad"}).status_code == 409
+    assert operator.post(f"/runs/1/sheets/{PASSED}/label", data={"label": "bad"}).status_code == 409
     viewer = console.client(Role.VIEWER)
-    assert viewer.post(f"/runs/1/sheets/{PASSED}/word", data={"word": "good"}).status_code == 403
+    assert viewer.post(f"/runs/1/sheets/{PASSED}/label", data={"label": "good"}).status_code == 403

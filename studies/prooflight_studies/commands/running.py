@@ -22,6 +22,9 @@ from prooflight_studies.commands.study import (
     report_results,
 )
 
+SCREENS = Path("docs/images/screens")
+"""Folder of the pictures of the console, which all documents show."""
+
 
 def running(
     press: Annotated[
@@ -152,12 +155,21 @@ def gate(
 def console(
     out: Results = Path("docs/results/running"),
     part: Annotated[
-        str, typer.Option(help="live, beside, hour, pages, journeys or search; the others stay as measured.")
+        str,
+        typer.Option(
+            help="live, beside, hour, pages, journeys or search; the others stay as measured. screens: pictures."
+        ),
     ] = "live",
     press: Annotated[
-        Path | None, typer.Option(metavar="X.press", help="Of `beside` and `hour`: what inspects.")
+        Path | None,
+        typer.Option(
+            metavar="X.press", help="Of `beside` and `hour`: what inspects. Of `screens`: default the demo's."
+        ),
     ] = None,
-    job: Annotated[Path | None, typer.Option(metavar="JOB", help="Of `beside` and `hour`.")] = None,
+    job: Annotated[
+        Path | None,
+        typer.Option(metavar="JOB", help="Of `beside`, `hour` and, by default the sample job, `screens`."),
+    ] = None,
     rate: Annotated[
         float, typer.Option(help="Of `beside` and `hour`; sheets a second.", min=0.01, max=50)
     ] = 2.0,
@@ -170,7 +182,8 @@ def console(
 ) -> None:
     """Measure the delay from a verdict to its display on 50 live pages, their load, memory, journeys and searches.
 
-    Writes console.md.
+    Writes console.md. The part `screens` pictures every page of the console at three widths, light and dark, and writes
+    screens.md with docs/images/screens.
     """
     from prooflight_studies.console.alongside import LoadPlan
     from prooflight_studies.console.study import (
@@ -181,8 +194,14 @@ def console(
         run_console_study,
     )
 
-    chosen([part], PARTS)
+    chosen([part], (*PARTS, "screens"))
     steps = show.steps(quiet=json)
+    if part == "screens":
+        from prooflight_studies.screens.study import run_screens_study
+
+        figures = run_screens_study(out / "screens.md", SCREENS, press=press, job=job, progress=steps)
+        report_results(figures, out / "screens.md", json=json)
+        return
     if part != "live":
         plan = None
         if part in ("beside", "hour"):

@@ -166,9 +166,9 @@ def console_app(
     )
     app.state.console = console
     include(app, *API_ROUTERS, *PAGE_ROUTERS)
-    problems.handle(app, page=problem_page)
     app.add_middleware(BoundedBodies)
     app.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=5)
+    problems.handle(app, page=problem_page)
     app.add_middleware(Headers, secure=settings.secure)
     app.add_middleware(RequestLog, reading=reading)
     if settings.trusted_proxies:

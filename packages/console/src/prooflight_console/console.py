@@ -103,7 +103,7 @@ class Console:
             incident_record = self.incidents.one(run, incident)
             if label != SEEN and not incident_record.of_misprints:
                 what = f"{incident} is of sheets that were not judged to be misprints, so that no label fits"
-                remedy = "say `seen`; vouch for its sheets one by one, after a look at each"
+                remedy = "use `seen`; examine its sheets one by one, and release manually those that are good"
                 raise RequestError("incident", what, remedy=remedy)
             last = incident_record.incident.last_sheet
             upto = last if upto is None else min(upto, last)

@@ -9,6 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.middleware.errors import ServerErrorMiddleware
 
 from prooflight.errors import ProoflightError, RequestError
 from prooflight_line.journal.schema import JournalError
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
     ProblemPage = Callable[[Request, int, str, str, Mapping[str, str]], Response]
 
-REQUEST_NAME: Final = "prooflight.request"
-"""Key of the request's name in its scope, by ``request_log``."""
 MEDIA_TYPE: Final = "application/problem+json"
 FOR_PROGRAMS: Final = ("/api/", "/metrics")
 TITLES: Final = {
@@ -42,7 +41,12 @@ TITLES: Final = {
     500: "Internal error in Prooflight",
     503: "Temporarily unavailable",
 }
-TITLES_OF_KINDS: Final = {"csrf": "Page out of date", "origin": "Request from another site"}
+TITLES_OF_KINDS: Final = {
+    "csrf": "Page out of date",
+    "origin": "Request from another site",
+    "role": "Higher role required",
+    "scope": "Token without the required scope",
+}
 """Titles of kinds that say more than their status does."""
 
 
@@ -74,10 +78,6 @@ def not_found(what: str) -> Problem:
 def problem(page: ProblemPage, request: Request, error: Exception) -> Response:
     """Return the response to an exception; ``page`` makes the one that people read."""
     status, kind, detail, headers, errors = _described(error)
-    if status == 500 and (
-        name := request.scope.get(REQUEST_NAME)
-    ):  # made outside of the middleware that adds it
-        headers["X-Request-ID"] = name
     if not request.url.path.startswith(FOR_PROGRAMS):
         return page(request, status, kind, detail, headers)
     body = ProblemBody(
@@ -103,9 +103,16 @@ def binary(media_type: str) -> dict[int | str, dict[str, Any]]:
 
 
 def handle(app: FastAPI, *, page: ProblemPage) -> None:
-    """Register handlers by which every error leaves the application as a problem; page as in ``problem``."""
-    for kind in (Problem, ProoflightError, RequestValidationError, HTTPException, Exception):
-        app.add_exception_handler(kind, partial(problem, page))
+    """Register handlers by which every error leaves the application as a problem; page as in ``problem``.
+
+    A middleware answers what nobody foresaw, since Starlette's own handler of ``Exception`` is outside of all
+    middleware: its responses would lack the security headers and the request's name. What is added to the application
+    later is outside of it.
+    """
+    handler = partial(problem, page)
+    for kind in (Problem, ProoflightError, RequestValidationError, HTTPException):
+        app.add_exception_handler(kind, handler)
+    app.add_middleware(ServerErrorMiddleware, handler=handler)
 
 
 def _described(error: Exception) -> tuple[int, str, str, dict[str, str], list[dict[str, Any]]]:

@@ -13,7 +13,6 @@ from starlette.concurrency import run_in_threadpool
 
 from prooflight.cli import event_log
 from prooflight.errors import ProoflightError
-from prooflight_console.problems import REQUEST_NAME
 from prooflight_line.journal.labels import run_key, sheet_id
 
 if TYPE_CHECKING:
@@ -40,7 +39,6 @@ class RequestLog:
             return
         given = dict(scope["headers"]).get(HEADER, b"")
         name = given if _GIVEN.fullmatch(given) else secrets.token_hex(8).encode()
-        scope[REQUEST_NAME] = name.decode()
         begun_s, status = time.monotonic(), 500
         failure: Exception | None = None
 

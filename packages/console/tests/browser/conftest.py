@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import pytest
-from packages.console.tests.browser.runs import write_runs
 from packages.console.tests.browser.serving import Serving
 from packages.console.tests.consoles import PASSWORD
 
 from prooflight_console.access import COOKIE
 from prooflight_console.accounts.roles import Role
+from prooflight_line.testing.sample_runs import write_runs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from packages.console.tests.browser.runs import facts, misprint
 
 from prooflight_console.accounts.account_store import SESSION_S
 from prooflight_console.accounts.roles import Role
 from prooflight_line.journal.journal import Journal
+from prooflight_line.testing.sample_runs import facts, misprint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +50,7 @@ def test_a_change_without_the_sessions_token_is_refused(
     visitor.expected.append("403")
     ask = """async ([path, headers]) => (await fetch(path, {method: "POST", headers,
         body: new URLSearchParams({word: "misprint"})})).status"""
-    path = "/runs/1/incidents/1/word"
+    path = "/runs/1/incidents/1/label"
     assert page.evaluate(ask, [path, {}]) == 403
     assert page.evaluate(ask, [path, {"X-CSRF-Token": "guessed"}]) == 403
     csrf = page.get_attribute("meta[name=csrf]", "content")

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from packages.console.tests.browser.runs import facts, misprint, sheet
 from packages.console.tests.consoles import PASSWORD
 
 from prooflight_console.accounts.roles import Role
 from prooflight_line.journal.journal import Journal
+from prooflight_line.testing.sample_runs import facts, misprint, sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

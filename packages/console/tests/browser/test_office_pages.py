@@ -7,7 +7,6 @@ import sqlite3
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from packages.console.tests.browser.runs import facts, sheet
 from packages.console.tests.consoles import PASSWORD
 
 from prooflight.inspection.inspector import Inspector
@@ -16,6 +15,7 @@ from prooflight.rng import stream
 from prooflight.simulation.scans import scan_page
 from prooflight_console.accounts.roles import Role
 from prooflight_line.journal.journal import Journal
+from prooflight_line.testing.sample_runs import facts, sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -33,7 +33,7 @@ class Scope(StrEnum):
 
     READ = "read"
     """Scope for reading runs, sheets, incidents, pictures and live events."""
-    LABELS = "words"
+    LABELS = "labels"
     """Scope for labelling alarms."""
     ZONES = "zones"
     """Scope for pricing zones and putting them in force."""
@@ -43,6 +43,11 @@ class Scope(StrEnum):
     """Scope for reading the audit."""
     PEOPLE = "people"
     """Scope for adding people and changing their roles."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> Scope | None:
+        """Return the scope that had another name when a token was made."""
+        return cls.LABELS if value == "words" else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

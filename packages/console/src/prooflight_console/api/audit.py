@@ -36,10 +36,12 @@ def audit(
 def chain(
     request: Request,
     _who: Auditor,
-    held: Annotated[str | None, Query(max_length=64, description="A head that was written down.")] = None,
+    expected_head: Annotated[
+        str | None, Query(max_length=64, description="Head that was noted earlier.")
+    ] = None,
 ) -> ChainAnswer:
     """Verify that every row of the audit is as it was written."""
-    result = console(request).accounts.verified(expected_head=held)
+    result = console(request).accounts.verified(expected_head=expected_head)
     return ChainAnswer(**asdict(result), whole=result.whole)
 
 

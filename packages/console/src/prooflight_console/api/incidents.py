@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request
 
 from prooflight_console.api.common import PREFIX, IncidentNumber, Limit, Operator, RunId, Viewer, console
-from prooflight_console.api.schemas import IncidentAnswer, IncidentsAnswer, WordAnswer, WordRequest
+from prooflight_console.api.schemas import IncidentAnswer, IncidentsAnswer, LabelAnswer, LabelRequest
 from prooflight_console.problems import responses
 from prooflight_console.reading import facts
 
@@ -19,7 +19,7 @@ def incidents(
     request: Request,
     _who: Viewer,
     run: RunId,
-    open: Annotated[bool | None, Query(description="Those that go on, or those that have ended.")] = None,
+    open: Annotated[bool | None, Query(description="Only active incidents, or only ended ones.")] = None,
     after: Annotated[int, Query(ge=0, lt=2**63, description="`next` of the answer before.")] = 0,
     limit: Limit = 100,
 ) -> IncidentsAnswer:
@@ -44,32 +44,32 @@ def incident(request: Request, _who: Viewer, run: RunId, incident: IncidentNumbe
 
 
 @router.post(
-    "/runs/{run}/incidents/{incident}/words",
+    "/runs/{run}/incidents/{incident}/labels",
     status_code=201,
     responses=responses(400, 401, 403, 404, 409, 422, 503),
 )
 def say(
-    request: Request, who: Operator, run: RunId, incident: IncidentNumber, given: WordRequest
-) -> WordAnswer:
+    request: Request, who: Operator, run: RunId, incident: IncidentNumber, given: LabelRequest
+) -> LabelAnswer:
     """Label an incident, or mark it as seen. Labels are added, nothing is replaced; the last one counts.
 
     A label covers the sheets up to `upto`. No label applies to sheets that were not inspected.
     """
     state = console(request)
     run_row = state.reading.run_named(run)
-    label = state.say(who, given.word, run_row, incident=incident, note=given.note, upto=given.upto)
-    return WordAnswer(**facts.label_of(label))
+    label = state.say(who, given.label, run_row, incident=incident, note=given.note, upto=given.upto)
+    return LabelAnswer(**facts.label_of(label))
 
 
 @router.post(
-    "/runs/{run}/words/{word}/undo", status_code=201, responses=responses(400, 401, 403, 404, 409, 422, 503)
+    "/runs/{run}/labels/{label}/undo", status_code=201, responses=responses(400, 401, 403, 404, 409, 422, 503)
 )
 def undo(
-    request: Request, who: Operator, run: RunId, word: Annotated[int, Path(ge=1, lt=2**63)]
-) -> WordAnswer:
+    request: Request, who: Operator, run: RunId, label: Annotated[int, Path(ge=1, lt=2**63)]
+) -> LabelAnswer:
     """Undo a label of a sheet or an incident, by its `id`.
 
     An entry that says so is added, and the label before it counts.
     """
     state = console(request)
-    return WordAnswer(**facts.label_of(state.undo(who, state.reading.run_named(run), word)))
+    return LabelAnswer(**facts.label_of(state.undo(who, state.reading.run_named(run), label)))

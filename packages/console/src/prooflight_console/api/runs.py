@@ -72,13 +72,13 @@ def sheets(
     kind: Text = None,
     page: Text = None,
     late: bool | None = None,
-    to_look_at: bool = False,
+    to_review: bool = False,
 ) -> SheetsAnswer:
     """List sheets of a run by number; `to_review` omits those that are good, in time, and without a note."""
     reading, damaged = console(request).reading, Damaged()
     run_row = reading.run_named(run)
     query = PageQuery(
-        run_id=run_row.id, verdict=verdict, kind=kind, page=page, late=late, to_review=to_look_at
+        run_id=run_row.id, verdict=verdict, kind=kind, page=page, late=late, to_review=to_review
     )
     rows = reading.sheets(query, after=after, limit=limit, damaged=damaged.add)
     cursor = rows[-1].page.sheet if rows else None
@@ -99,7 +99,7 @@ def search(
     press: Text = None,
     since: Annotated[datetime | None, Query(description="Runs that began then or later.")] = None,
     until: Annotated[datetime | None, Query(description="Runs that began before.")] = None,
-    to_look_at: bool = False,
+    to_review: bool = False,
 ) -> SheetsAnswer:
     """List sheets of all runs, the latest first."""
     damaged = Damaged()
@@ -111,7 +111,7 @@ def search(
         press=press,
         since_s=_unix_s(since),
         until_s=_unix_s(until),
-        to_review=to_look_at,
+        to_review=to_review,
     )
     rows = console(request).reading.search(query, before=before, limit=limit, damaged=damaged.add)
     cursor = rows[-1].row if rows else None
@@ -133,13 +133,13 @@ def reprint_list(request: Request, _who: Viewer, run: RunId) -> ReprintAnswer:
 
 @router.get("/runs/{run}/report", responses=responses(401, 403, 404, 422, 503))
 def run_report(request: Request, _who: Viewer, run: RunId) -> ReportAnswer:
-    """Return a run in figures: misprints by kind and by place, labels, false alarms promised and realised."""
+    """Return a run in figures: misprints by kind and by place, labels, guaranteed and observed false alarms."""
     state = console(request)
     run_row = state.reading.run_named(run)
     imposed = imposed_sheets(state.reading, run_row)
     sheets = None if imposed is None else imposed_facts(imposed)
     figures = report(state.reading, state.incidents, state.stations, state.reprints.count(run_row), run_row)
-    return ReportAnswer(**figures, together=sheets)
+    return ReportAnswer(**figures, layout_counts=sheets)
 
 
 def _unix_s(moment: datetime | None) -> float | None:

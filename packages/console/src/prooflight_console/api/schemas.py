@@ -43,7 +43,9 @@ class RunAnswer(Answer):
     absent: int
     dropped_pages: int
     dropped_evidence: int
-    promise_suspended_from: int | None
+    guarantee_suspended_from: int | None = Field(
+        description="First sheet for which the guaranteed false-alarm rate does not apply; null: it applies to all."
+    )
     detail: str
 
 
@@ -73,8 +75,8 @@ class QueueAnswer(Answer):
 
     waiting: list[QueuedJobAnswer]
     ended: list[QueuedJobAnswer]
-    arriving: list[str] = Field(description="Files that were not taken in yet.")
-    filled: bool = Field(description="Whether a process takes jobs in.")
+    arriving: list[str] = Field(description="Files that are not in the queue yet.")
+    filled: bool = Field(description="Whether a process takes files into the queue.")
 
 
 class SentAnswer(Answer):
@@ -106,8 +108,8 @@ class SheetAnswer(Answer):
     faults: list[str]
     notes: list[str]
     nuisance: dict[str, float | None]
-    asked: float | None = Field(
-        description="A person is asked for a word on this sheet, which was drawn with this probability."
+    sample_probability: float | None = Field(
+        description="Probability with which the sheet was selected for review; null: it is not part of the sample."
     )
 
 
@@ -119,20 +121,20 @@ class SheetsAnswer(Answer):
     damaged: int
 
 
-class WordAnswer(Answer):
+class LabelAnswer(Answer):
     """A label that a person gave to a sheet or an incident."""
 
     id: int
     sheet: int | None
     incident: str | None
-    word: str
+    label: str
     note: str
     by: str
     at_s: float
     upto: int | None = Field(
         description="On an incident, the last sheet that the person saw; null: all of them."
     )
-    undoes: int | None = Field(description="Of `undone`: the word that does not count any more.")
+    undoes: int | None = Field(description="For the label `undone`: the label that does not count any more.")
 
 
 class WholeSheetAnswer(SheetAnswer):
@@ -140,7 +142,7 @@ class WholeSheetAnswer(SheetAnswer):
 
     incident: int | None
     evidence: bool
-    words: list[WordAnswer]
+    labels: list[LabelAnswer]
 
 
 class EvidenceArray(Answer):
@@ -159,18 +161,18 @@ class EvidenceAnswer(Answer):
 
 
 class ReplayAnswer(Answer):
-    """A verdict that was computed again from its evidence."""
+    """A verdict that was recalculated from its evidence."""
 
     run: int
     sheet: int
     page: str
     same: bool
-    promise_suspended: bool
+    guarantee_suspended: bool
     figures: dict[str, dict[str, float | str | None]]
 
 
 class IncidentAnswer(Answer):
-    """Alarms of one cause."""
+    """An incident: all alarms of one cause."""
 
     number: int
     kind: str
@@ -179,7 +181,7 @@ class IncidentAnswer(Answer):
     box_mm: list[float] | None
     first_sheet: int
     last_sheet: int
-    reopened_sheet: int = Field(description="With which it last opened or came back.")
+    reopened_sheet: int = Field(description="Sheet with which it last opened or recurred.")
     count: int
     sheets: list[int]
     pages: list[str]
@@ -187,16 +189,16 @@ class IncidentAnswer(Answer):
     last_s: float
     disposition: Disposition
     reason: str
-    returned: int
+    recurrences: int
     open: bool
     priority: Priority
     shelved_until_s: float | None = Field(
         description="Unix time until which a person shelved it; null: nobody did."
     )
-    word: str | None
-    answered: bool = Field(description="Whether the word covers its sheets up to the last one.")
-    seen: bool = Field(description="Whether somebody has looked since it last opened or came back.")
-    words: list[WordAnswer]
+    label: str | None
+    labelled: bool = Field(description="Whether the label covers its sheets up to the last one.")
+    seen: bool = Field(description="Whether a person has acknowledged it since it last opened or recurred.")
+    labels: list[LabelAnswer]
 
 
 class IncidentsAnswer(Answer):
@@ -210,19 +212,19 @@ class ReprintAnswer(Answer):
     """Sheets to print again, with reasons: those that the job needs and that are not in the good tray.
 
     A set is printed again as a whole. by: ``trays`` for a run with a gate; ``verdicts`` for sheets that were
-    not judged good, that nobody called false alarms and that nobody vouched for.
+    not judged good, without a label that they are false alarms, and that were not released manually.
     """
 
     count: int
     unprinted: int = Field(description="Of these, sheets that were not printed when the run ended.")
     trays_from: Literal["file", "wire"] | None = Field(
-        description="The controller's log of its trays, or what it said over the wire; null: there is no gate."
+        description="The controller's log of its trays, or its reports over the connection; null: there is no gate."
     )
-    vouched: list[int] = Field(
-        description="Sheets of the run that are delivered since a person vouched for them."
+    released_manually: list[int] = Field(
+        description="Sheets of the run that are delivered because a person released them."
     )
     disagreements: list[dict[str, Any]] = Field(
-        description="Sheets of which log and wire name different trays; they are to be printed again."
+        description="Sheets for which the log and the connection name different trays; they are printed again."
     )
     sheets: list[dict[str, Any]]
     pages: dict[str, int]
@@ -230,19 +232,19 @@ class ReprintAnswer(Answer):
     by: Literal["trays", "verdicts"]
 
 
-class WordRequest(BaseModel):
+class LabelRequest(BaseModel):
     """A label for a sheet or an incident; `good` on an alarm is a false alarm."""
 
     model_config = ConfigDict(extra="forbid")
-    word: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
+    label: Literal["misprint", "good", "false-alarm", "unknown", "seen"]
     note: Annotated[str, Field(max_length=1000)] = ""
     upto: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
         default=None, description="On an incident, the last sheet that was seen; default its last one."
     )
 
 
-class VouchRequest(BaseModel):
-    """Reason why a sheet is good."""
+class ReleaseRequest(BaseModel):
+    """Reason for which a sheet is released manually."""
 
     model_config = ConfigDict(extra="forbid")
     reason: Annotated[str, Field(min_length=1, max_length=1000)]
@@ -253,7 +255,7 @@ class AcknowledgeRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     upto: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        description="Last sheet that the person saw: incidents that opened or came back later are left out."
+        description="Last sheet that the person saw: incidents that opened or recurred later are left out."
     )
 
 
@@ -298,7 +300,7 @@ class ShelvingsAnswer(Answer):
 class StatisticsAnswer(Answer):
     """Alarm statistics of the last runs; see the page *Alarms* for the figures of ISA-18.2."""
 
-    runs: int = Field(description="Number of runs that they are of.")
+    runs: int = Field(description="Number of runs that are counted.")
     truncated: bool = Field(description="Whether earlier runs of this time were left out.")
     hours: float = Field(description="Hours of operation.")
     alarms: int
@@ -374,7 +376,7 @@ class FiguresAnswer(Answer):
     verdict_median_ms: float | None = Field(description="From a sheet's last line to its verdict.")
     verdict_p99_ms: float | None
     verdict_p999_ms: float | None
-    busy: float | None = Field(description="Inspectors that were at work, on average.")
+    busy: float | None = Field(description="Mean number of inspectors at work.")
 
 
 class ChannelAnswer(Answer):
@@ -394,7 +396,7 @@ class ComparedRun(Answer):
 
     run: RunAnswer
     figures: FiguresAnswer
-    sheets: list[int] = Field(description="With which each bin begins.")
+    sheets: list[int] = Field(description="First sheet of each bin.")
     charts: dict[str, list[ChannelAnswer]]
     troubles: dict[str, list[int]] = Field(
         description="Sheets of each bin that lost lines, were late, or were not inspected."
@@ -415,22 +417,22 @@ class ReportAnswer(Answer):
     run: RunAnswer
     kinds: dict[str, int]
     incidents: int
-    misprint_incidents: int = Field(description="Of these, those of misprints, which can be answered.")
-    answered: int
-    false_alarms: int = Field(description="Misprints by verdict whose alarm people called false.")
+    misprint_incidents: int = Field(description="Of these, incidents of misprints, which can be labelled.")
+    labelled: int = Field(description="Incidents whose label covers all their sheets.")
+    false_alarms: int = Field(description="Misprints by verdict that are labelled false alarms.")
     to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
     unprinted: int
-    promised: str | None
-    realised_per_good_sheet: float | None
+    guarantee: str | None = Field(description="Guaranteed false-alarm rate, in words; null: it is not known.")
+    false_alarms_per_good_sheet: float | None
     sample: dict[str, Any] = Field(
-        description="What people were asked and told of alarms and of the random sample, and what that says of the run."
+        description="The random sample and the alarms: how many are labelled, and the error rates that follow."
     )
     tolerances: list[dict[str, Any]] = Field(
-        description="False alarms that come again at one place, with what tolerating them would cost; none is applied."
+        description="Recurring false alarms at one location, with the cost of tolerating them; none is applied."
     )
     heat: dict[str, Any]
-    words_by: dict[str, dict[str, int]]
-    together: dict[str, Any] | None
+    labels_by_user: dict[str, dict[str, int]]
+    layout_counts: dict[str, Any] | None
     """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
 
 
@@ -453,14 +455,14 @@ class NowAnswer(Answer):
     """Late sheets, and how many of the last they are of (recent); None if inspection keeps pace."""
     incidents: list[dict[str, Any]] = Field(description="The most urgent of those that need action.")
     pending: int = Field(description="Number of incidents that need action and are not shelved.")
-    unseen: int = Field(description="Number of them that nobody has seen.")
+    unseen: int = Field(description="Number of them that are not acknowledged.")
     shelved: int = Field(description="Number of incidents that are shelved.")
     flood: bool = Field(
         description="Whether more than 10 alarms began within the last 10 minutes of the run."
     )
     to_print_again: int | None = Field(description="As `runs/ID/reprint` counts; null: it cannot be counted.")
     unprinted: int
-    together: dict[str, Any] | None
+    layout_counts: dict[str, Any] | None
     """Counts of sheets and sets by outcome; None if every page is a sheet of its own, without sets."""
     health: dict[str, Any]
 
@@ -598,7 +600,7 @@ class PictureAnswer(Answer):
     layers: list[str]
     regions: list[dict[str, Any]]
     cuts: list[dict[str, Any]]
-    whole: bool = Field(description="Whether all of the scan was kept, not cuts of it alone.")
+    whole: bool = Field(description="Whether the whole scan is stored, not only sections of it.")
     note: str
 
 
@@ -607,5 +609,5 @@ class CameraAnswer(Answer):
 
     seen: dict[str, Any] | None = Field(
         description="Per sensor: profiles along the line, saturation, black, noise, focus; lines/s, lost lines. "
-        "Null: nobody watches with this journal, or whoever does has not answered yet."
+        "Null: no process watches with this journal, or it has not responded yet."
     )

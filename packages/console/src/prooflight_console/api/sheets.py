@@ -28,12 +28,12 @@ from prooflight_console.api.common import (
 from prooflight_console.api.schemas import (
     EvidenceAnswer,
     EvidenceArray,
+    LabelAnswer,
+    LabelRequest,
     PictureAnswer,
+    ReleaseRequest,
     ReplayAnswer,
-    VouchRequest,
     WholeSheetAnswer,
-    WordAnswer,
-    WordRequest,
 )
 from prooflight_console.problems import binary, responses
 from prooflight_console.reading import facts
@@ -54,7 +54,7 @@ def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Who
     run_row = state.reading.run_named(run)
     page = state.reading.sheet(run_row.id, sheet)
     labels = [
-        WordAnswer(**facts.label_of(label))
+        LabelAnswer(**facts.label_of(label))
         for label in state.label_store.of_run(run_key(run_row))
         if label.sheet == sheet
     ]
@@ -62,34 +62,34 @@ def sheet(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Who
         **facts.sheet_of(Written(row=0, run_id=run_row.id, page=page)),
         incident=state.incidents.of_sheet(run_row, sheet),
         evidence=page.evidence is not None,
-        words=labels,
+        labels=labels,
     )
 
 
 @router.post(
-    "/runs/{run}/sheets/{sheet}/words", status_code=201, responses=responses(400, 401, 403, 404, 422, 503)
+    "/runs/{run}/sheets/{sheet}/labels", status_code=201, responses=responses(400, 401, 403, 404, 422, 503)
 )
-def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: WordRequest) -> WordAnswer:
+def say(request: Request, who: Operator, run: RunId, sheet: SheetNumber, given: LabelRequest) -> LabelAnswer:
     """Label a sheet. Labels are added, nothing is replaced; the last one counts."""
     state = console(request)
     run_row = state.reading.run_named(run)
     state.reading.sheet(run_row.id, sheet)
-    label = state.say(who, given.word, run_row, sheet=sheet, note=given.note)
-    return WordAnswer(**facts.label_of(label))
+    label = state.say(who, given.label, run_row, sheet=sheet, note=given.note)
+    return LabelAnswer(**facts.label_of(label))
 
 
 @router.post(
-    "/runs/{run}/sheets/{sheet}/vouch",
+    "/runs/{run}/sheets/{sheet}/release",
     status_code=201,
     responses=responses(400, 401, 403, 404, 409, 422, 503),
 )
-def vouch(
-    request: Request, who: OperatorThemselves, run: RunId, sheet: SheetNumber, given: VouchRequest
-) -> WordAnswer:
-    """Vouch for this one sheet: you have it in hand, it is good, and you put it in its place. No token may."""
+def release(
+    request: Request, who: OperatorThemselves, run: RunId, sheet: SheetNumber, given: ReleaseRequest
+) -> LabelAnswer:
+    """Release this one sheet manually: you have it in hand, it is good, and you put it in its place. No token may."""
     state = console(request)
     label = state.vouch(who, state.reading.run_named(run), sheet, reason=given.reason)
-    return WordAnswer(**facts.label_of(label))
+    return LabelAnswer(**facts.label_of(label))
 
 
 @router.get("/runs/{run}/sheets/{sheet}/evidence", responses=ONE)
@@ -133,7 +133,7 @@ def replay(request: Request, _who: Viewer, run: RunId, sheet: SheetNumber) -> Re
         sheet=sheet,
         page=page.verdict.page,
         same=all(figure.same for figure in figures),
-        promise_suspended=page.verdict.promise_suspended,
+        guarantee_suspended=page.verdict.promise_suspended,
         figures={one.name: {"recorded": _plain(one.recorded), "again": _plain(one.again)} for one in figures},
     )
 

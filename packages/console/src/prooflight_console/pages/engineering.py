@@ -118,7 +118,7 @@ def begin(
     request: Request,
     who: EngineerPage,
     step: Annotated[Step, Form()],
-    guaranteed_pages: Annotated[float | None, Form(alias="promise", ge=2, le=1e6)] = None,
+    guaranteed_pages: Annotated[float | None, Form(ge=2, le=1e6)] = None,
     job: Annotated[int, Form(ge=1, le=1000)] = 1,
     good: Annotated[bool, Form()] = False,
     false_alarm_cents: Cents = None,

@@ -85,13 +85,13 @@ def thumbnail(request: Request, _who: ViewerPage, run: RunId, sheet: SheetNumber
     return Response(picture, media_type="image/webp", headers=headers)
 
 
-@router.post("/runs/{run}/incidents/{incident}/word")
+@router.post("/runs/{run}/incidents/{incident}/label")
 def say(
     request: Request,
     who: OperatorPage,
     run: RunId,
     incident: IncidentNumber,
-    word: Annotated[str, Form(max_length=40)],
+    label: Annotated[str, Form(max_length=40)],
     note: Annotated[str, Form(max_length=1000)] = "",
     upto: Annotated[int | None, Form(ge=0, lt=2**63)] = None,
 ) -> Response:
@@ -99,28 +99,28 @@ def say(
     state = console(request)
     run_row = state.reading.run_named(run)
     before = _effects(state, run_row, state.incidents.one(run_row, incident))
-    state.say(who, word, run_row, incident=incident, note=note, upto=upto)
+    state.say(who, label, run_row, incident=incident, note=note, upto=upto)
     return _incident_part(request, who, run_row, incident, before=before)
 
 
-@router.post("/runs/{run}/sheets/{sheet}/word")
+@router.post("/runs/{run}/sheets/{sheet}/label")
 def say_of_sheet(
     request: Request,
     who: OperatorPage,
     run: RunId,
     sheet: SheetNumber,
-    word: Annotated[str, Form(max_length=40)],
+    label: Annotated[str, Form(max_length=40)],
     note: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
     """Label a sheet by one tap: good, misprint, don't know."""
     state = console(request)
     run_row = state.reading.run_named(run)
     state.reading.sheet(run_row.id, sheet)
-    state.say(who, word, run_row, sheet=sheet, note=note)
+    state.say(who, label, run_row, sheet=sheet, note=note)
     return _sheet_part(request, who, run_row, sheet)
 
 
-@router.post("/runs/{run}/sheets/{sheet}/vouch")
+@router.post("/runs/{run}/sheets/{sheet}/release")
 def vouch(
     request: Request,
     who: OperatorThemselves,
@@ -137,24 +137,24 @@ def vouch(
     return _sheet_part(request, who, run_row, sheet)
 
 
-@router.post("/runs/{run}/words/{word}/undo")
+@router.post("/runs/{run}/labels/{label}/undo")
 def undo(
     request: Request,
     who: OperatorPage,
     run: RunId,
-    word: Annotated[int, Path(ge=1, lt=2**63)],
+    label: Annotated[int, Path(ge=1, lt=2**63)],
     shown: Annotated[int, Query(ge=0, lt=2**63, description="The sheet on whose page it was undone.")],
 ) -> Response:
     """Undo a label, and return the list that it was in."""
     state = console(request)
     run_row = state.reading.run_named(run)
     labels = state.label_store.of_run(run_key(run_row))
-    number = next((one.incident for one in labels if one.id == word), None)
+    number = next((one.incident for one in labels if one.id == label), None)
     if number is None:
-        state.undo(who, run_row, word)
+        state.undo(who, run_row, label)
         return _sheet_part(request, who, run_row, shown)
     before = _effects(state, run_row, state.incidents.one(run_row, int(number)))
-    state.undo(who, run_row, word)
+    state.undo(who, run_row, label)
     return _incident_part(request, who, run_row, int(number), sheet=shown, before=before)
 
 

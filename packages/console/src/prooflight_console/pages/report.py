@@ -61,7 +61,7 @@ def report_page(request: Request, who: ViewerPage, run: RunId) -> Response:
         run=run_row,
         told=report,
         warnings=job_warnings(run_row),
-        together=imposed_sheets(state.reading, run_row),
+        layout_counts=imposed_sheets(state.reading, run_row),
         kinds=bars(report.figures["kinds"]),
         reasons=bars(report.reasons),
         heat=heat_drawing(report.figures["heat"]),

@@ -190,7 +190,7 @@ def label(
     who: OperatorPage,
     requested: SearchForm,
     upto: Annotated[int, Query(ge=0, lt=2**63)],
-    word: Annotated[str, Form(pattern="^(misprint|false-alarm|unknown)$")],
+    label: Annotated[str, Form(pattern="^(misprint|false-alarm|unknown)$")],
     pick: Annotated[list[str] | None, Form(max_length=MOST_LABELLED)] = None,
     note: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
@@ -204,7 +204,7 @@ def label(
     if not 0 < len(wanted) <= MOST_LABELLED:
         what = f"{len(wanted)} sheets: label 1 to {MOST_LABELLED} at once"
         raise Problem(422, "invalid", what)
-    labels, left_out = state.label_sheets(who, word, wanted, note=note)
+    labels, left_out = state.label_sheets(who, label, wanted, note=note)
     done = f"{labels[0].id}-{labels[-1].id}-{len(labels)}-{left_out}" if labels else f"0-0-0-{left_out}"
     return Response(headers={"HX-Redirect": requested.address("/search", labelled=done)})
 

@@ -206,10 +206,10 @@ def audit_page(
 
 
 @router.get("/setup/audit/chain")
-def chain(request: Request, who: AuditorPage, held: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Verify that every row is as it was written; held: a head that was noted earlier."""
-    result = console(request).accounts.verified(expected_head=held.strip().lower() or None)
-    return page(request, who, "setup/chain", chain=result, held=held)
+def chain(request: Request, who: AuditorPage, noted: Annotated[str, Query(max_length=64)] = "") -> Response:
+    """Verify that every row is as it was written; noted: a head that was noted earlier."""
+    result = console(request).accounts.verified(expected_head=noted.strip().lower() or None)
+    return page(request, who, "setup/chain", chain=result, noted=noted)
 
 
 def _change(entry: Entry) -> list[tuple[str, Any, Any]]:

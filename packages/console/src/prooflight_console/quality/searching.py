@@ -87,8 +87,12 @@ class SheetSearch:
                 parts.append(f"s.at_s {sign} ?")
                 values.append(time_s)
         if self.label is not None:
-            words = ", ".join(f"'{word}'" for word in sorted(OF_GOOD))
-            of_label = {"none": "s.label IS NULL", "any": "s.label NOT NULL", "good": f"s.label IN ({words})"}
+            of_good = ", ".join(f"'{label}'" for label in sorted(OF_GOOD))
+            of_label = {
+                "none": "s.label IS NULL",
+                "any": "s.label NOT NULL",
+                "good": f"s.label IN ({of_good})",
+            }
             parts.append(of_label.get(self.label, f"s.label = '{self.label}'"))
         if self.defect.any_defect:
             if self.defect.kind is not None:

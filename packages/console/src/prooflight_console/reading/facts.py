@@ -21,20 +21,28 @@ MOST_INCIDENTS = 20
 """Incidents in a state that is sent live."""
 
 
+API_NAMES = {
+    "asked": "sample_probability",
+    "promise_suspended": "guarantee_suspended",
+    "promise_suspended_from": "guarantee_suspended_from",
+}
+"""Fields that have another name in the API than in exports of the journal, whose format is older."""
+
+
 def run_of(run: RunRow) -> dict[str, Any]:
     """Return a run, without the settings that it was started with."""
-    fields = run_facts(run)
+    fields = whole_run(run)
     return {name: value for name, value in fields.items() if name not in ("settings", "counts")}
 
 
 def whole_run(run: RunRow) -> dict[str, Any]:
     """Return a run with all its fields."""
-    return run_facts(run)
+    return _renamed(run_facts(run))
 
 
 def sheet_of(row: Written) -> dict[str, Any]:
     """Return a sheet as programs read it."""
-    return {"run": row.run_id, "row": row.row, **page_facts(row.page)}
+    return {"run": row.run_id, "row": row.row, **_renamed(page_facts(row.page))}
 
 
 def live_sheet(row: Written) -> dict[str, Any]:
@@ -63,6 +71,7 @@ def label_of(label: Label) -> dict[str, Any]:
     """Return a label."""
     fields = asdict(label)
     del fields["run"]
+    fields["label"] = fields.pop("word")
     return fields
 
 
@@ -70,15 +79,16 @@ def incident_of(labelled: LabelledIncident) -> dict[str, Any]:
     """Return an incident with its labels."""
     fields = asdict(labelled.incident)
     del fields["last_verdict"]  # a sheet's, not the incident's
+    fields["recurrences"] = fields.pop("returned")
     return {
         **finite(fields),
         "open": labelled.incident.open,
         "priority": labelled.priority.value,
         "shelved_until_s": labelled.shelving.ends_s if labelled.shelving and labelled.shelved else None,
-        "word": labelled.word,
-        "answered": labelled.answered,
+        "label": labelled.word,
+        "labelled": labelled.answered,
         "seen": labelled.seen,
-        "words": [label_of(label) for label in labelled.labels],
+        "labels": [label_of(label) for label in labelled.labels],
     }
 
 
@@ -88,11 +98,15 @@ def brief_incident(labelled: LabelledIncident) -> dict[str, Any]:
     names = ("number", "kind", "where", "count", "first_sheet", "last_sheet", "disposition", "open")
     labels = {
         "priority": labelled.priority.value,
-        "word": labelled.word,
-        "answered": labelled.answered,
+        "label": labelled.word,
+        "labelled": labelled.answered,
         "seen": labelled.seen,
     }
     return {name: getattr(incident, name) for name in names} | labels
+
+
+def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
+    return {API_NAMES.get(name, name): value for name, value in fields.items()}
 
 
 def now_facts(now: Now) -> dict[str, Any]:
@@ -121,7 +135,7 @@ def now_facts(now: Now) -> dict[str, Any]:
         else dict(zip(("late", "recent"), now.overload, strict=True)),
         "to_print_again": now.reprints.count,
         "unprinted": now.reprints.unprinted,
-        "together": None if now.together is None else now.together.facts,
+        "layout_counts": None if now.layout_counts is None else now.layout_counts.facts,
         "health": finite(health)
         | {
             "camera": now.health.camera,

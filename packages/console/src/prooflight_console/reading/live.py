@@ -225,7 +225,7 @@ class Live:
             [row.page for row in self._recent],
             quiet_s=self._clock() - self._moved_s,
             reprints=reprints,
-            together=counts,
+            layout_counts=counts,
             gate=None if run is None else self._gate.of(run, reprints.gated),
             handover=self._alarm_store.last_handover(),
             start=self._start_file.read(),

@@ -104,7 +104,7 @@ class Now:
     reprints: Counted
     """Counts of sheets to print again."""
     health: Health
-    together: Counts | None = None
+    layout_counts: Counts | None = None
     """Counts of sheets and sets; None if every page is a sheet of its own, and belongs to no set."""
     gate: GateHealth | None = None
     """Health of the gate; None if the run has no gate."""
@@ -189,7 +189,7 @@ def now(
     *,
     quiet_s: float,
     reprints: Counted,
-    together: Counts | None = None,
+    layout_counts: Counts | None = None,
     gate: GateHealth | None = None,
     begun_s: Sequence[float] = (),
     handover: Handover | None = None,
@@ -247,7 +247,7 @@ def now(
         flood=bool(pages) and going and flood(begun_s, pages[-1].time_s),
         reprints=reprints,
         health=last,
-        together=together,
+        layout_counts=layout_counts,
         gate=gate,
         handover=handover,
         overload=slow,

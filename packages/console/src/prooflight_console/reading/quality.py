@@ -142,7 +142,7 @@ def quality(
         stations.press(run),
         confirmed=figures["false_alarms"],
         unanswered=unanswered,
-        text=figures["promised"] or "",
+        text=figures["guarantee"] or "",
     )
     overrides = (
         one for each in labelled for one in _overrides(each, incidents.sheets_of(run, each.incident.number))

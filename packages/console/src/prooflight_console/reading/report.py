@@ -36,7 +36,7 @@ def report(
     """Return the figures of a run; see ``ReportAnswer``.
 
     Labels change no verdict: a false alarm is one of the misprints by verdict. Only alarms are confirmed by
-    people, so ``realised_per_good_sheet`` counts unanswered alarms as misprints.
+    people, so ``false_alarms_per_good_sheet`` counts alarms without a label as misprints.
     """
     labelled = incidents.of(run)
     label_of = incidents.labels(run)
@@ -54,24 +54,24 @@ def report(
             for region in page.verdict.regions[:1]
         ]
     for one in labelled:
-        for word in one.standing:
-            by[word.by][word.word] += 1
+        for label in one.standing:
+            by[label.by][label.word] += 1
     good = run.pages - run.not_inspected - run.misprints + false_alarms
     return {
         "run": facts.run_of(run),
         "kinds": dict(kinds.most_common()),
         "incidents": len(labelled),
         "misprint_incidents": sum(one.of_misprints for one in labelled),
-        "answered": sum(one.answered for one in labelled),
+        "labelled": sum(one.answered for one in labelled),
         "false_alarms": false_alarms,
         "to_print_again": reprints.count,
         "unprinted": reprints.unprinted,
-        "promised": _guarantee_text(stations, run),
-        "realised_per_good_sheet": false_alarms / good if good else None,
+        "guarantee": _guarantee_text(stations, run),
+        "false_alarms_per_good_sheet": false_alarms / good if good else None,
         "sample": sample_of(incidents, run),
         "tolerances": [asdict(one) for one in incidents.proposals([run])],
         "heat": heat_map(boxes),
-        "words_by": {name: dict(label_store) for name, label_store in by.items()},
+        "labels_by_user": {name: dict(counts) for name, counts in by.items()},
     }
 
 
@@ -83,9 +83,9 @@ def sample_of(incidents: RunIncidents, run: RunRow) -> dict[str, Any]:
     missed, false_alarms = counts.missed, counts.false_alarms
     return {
         "sampled": sum(not one.alarm for one in sampled),
-        "sampled_told": counts.labelled_passed,
+        "sampled_labelled": counts.labelled_passed,
         "alarms": counts.alarms,
-        "alarms_told": counts.labelled_alarms,
+        "alarms_labelled": counts.labelled_alarms,
         "open": open_questions[:MOST_OPEN],
         "open_count": len(open_questions),
         "false_alarms": None if false_alarms is None else asdict(false_alarms),

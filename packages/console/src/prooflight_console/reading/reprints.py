@@ -191,7 +191,7 @@ def reprint_facts(
         "truncated": len(listed) > len(sheets),
         "by": listed.by,
         "trays_from": listed.trays_from,
-        "vouched": list(listed.vouched),
+        "released_manually": list(listed.vouched),
         "disagreements": [] if gated is None else [asdict(one) for one in disagreements(run, gated)],
     }
 

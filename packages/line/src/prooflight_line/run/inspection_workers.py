@@ -46,9 +46,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 THREADS_A_WORKER: Final = 2
-"""Threads of a worker, where there are processors for two workers. A page calls a thousand kernels, and its thread needs the interpreter after each: on 16
-processors, one process with 8 threads inspected 10.7 sheets a second, 8 processes with 2 each 55
-(docs/performance.md)."""
+"""Threads of a worker, where there are processors for two workers.
+
+A page calls a thousand kernels, and its thread needs the interpreter after each: on 16 processors, one process with 8
+threads inspected 10.7 sheets a second, 8 processes with 2 each 55 (docs/performance.md)."""
 INSPECTOR_FILE: Final = "inspector"
 
 

@@ -103,7 +103,9 @@ def running_results(
     """
     parts = {part: {"seed": seed} for part in measured}
     facts = {"cores": cores, "deadline_ms": round(1000 * DEADLINE_S)}
-    return dict.fromkeys(PARTS) | stored | measured | facts | {"parts": stored.get("parts", {}) | parts}
+    return {**dict.fromkeys(PARTS), **stored, **measured, **facts} | {
+        "parts": stored.get("parts", {}) | parts
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

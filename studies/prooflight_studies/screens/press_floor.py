@@ -10,7 +10,7 @@ import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import uvicorn
 
@@ -125,7 +125,7 @@ def press_floor(folder: Path, press_file: Path, job_file: Path) -> Iterator[Floo
     job.write_bytes(job_file.read_bytes())
     _write_zones(job)
     press = Press.load(press_path)
-    digests = {"job_digest": content_digest(job), "press_digest": press.digest}
+    digests: dict[str, Any] = {"job_digest": content_digest(job), "press_digest": press.digest}
     write_runs(journal, runs=RUNS, every_s=DAY_S, expected=_expected(press, job), **digests)
     _write_gate_log(journal)
     queue = folder / "queue"
@@ -286,7 +286,7 @@ def _write_versions(console: Console, press: Press) -> None:
     versions = console.work.versions
     assert versions is not None
     versions.folder.mkdir(exist_ok=True)
-    common = {"created_s": CLOCK_S - 3600.0, "by": ENGINEER}
+    common: dict[str, Any] = {"created_s": CLOCK_S - 3600.0, "by": ENGINEER}
     in_use = Version(digest=press.digest, kind="build", facts={"effect": asdict(EFFECT)}, **common)
     later = Version(digest="5d" * 32, kind="recalibrate", facts={"effect": asdict(EFFECT)}, **common)
     for version in (in_use, later):

@@ -26,7 +26,7 @@ from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.print_statistics import Scene
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
-from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.harness.versions import DETECTION
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ TRAINING_OFFSET: Final = 500
 """Offset from the study's seed to that of the designs and days on which the press is trained."""
 SCENE: Final = 64
 """Number of this study's scene, distinct from those of other studies of the same seed."""
-RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +147,7 @@ def printed_pool(
     digest = digest_of(
         {
             "worlds": worlds_digest(),
-            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+            "algorithms": DETECTION,
             "press": press.digest,
             "scene": repr(replace(scene, press=None)),  # type: ignore[arg-type]
             "every": plan.misprint_every,
@@ -176,7 +175,7 @@ def _trained_press(plan: PoolPlan, cache: Path, progress: Callable[[str], None])
     press = build_press(at_pitch(PressFile.prototype(), REDUCED_PITCH_MM), seed=SPECIMEN_SEED)
     facts = {
         "worlds": worlds_digest(),
-        "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+        "algorithms": DETECTION,
         "press": press.digest,
         "seed": plan.seed,
         "teaching": plan.training_designs,

@@ -19,3 +19,9 @@ ALGORITHMS: Final = {
     "simulation": 1,
     "studies": 1,
 }
+
+DETECTION: Final = {
+    name: ALGORITHMS[name]
+    for name in ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
+}
+"""Those on which the matched filter's statistics of simulated prints depend."""

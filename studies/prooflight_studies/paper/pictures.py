@@ -6,23 +6,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from scipy import special
 
-from prooflight.files.atomic import whole_file
 from prooflight.reporting.camera_pictures import COLOURS
 from prooflight.reporting.pictures import SATURATION, SCALE
 from prooflight.spectra import WAVE_NM
+from prooflight_studies.harness.picture import new_figure, write_figure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from prooflight.reporting.pictures import Frame
@@ -101,7 +99,7 @@ def draw_curves(
         ylim=(0, 1.25 * max(efficiency.max() for efficiency in sensors.values())),
     )
     axes.legend(frameon=False, fontsize=9, loc="upper left", ncols=3)
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def draw_slices(path: Path, sensor: str, slices: Sequence[Slice]) -> None:
@@ -117,7 +115,7 @@ def draw_slices(path: Path, sensor: str, slices: Sequence[Slice]) -> None:
         figure.colorbar(filled, ax=axes, label=piece.what, format="%g")
         axes.set(xlabel=f"{piece.x_ink} [%]", ylabel=f"{piece.y_ink} [%]", xlim=(0, 100), ylim=(0, 100))
         axes.set_aspect("equal")
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def draw_histograms(path: Path, sensor: str, colours: Sequence[Repeated]) -> None:
@@ -131,7 +129,7 @@ def draw_histograms(path: Path, sensor: str, colours: Sequence[Repeated]) -> Non
         _histogram(axes, colour)
     for axes in panels[len(colours) :]:
         axes.set_visible(False)
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def _histogram(axes: Axes, colour: Repeated) -> None:
@@ -212,19 +210,13 @@ def draw_error_map(path: Path, shown: ErrorMap) -> None:
         axes.set(xlim=(0, width_mm), ylim=(height_mm, 0), xlabel="[mm]")
         axes.spines[["top", "right"]].set_visible(True)
     figure.suptitle(f"Misprint: {shown.misprint} (green frame)", fontsize=11)
-    _write(figure, path)
+    write_figure(figure, path)
 
 
 def _figure(rows: int, columns: int, panel_inch: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    size = (panel_inch[0] * columns, panel_inch[1] * rows + 0.3 * (rows * columns > 1))
-    figure = Figure(figsize=size, dpi=110, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
-    FigureCanvasAgg(figure)
+    height_inch = panel_inch[1] * rows + 0.3 * (rows * columns > 1)
+    figure = new_figure(panel_inch[0] * columns, height_inch, pads_inch=(0.08, 0.08))
     panels = [figure.add_subplot(rows, columns, place + 1) for place in range(rows * columns)]
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
     return figure, panels
-
-
-def _write(figure: Figure, path: Path) -> None:
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, format="png")

@@ -13,7 +13,7 @@ from prooflight.simulation.worlds import worlds_digest
 from prooflight_studies.harness.print_statistics import ScatterWork, Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
-from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.harness.versions import DETECTION
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 FIRST_SCENE: Final = 40
 """Number of this study's first scene, distinct from those of other studies of the same seed."""
-RESTS_ON: Final = ("corpus", "matched filter", "pages", "prediction", "registration", "simulation", "studies")
-"""Those of ``ALGORITHMS`` on which the rows depend."""
 TRAINING_SEED: Final = 31
 """Seed of designs, days, prints and misprints for training; no results are published on it."""
 
@@ -116,7 +114,7 @@ class _Bench:
     def _digest(self, scene: Scene, press: Press) -> str:
         facts = {
             "worlds": worlds_digest(),
-            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+            "algorithms": DETECTION,
             "press": press.digest,
             "pilot": self.plan.pilot,
             "scene": repr(replace(scene, press=None)),  # type: ignore[arg-type]

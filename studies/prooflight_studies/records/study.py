@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from prooflight import __version__
 from prooflight_studies.harness.page import write_page
+from prooflight_studies.harness.parts import stored_results
 from prooflight_studies.records.migrating import measure_migrations
 from prooflight_studies.records.searching import measure_searches
 from prooflight_studies.records.shipping import measure_shipping
@@ -40,13 +40,5 @@ def run_records_study(
         figures = measure_searches(sheets=sheets, searches=searches, seed=seed, progress=progress)
     figures |= {"quick": quick, "version": __version__, "seed": seed}
     page = out / "records.md"
-    write_page(page, "records", dict.fromkeys(PARTS) | _stored(page) | {part: figures})
+    write_page(page, "records", dict.fromkeys(PARTS) | stored_results(page) | {part: figures})
     return figures
-
-
-def _stored(page: Path) -> dict[str, Any]:
-    try:
-        stored = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {name: stored[name] for name in PARTS if name in stored}

@@ -32,7 +32,7 @@ from prooflight_studies.running.rig import DESIGN_SEED, A4Designs, Pieces, Ring,
 from prooflight_studies.running.started import StartedRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
 PARTS: Final = ("started", "matched_filter", "drift", "streak")
 SMALL_PIXELS: Final = 400
@@ -95,7 +95,7 @@ class Plan:
 
 
 def running_results(
-    measured: Mapping[str, Any], stored: Mapping[str, Any], *, cores: int, seed: int
+    measured: dict[str, Any], stored: dict[str, Any], *, cores: int, seed: int
 ) -> dict[str, Any]:
     """Return all figures of the page, None for unmeasured parts.
 

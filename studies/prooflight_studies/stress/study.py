@@ -32,9 +32,8 @@ from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.print_statistics import Scene, StatisticsWork
 from prooflight_studies.harness.protocol import Day, in_days
 from prooflight_studies.harness.result_cache import digest_of, run_pieces
-from prooflight_studies.harness.versions import ALGORITHMS
+from prooflight_studies.harness.versions import DETECTION
 from prooflight_studies.paper.study import REDUCED_PITCH_MM, SPECIMEN_SEED, at_pitch
-from prooflight_studies.ranking.rows import RESTS_ON
 from prooflight_studies.stress.given import load_stress
 from prooflight_studies.stress.rows import StressWork
 
@@ -206,7 +205,7 @@ class _Bench:
 
     def _computed(self, work: StressWork | StatisticsWork, days: list[Day], name: str) -> Rows:
         facts = {
-            "algorithms": {name: ALGORITHMS[name] for name in RESTS_ON},
+            "algorithms": DETECTION,
             "stress": self.stress.digest,
             "worlds": worlds_digest(),
             "press": self.press.digest,

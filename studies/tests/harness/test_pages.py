@@ -68,14 +68,13 @@ def test_rows_that_lack_a_field_make_no_page_or_leave_nothing_out(kept: Path) ->
         assert text == whole, place
 
 
-ENDS = 2
-"""A template treats all objects of a list alike, but for the first or the last."""
-
-
 def places(value: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where objects that lie in lists have their fields; of a long list its first and its last objects."""
+    """Where objects that lie in lists have their fields.
+
+    Of a list its first and its last object: a template treats all others as one of these.
+    """
     if isinstance(value, list):
-        ends = sorted({*range(len(value))[:ENDS], *range(len(value))[-ENDS:]})
+        ends = sorted({*range(len(value))[:1], *range(len(value))[-1:]})
         return [place for index in ends for place in places(value[index], (*at, index))]
     if not isinstance(value, dict):
         return []

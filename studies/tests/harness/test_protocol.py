@@ -267,7 +267,7 @@ def test_digest_is_of_content_alone() -> None:
 def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Seeds (7, 0) to (7, 299): bits turned and pieces lost; then archives that ask for more than they hold."""
+    """Seeds (7, 0) to (7, 59): bits turned and pieces lost; then archives that ask for more than they hold."""
     (tmp_path / "made").mkdir()
     work, digest = Counting(tmp_path / "made"), digest_of({"seed": 1})
 
@@ -277,7 +277,7 @@ def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
     first = rows()
     (kept,) = tmp_path.glob("kept/*/*.npz")
     whole = kept.read_bytes()
-    spoilt = [bytes_spoilt(whole, np.random.default_rng([7, index])) for index in range(300)]
+    spoilt = [bytes_spoilt(whole, np.random.default_rng([7, index])) for index in range(60)]
     for header in (
         "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }",
         "{'descr': '|O'}",
@@ -299,7 +299,7 @@ def test_whatever_became_of_a_kept_result_it_is_made_again_and_said(
             assert caplog.messages == [caplog.messages[0]]
             assert str(kept) in caplog.text
             assert "is made again" in caplog.text
-    assert damaged > 200
+    assert damaged > 40
 
 
 def test_rows_are_kept_by_plan_press_pages_and_versions_alone(

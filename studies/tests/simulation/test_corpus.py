@@ -52,7 +52,7 @@ def designs() -> list[Page]:
 
 def test_black_of_four_inks_takes_the_place_of_black_alone(designs: list[Page]) -> None:
     """Where four inks are printed and nowhere else; nothing else changes, and with a share of 0 nothing at all."""
-    for index, page in enumerate(designs[:12]):
+    for index, page in enumerate(designs[:6]):
         rich = design_page(SEED, index, dpi=COARSE_DPI, black_of_four=1.0)
         alone = (page.cmyk == BLACK).all(axis=2)
         np.testing.assert_array_equal(rich.cmyk[~alone], page.cmyk[~alone])
@@ -63,9 +63,9 @@ def test_black_of_four_inks_takes_the_place_of_black_alone(designs: list[Page]) 
             np.testing.assert_array_equal(rich.cmyk, page.cmyk)
     some = [
         not np.array_equal(design_page(SEED, index, dpi=COARSE_DPI, black_of_four=0.5).cmyk, page.cmyk)
-        for index, page in enumerate(designs[:30])
+        for index, page in enumerate(designs[:12])
     ]
-    assert 3 < sum(some) < 20  # of about 21 in colour; each falls or not by its own seed
+    assert 0 < sum(some) < 12  # of about 8 in colour; each falls or not by its own seed
 
 
 def test_a_corpus_goes_by_the_name_that_it_always_had() -> None:

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import optimize
 
 from prooflight.commissioning.training.ranking import even, fitted_forest
-from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
@@ -345,16 +344,6 @@ def certain_score(detector: DetectorModel, pages: Pages, another: NDArray[np.boo
     """Return the matched filter's score of pages (pages,); a scan that shows another page is certain."""
     score = detector.score(pages.values, pages.page_features)
     return np.where(another, np.maximum(score, WRONG_PAGE), score)
-
-
-def with_threshold(detector: DetectorModel, good: Pages, *, false_alarm_rate: float) -> DetectorModel:
-    """Set the threshold that a new design's good page exceeds at the given rate at most (split conformal).
-
-    good: pages of designs that were not used in training. ValueError: there are too few designs for the rate.
-    """
-    score = detector.score(good.values, good.page_features)
-    threshold = conformal_threshold(score, good.design, false_alarm_rate=false_alarm_rate)
-    return replace(detector, threshold=threshold, good_designs=int(np.unique(good.design).size))
 
 
 def _baseline(good: Pages) -> dict[str, Any]:

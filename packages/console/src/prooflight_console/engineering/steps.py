@@ -236,7 +236,7 @@ def _effect(request: StepRequest, opened: JournalReader, press: Press, name: str
     model = press.detectors.get(name)
     # A recalibration changes the threshold alone: scores of the press that it replaces are its own.
     recalibrations = model.told if isinstance(model, Recalibrates) else ()
-    same = press.digests | {labelled.replaces for labelled in recalibrations}
+    same = {press.digest} | {labelled.replaces for labelled in recalibrations}
     sheets = judged_sheets(
         opened, LabelStore(opened.path), runs, detector=name, same_scale=same, evidence=True
     )

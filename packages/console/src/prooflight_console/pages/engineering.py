@@ -116,7 +116,7 @@ def begin(
     if step == "learn" and job not in learnable:
         raise Problem(422, "scans", "there are no scans of this job: start the console with --scans")
     job_path, scans = learnable[job] if step == "learn" else (None, None)
-    digests = {digest for one in versions.listed() for digest in (one.digest,)} | versions.in_use()[0].digests
+    digests = {one.digest for one in versions.listed()} | {versions.in_use()[0].digest}
     request_ = StepRequest(
         step=step,
         press=versions.press,
@@ -176,7 +176,7 @@ def _threshold_effects(
     model = press.detectors.get(name)
     if not isinstance(model, Recalibrates) or not journal.exists():
         return [], None, ""
-    same = press.digests | {labelled.replaces for labelled in model.told}
+    same = {press.digest} | {labelled.replaces for labelled in model.told}
     with Journal.open(str(journal), read_only=True) as opened:
         own = (run for run in opened.runs(damaged=lambda _: None) if run.facts.press_digest in same)
         runs = recent_runs(own, now_s=time.time())

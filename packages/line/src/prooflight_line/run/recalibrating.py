@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.detectors.optional import Recalibrates
-from prooflight.detectors.registry import default_name, present
+from prooflight.detectors.registry import default_name
 from prooflight.errors import RequestError
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import LabelStore
@@ -56,7 +56,7 @@ def recalibratable(press: Press, detector: str | None, *, where: object) -> tupl
 
     ``where`` is the artefact.
     """
-    name = present(detector) if detector else default_name(press)
+    name = detector or default_name(press)
     model = press.detectors.get(name)
     if not isinstance(model, Recalibrates):
         what = f"{name!r} of press {press.name} has no threshold that labels could set"
@@ -68,7 +68,7 @@ def sampled_runs(press: Press, name: str, journals: Sequence[JournalReader]) -> 
     """Yield the runs that a press, or one whose threshold it replaces, judged by its detector ``name``."""
     model = press.detectors[name]
     recalibrations = model.told if isinstance(model, Recalibrates) else ()
-    digests = press.digests | {labelled.replaces for labelled in recalibrations}
+    digests = {press.digest} | {labelled.replaces for labelled in recalibrations}
     for opened in journals:
         for run in opened.runs():
             if run.facts.detector == name and run.facts.press_digest in digests:
@@ -153,7 +153,7 @@ def before_recalibration(press: Press, where: object) -> Press:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     name, model, last = previous
     before, wanted = press.with_detector(name, last), model.told[-1].replaces
-    if wanted not in before.digests:
+    if wanted != before.digest:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
     return before

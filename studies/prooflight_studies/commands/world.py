@@ -28,7 +28,7 @@ def misprints(
     json: Json = False,
 ) -> None:
     """Draw all twelve kinds of misprints at three severities on one sheet; writes misprints.jpg."""
-    from prooflight.commissioning.appearance import appearance_srgb
+    from prooflight.commissioning.characterise import appearance_srgb
     from prooflight.inks.built_in import built_in_inks
     from prooflight_studies.misprints.sheet import draw_misprint_sheet
 

@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.training.learn import Pages, certain_score, learn_model, with_threshold
-from prooflight.commissioning.training.ranking import even, fitted_forest
+from prooflight.commissioning.training.learn import (
+    Pages,
+    certain_score,
+    even,
+    fitted_forest,
+    learn_model,
+    with_threshold,
+)
 from prooflight.detectors.false_alarm_rate import conformal_threshold
 from prooflight.detectors.matched_filter.ranking import every_column, family_columns
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic

@@ -22,6 +22,7 @@ from prooflight.files.given import shortly
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from prooflight.commissioning.characterise import TableAccuracy
     from prooflight.commissioning.training.real_pages import StatedAndLearned
     from prooflight.press.artefact import Press
 
@@ -83,7 +84,6 @@ def build(
     from prooflight.commissioning.characterise import measured_columns, table_accuracy
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.detectors.entry import Training
-    from prooflight.detectors.optional import StatesTrials
     from prooflight.detectors.registry import names, promises, training_functions
     from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
@@ -129,6 +129,15 @@ def build(
         show.print_json(facts | {"tables": accuracy, "rip": rip})
         return
     show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
+    _print_promises(press, accuracy)
+    show.people.print(_rip_sentence(press, differing))
+
+
+def _print_promises(press: Press, accuracy: list[TableAccuracy]) -> None:
+    """Print how accurate the tables of a press are, and what its detectors promise."""
+    from prooflight.detectors.optional import StatesTrials
+    from prooflight.detectors.registry import promises
+
     for entry in accuracy:
         show.people.print(
             f"sensor {entry.sensor}: tables within {entry.mean_rms_sigma} sigma rms of the exact model "
@@ -140,7 +149,6 @@ def build(
     for model in press.detectors.values():
         if isinstance(model, StatesTrials):
             show.people.print(model.trials)
-    show.people.print(_rip_sentence(press, differing))
 
 
 def _rip_differences(press: Press, *, quiet: bool) -> tuple[str, ...] | None:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import Field
 
-from prooflight.files.fields import KNOWN_FIELDS, LEAST, Positive
+from prooflight.files.fields import LEAST, NO_OTHER_FIELDS, Positive
 
 FLOOR_SHARE: Final = 0.1
 """Difference from the expected light of a flat place, as a share of paper white, that is always a misprint.
@@ -22,7 +22,7 @@ mm."""
 class RunningCosts:
     """The three numbers of the press owner."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     misprint_rate: Annotated[float, Field(strict=True, ge=LEAST, lt=1)] = 0.01
     """Share of pages that are misprints, r (paper, section 5.2). [-]"""

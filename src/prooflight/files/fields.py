@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field
 
 LEAST, GREATEST = 1e-9, 1e12
 """Nothing about a press is smaller or larger, in any of our units; so products of several stay finite."""
-KNOWN_FIELDS: Final = ConfigDict(extra="forbid", frozen=True)
+NO_OTHER_FIELDS: Final = ConfigDict(extra="forbid", frozen=True)
 """Configuration of a block, or of a dataclass that is one: fields that it does not have are refused."""
 
 Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]

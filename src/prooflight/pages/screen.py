@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from prooflight.cmyk import INKS
-from prooflight.files.fields import KNOWN_FIELDS, Number
+from prooflight.files.fields import NO_OTHER_FIELDS, Number
 from prooflight.kernels.screening import (
     BLUR_REACH,
     WHOLE,
@@ -52,7 +52,7 @@ _NOISE_STARTS: Final = ((0.0, 0.0), (0.37, 0.61), (0.71, 0.23), (0.19, 0.83))
 class Screen:
     """Screen of a press, in its device's pixels; ValueError where it is none."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     kind: ScreenKind
     """``am``: dots of varying size on a lattice; ``fm``: scattered dots of one pixel, by blue noise;

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from prooflight.files.fields import KNOWN_FIELDS
+from prooflight.files.fields import NO_OTHER_FIELDS
 from prooflight.files.schema import Share
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.lens_correction import LensCorrection
@@ -33,7 +33,7 @@ def node_fractions() -> NDArray[np.float64]:
 class ClippedShare:
     """Shares of a sensor's table nodes whose noise is clipped, so that it is not Gaussian; 0..1 each."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     black: Share
     """Share of the nodes within four sigma of 0 DN."""

@@ -21,7 +21,7 @@ from pydantic_core import ArgsKwargs
 from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
 from prooflight.errors import PressFileError
 from prooflight.files.fields import (
-    KNOWN_FIELDS,
+    NO_OTHER_FIELDS,
     Count,
     Lead,
     NotNegative,
@@ -62,7 +62,7 @@ UNKNOWN_FIELD = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 class _Block(BaseModel):
-    model_config = KNOWN_FIELDS
+    model_config = NO_OTHER_FIELDS
 
 
 class LightBlock(_Block):

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from prooflight.files.fields import KNOWN_FIELDS, Count, Positive, ShortText
+from prooflight.files.fields import NO_OTHER_FIELDS, Count, Positive, ShortText
 
 Policy = Literal["reject", "accept", "stop"]
 Register = Annotated[int, Field(strict=True, ge=0, le=65_535)]
@@ -18,7 +18,7 @@ Milliseconds = Annotated[int, Field(strict=True, ge=1, le=60_000)]
 class PlcSettings:
     """``[gate.plc]``: the plant's controller, which is a Modbus TCP server."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     host: ShortText
     port: Annotated[int, Field(strict=True, ge=1, le=65_535)] = 502
@@ -57,7 +57,7 @@ class PlcSettings:
 class GateSettings:
     """``[gate]``; ValueError: ``stop_of`` is more misprints than sheets."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     distance_mm: Positive
     """Distance along the paper path from the line that the camera sees to the gate's photo-eye."""

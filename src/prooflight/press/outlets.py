@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, Field, model_validator
 
 from prooflight.errors import PressFileError
-from prooflight.files.fields import KNOWN_FIELDS
+from prooflight.files.fields import NO_OTHER_FIELDS
 from prooflight.files.given import GivenFiles, shortly
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ Kind = Literal[
 
 
 class _Block(BaseModel):
-    model_config = KNOWN_FIELDS
+    model_config = NO_OTHER_FIELDS
 
 
 class MqttBlock(_Block):

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from prooflight.files.fields import KNOWN_FIELDS, Count, Flag, Positive, ShortText
+from prooflight.files.fields import NO_OTHER_FIELDS, Count, Flag, Positive, ShortText
 from prooflight.scans.alignment import SensorOffset
 
 Value = bool | int | float | str
@@ -36,7 +36,7 @@ NAMES: Final[dict[str, tuple[str, ...]]] = {
 class CameraSettings:
     """Section ``[camera]`` of a press file, or one of ``[[camera]]``; None leaves the camera's own value."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     id: ShortText | None = None
     """Name of the camera: ID, serial number or address."""

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from prooflight.errors import JobError
-from prooflight.files.fields import KNOWN_FIELDS, Lead, Pitch
+from prooflight.files.fields import NO_OTHER_FIELDS, Lead, Pitch
 from prooflight.pages.raster import MM_PER_INCH, turned
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ them, and within margins of 5 mm the detector has nothing left to test."""
 class ScanGeometry:
     """Pitch and extent of the camera's pixels on the page."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     pixels: Annotated[int, Field(strict=True, ge=1, le=65536)]
     """Pixels in a line."""

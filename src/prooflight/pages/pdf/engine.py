@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, get_args
 
 from pydantic import Field
 
-from prooflight.files.fields import KNOWN_FIELDS
+from prooflight.files.fields import NO_OTHER_FIELDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,7 +33,7 @@ _PLACEHOLDER: Final = re.compile(r"\{([^{}]*)\}")
 class RipEngine:
     """One engine, as ``[rip]`` of a press file names it."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     name: EngineName = "mupdf"
     command: tuple[Annotated[str, Field(strict=True, max_length=ARGUMENT_LETTERS_MAX)], ...] = ()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, get_args
 import numpy as np
 
 from prooflight.cmyk import INKS
-from prooflight.files.fields import KNOWN_FIELDS, Number
+from prooflight.files.fields import NO_OTHER_FIELDS, Number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,7 +47,7 @@ def _check(name: str, value: float | None, least: float, most: float) -> None:
 class RipModel:
     """Parameters of a press's RIP; what is None is unknown. ValueError where a value can be none of a RIP's."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     fill: FillRule | None = None
     least_line_um: Number | None = None

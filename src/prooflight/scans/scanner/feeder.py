@@ -7,14 +7,14 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from prooflight.files.fields import KNOWN_FIELDS
+from prooflight.files.fields import NO_OTHER_FIELDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeederPrior:
     """Standard deviations of where a feeder lays its sheets, as ``[geometry]`` of a press file states them."""
 
-    __pydantic_config__: ClassVar = KNOWN_FIELDS
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
 
     shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)]
     """Displacement of the sheet, across and along."""

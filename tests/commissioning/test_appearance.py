@@ -1,6 +1,6 @@
 import numpy as np
 
-from prooflight.commissioning.appearance import appearance_srgb
+from prooflight.commissioning.characterise import appearance_srgb
 from prooflight.inks.built_in import built_in_inks
 
 SRGB = appearance_srgb(built_in_inks())

@@ -9,10 +9,10 @@ import pytest
 
 from prooflight.camera.camera import expose_flat, respond, with_pixels
 from prooflight.camera.sensor import FixedPattern, draw_fixed_pattern, read_out
-from prooflight.commissioning.accuracy import table_accuracy
 from prooflight.commissioning.characterise import (
     calibrate_columns,
     signal_dn,
+    table_accuracy,
     tables,
     unbiased_nodes,
     variance_dn2,

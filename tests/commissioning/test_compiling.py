@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.commissioning.training import compiling
-from prooflight.commissioning.training.compiling import compile_in_background, score_unlocated
+from prooflight.commissioning.training import train
+from prooflight.commissioning.training.train import compile_in_background, score_unlocated
 from prooflight.kernels.cache import is_cached
 from prooflight.kernels.compiled import kernel
 
@@ -51,7 +51,7 @@ class Started:
 def started(monkeypatch: pytest.MonkeyPatch) -> Started:
     found = Started()
     monkeypatch.setattr(multiprocessing, "get_context", lambda _way: found)
-    monkeypatch.setattr(compiling.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(train.os, "cpu_count", lambda: 2)
     return found
 
 
@@ -69,7 +69,7 @@ def test_only_where_nothing_is_compiled(
     started: Started,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(compiling, "is_cached", lambda _kernel: kept)
+    monkeypatch.setattr(train, "is_cached", lambda _kernel: kept)
     pages: Designs = OnePage(make_page(1))
     compile_in_background(press, pages)
     assert len(started.work) == processes
@@ -79,8 +79,8 @@ def test_only_where_nothing_is_compiled(
 def test_not_where_there_is_one_processor(
     press: Press, make_page: Callable[..., Page], started: Started, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiling, "is_cached", lambda _kernel: False)
-    monkeypatch.setattr(compiling.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(train, "is_cached", lambda _kernel: False)
+    monkeypatch.setattr(train.os, "cpu_count", lambda: 1)
     compile_in_background(press, OnePage(make_page(1)))
     assert not started.work
 

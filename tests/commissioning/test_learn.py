@@ -12,11 +12,11 @@ from prooflight.commissioning.training.adapting import adapted
 from prooflight.commissioning.training.learn import (
     LEAST_PLACES,
     Pages,
+    fitted_forest,
     learn_model,
     learn_scatter,
     with_threshold,
 )
-from prooflight.commissioning.training.ranking import fitted_forest
 from prooflight.detectors.matched_filter.model import DetectorModel
 from prooflight.detectors.matched_filter.statistics.local_evidence import (
     MODES,

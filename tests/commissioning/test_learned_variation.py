@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.cli import run
-from prooflight.commissioning.training.learned_variation import REMEDY, stated_and_learned
+from prooflight.commissioning.training.real_pages import REMEDY, stated_and_learned
 from prooflight.commissioning.training.simulated_days import PressDay
 from prooflight.detectors.matched_filter.entry import model_of
 from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts, page_variation

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.rip_identification import identified_from_rasters, ink_edges
-from prooflight.commissioning.rip_test_page import test_pdf as page_of_test
+from prooflight.commissioning.rip_identification import test_pdf as page_of_test
 from prooflight.pages.pdf.rip_model import RipModel, grown
 
 pytest.importorskip("pymupdf")

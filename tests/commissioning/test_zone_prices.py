@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from prooflight.commissioning.zones.price import _page_by_page, careful_share
-from prooflight.detectors.matched_filter.zone_pricing import LEARNING, MatchedFilterPricing
-from prooflight.detectors.matched_filter.zones import ZonedJudge
+from prooflight.detectors.matched_filter.zones import LEARNING, MatchedFilterPricing, ZonedJudge
 from prooflight.errors import RequestError
 from prooflight.pages.zones.zones_file import CAREFUL_SHARE, JobZones, ZoneEntry
 

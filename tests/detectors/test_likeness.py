@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from prooflight.detectors.false_alarm_rate import GoodScores, PressScores, least_false_alarm_rate
-from prooflight.detectors.likeness import LEVEL, POWER, Likeness
+from prooflight.detectors.false_alarm_rate import (
+    LEVEL,
+    POWER,
+    GoodScores,
+    Likeness,
+    PressScores,
+    least_false_alarm_rate,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

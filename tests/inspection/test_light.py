@@ -10,8 +10,14 @@ import pytest
 
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.inspection.inspector import Inspector
-from prooflight.inspection.light import BLACK_OFF, LEAST_OFF, light_tolerance, wrong_light
-from prooflight.inspection.light_level import LightLevel, light_levels
+from prooflight.inspection.light_level import (
+    BLACK_OFF,
+    LEAST_OFF,
+    LightLevel,
+    light_levels,
+    light_tolerance,
+    wrong_light,
+)
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.simulation.captures import SimulatedDay

@@ -14,9 +14,8 @@ from prooflight.detectors.false_alarm_rate import GoodScores, ReferenceScores
 from prooflight.detectors.matched_filter import exchangeability
 from prooflight.detectors.matched_filter.calibrated import CalibratedDetector, GoodPages
 from prooflight.detectors.matched_filter.detector import MatchedFilterDetector, summary_of
-from prooflight.detectors.matched_filter.exchangeability import FALSELY, ExchangeabilityTest
+from prooflight.detectors.matched_filter.exchangeability import FALSELY, ExchangeabilityTest, PressRunTest
 from prooflight.detectors.matched_filter.naming import FAMILIES
-from prooflight.detectors.matched_filter.run_test import PressRunTest
 from prooflight.detectors.matched_filter.statistics.local_evidence import Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.verdict import Region, Verdict

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from prooflight.errors import PressFileError
-from prooflight.pages.job import edge_sd_mm
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel, grown
 from prooflight.press.press_file import PressFile
 
@@ -39,8 +38,8 @@ def test_nothing_grows_where_nothing_is_stated() -> None:
 
 def test_edges_lie_anywhere_in_a_pixel_unless_their_place_is_known() -> None:
     pixel_mm = 25.4 / 1200
-    assert edge_sd_mm(1200) == pytest.approx(pixel_mm / 12**0.5)
-    assert edge_sd_mm(None) == pytest.approx(25.4 / 600 / 12**0.5)
+    assert UNSTATED.edge_sd_mm(1200) == pytest.approx(pixel_mm / 12**0.5)
+    assert UNSTATED.edge_sd_mm(None) == pytest.approx(25.4 / 600 / 12**0.5)
     assert RipModel(fill="area").edge_sd_mm(1200) == 0
     assert RipModel(fill="centre").edge_sd_mm(1200) == pytest.approx(pixel_mm / 12**0.5)
     assert RipModel(fill="centre", offset_um=(0, 0), offset_sd_um=2).edge_sd_mm(1200) == pytest.approx(0.002)

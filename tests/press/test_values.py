@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.fuzz.press_mutants import mutants, press_of, taken_apart
 
-from prooflight.commissioning.training.ranking import fitted_forest
+from prooflight.commissioning.training.learn import fitted_forest
 from prooflight.detectors.matched_filter.ranking import FOREST, Forest
 from prooflight.detectors.paper.bayes import BayesDetector, BayesianNetwork
 from prooflight.errors import PressError

@@ -18,15 +18,13 @@ pytest.importorskip("skimage", reason="making the sample job needs the extra [de
 from prooflight.pages.pdf.rip import PdfJob  # noqa: E402
 from prooflight.simulation.corpus.sample_job import inks, pictures  # noqa: E402
 from prooflight.simulation.corpus.sample_job.sample_job import SampleJob, make_sample_job  # noqa: E402
-from prooflight.simulation.corpus.sample_job.sheet import ReferencePatch, ReferencePicture  # noqa: E402
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-GRID_DPI = 254.0  # 0.1 mm a pixel: every picture pixel is one device pixel
-MM_PER_INCH = 25.4
+GRID_DPI = 254.0  # 0.1 mm a pixel
 CODE_128 = (  # widths of bar, space, bar, space, bar, space of each value from 0 to 105 (ISO/IEC 15417)
     "212222 222122 222221 121223 121322 131222 122213 122312 132212 221213 221312 231212 112232 122132 122231 113222 "
     "123122 123221 223211 221132 221231 213212 223112 312131 311222 321122 321221 312212 322112 322211 212123 212321 "
@@ -45,9 +43,9 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> SampleJob:
 
 @pytest.fixture(scope="module")
 def ripped(job: SampleJob) -> dict[int, NDArray[np.uint8]]:
-    """Every page on the grid, CMYK."""
+    """The invoices, CMYK."""
     with PdfJob(job.path) as pdf:
-        return {number: pdf.page(number, GRID_DPI).cmyk for number in range(1, len(pdf) + 1)}
+        return {number: pdf.page(number, GRID_DPI).cmyk for number, _ in invoice_pages(job)}
 
 
 @pytest.fixture(scope="module")
@@ -55,77 +53,6 @@ def text(job: SampleJob) -> list[str]:
     """The words of each page, as a reader would copy them out."""
     with pymupdf.open(job.path) as document:
         return [page.get_text() for page in document]
-
-
-def inside(known: ReferencePatch, dpi: float) -> tuple[slice, slice]:
-    """The pixels that lie wholly inside a patch; a thousandth of a pixel is left to rounding in the file."""
-    per_mm, slack = dpi / MM_PER_INCH, 1e-3
-    top = int(np.ceil(known.y_mm * per_mm - slack))
-    left = int(np.ceil(known.x_mm * per_mm - slack))
-    bottom = int(np.floor((known.y_mm + known.height_mm) * per_mm + slack))
-    right = int(np.floor((known.x_mm + known.width_mm) * per_mm + slack))
-    return slice(top, bottom), slice(left, right)
-
-
-def wrong_patches(page: NDArray[np.uint8], patches: list[ReferencePatch], dpi: float) -> list[ReferencePatch]:
-    """The patches that lie on no pixel, or on one of another value."""
-    areas = ((patch, page[inside(patch, dpi)]) for patch in patches)
-    return [patch for patch, area in areas if not area.size or (area != patch.cmyk).any()]
-
-
-def patches_on(job: SampleJob, number: int) -> list[ReferencePatch]:
-    return [known for known in job.references if isinstance(known, ReferencePatch) and known.page == number]
-
-
-def test_patches_on_the_grid(job: SampleJob, ripped: dict[int, NDArray[np.uint8]]) -> None:
-    for number, page in ripped.items():
-        assert wrong_patches(page, patches_on(job, number), GRID_DPI) == []
-
-
-def test_patches_off_the_grid(job: SampleJob) -> None:
-    """At a resolution whose pixels have nothing to do with the page's measures. One page of each making."""
-    pages = {known.what: known.page for known in job.references if isinstance(known, ReferencePatch)}
-    assert set(pages) >= {
-        "process",
-        "overprint",
-        "spot",
-        "overprint on spot",
-        "knock-out of spot",
-        "knock-out",
-    }
-    with PdfJob(job.path) as pdf:
-        for number in set(pages.values()):
-            page = pdf.page(number, 187.3).cmyk
-            assert wrong_patches(page, patches_on(job, number), 187.3) == []
-
-
-def test_pictures_arrive_pixel_by_pixel(job: SampleJob, ripped: dict[int, NDArray[np.uint8]]) -> None:
-    pictures = [known for known in job.references if isinstance(known, ReferencePicture)]
-    assert len({picture.page for picture in pictures if picture.what == "photograph"}) >= 6
-    for picture in pictures:
-        rows, columns = picture.cmyk.shape[:2]
-        top, left = round(10 * picture.y_mm), round(10 * picture.x_mm)
-        wrong = (ripped[picture.page][top : top + rows, left : left + columns] != picture.cmyk).any(axis=-1)
-        assert wrong.shape == (rows, columns)
-        for x, y, width, height in picture.covered:
-            first_row, first_column = max(0, round(10 * y) - top), max(0, round(10 * x) - left)
-            wrong[
-                first_row : round(10 * (y + height)) - top, first_column : round(10 * (x + width)) - left
-            ] = False
-        assert not wrong.any(), (
-            f"{picture.what} on page {picture.page}: {wrong.sum()} of {wrong.size} pixels differ"
-        )
-
-
-def test_photographs_keep_the_total_ink_limit(job: SampleJob) -> None:
-    photographs = [
-        known
-        for known in job.references
-        if isinstance(known, ReferencePicture) and known.what == "photograph"
-    ]
-    limit = pictures.TOTAL_INK_LIMIT * inks.FULL
-    heaviest = max(int(picture.cmyk.sum(axis=-1, dtype=np.int64).max()) for picture in photographs)
-    assert 0.97 * limit < heaviest <= limit  # shadows use the room, and none exceeds it
 
 
 @given(rgb=arrays(np.uint8, (4, 5, 3)))

@@ -190,7 +190,11 @@ def test_a_higher_threshold_never_alarms_more(console: Served, trained_press: Pr
         runs = recent_runs(opened.runs(), now_s=2.0)
         sheets = list(
             judged_sheets(
-                opened, LabelStore(journal), runs, detector="matched_filter", same_scale=trained_press.digests
+                opened,
+                LabelStore(journal),
+                runs,
+                detector="matched_filter",
+                same_scale={trained_press.digest},
             )
         )
     effects = of_thresholds(sheets, trained_press, "matched_filter")

@@ -311,9 +311,7 @@ def test_a_real_price_is_made_aside(
         tag = {"If-Match": engineer.get(AT).headers["ETag"]}
         assert engineer.put(AT, json={"zones": [stamp]}, headers=tag).status_code == 200
         known = JobZones.read(tmp_path / "page.zones.json", [(36.0, 44.0)])
-        known.refuse_unpriced(
-            trained_press.digests, "matched_filter", where="zones"
-        )  # in force on this press
+        known.refuse_unpriced(trained_press.digest, "matched_filter", where="zones")  # in force on this press
 
 
 def test_a_page_is_drawn_in_tiles_and_says_what_it_proposes(tmp_path: Path, trained_press: Press) -> None:

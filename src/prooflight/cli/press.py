@@ -22,7 +22,8 @@ from prooflight.files.given import shortly
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from prooflight.commissioning.training.learned_variation import StatedAndLearned
+    from prooflight.commissioning.characterise import TableAccuracy
+    from prooflight.commissioning.training.real_pages import StatedAndLearned
     from prooflight.press.artefact import Press
 
 app = typer.Typer(help="Build a press artefact, show its content, train its detectors.", no_args_is_help=True)
@@ -79,21 +80,19 @@ def build(
     json: Json = False,
 ) -> None:
     """Make a press ready: characterise camera and inks, calibrate columns, train detectors, write one file."""
-    from prooflight.commissioning.accuracy import table_accuracy
     from prooflight.commissioning.build import build_press
-    from prooflight.commissioning.measured_columns import measured_columns
+    from prooflight.commissioning.characterise import measured_columns, table_accuracy
     from prooflight.commissioning.training.train import DEFAULT_RATE, Plan
     from prooflight.detectors.entry import Training
-    from prooflight.detectors.optional import StatesTrials
-    from prooflight.detectors.registry import names, present, promises, training_functions
+    from prooflight.detectors.registry import names, promises, training_functions
     from prooflight.press.pages import drawn_dpi
     from prooflight.press.press_file import PressFile
     from prooflight.rng import stream
 
-    if detector not in TRAINED and present(detector) not in names():
+    if detector not in TRAINED and detector not in names():
         remedy = f"choose of {', '.join((*TRAINED, *names()))}"
         raise RequestError("detector", f"there is no {shortly(detector)!r}", remedy=remedy)
-    wanted = TRAINED.get(detector, (present(detector),))
+    wanted = TRAINED.get(detector, (detector,))
     functions = training_functions(wanted)
     if wanted:
         Plan.of(designs or TRAINING.get(detector, DESIGNS))  # too few end before any work
@@ -130,6 +129,15 @@ def build(
         show.print_json(facts | {"tables": accuracy, "rip": rip})
         return
     show.people.print(show.strong(out), f"written in {seconds} s, digest {digest[:16]}")
+    _print_promises(press, accuracy)
+    show.people.print(_rip_sentence(press, differing))
+
+
+def _print_promises(press: Press, accuracy: list[TableAccuracy]) -> None:
+    """Print how accurate the tables of a press are, and what its detectors promise."""
+    from prooflight.detectors.optional import StatesTrials
+    from prooflight.detectors.registry import promises
+
     for entry in accuracy:
         show.people.print(
             f"sensor {entry.sensor}: tables within {entry.mean_rms_sigma} sigma rms of the exact model "
@@ -141,7 +149,6 @@ def build(
     for model in press.detectors.values():
         if isinstance(model, StatesTrials):
             show.people.print(model.trials)
-    show.people.print(_rip_sentence(press, differing))
 
 
 def _rip_differences(press: Press, *, quiet: bool) -> tuple[str, ...] | None:
@@ -328,7 +335,7 @@ def show_press(
     json: Json = False,
 ) -> None:
     """Show the content of a press artefact, and which marks it would catch."""
-    from prooflight.commissioning.training.learned_variation import stated_and_learned
+    from prooflight.commissioning.training.real_pages import stated_and_learned
     from prooflight.press.artefact import Press
 
     number = visible_marks.page_number(job, page, map_picture)

@@ -61,7 +61,7 @@ def rip_model(
         if path is not None and path.exists() and not replace:
             raise RequestError(path, "exists already", remedy="name another file, or add --replace")
     if test_page is not None:
-        from prooflight.commissioning.rip_test_page import test_pdf
+        from prooflight.commissioning.rip_identification import test_pdf
         from prooflight.files.atomic import whole_file
 
         with whole_file(test_page) as unfinished:
@@ -140,7 +140,7 @@ def _from_rasters(settings: PressFile, job: Path, rasters: Path) -> Identified:
 
 
 def _from_scans(job: Path, copies: Sequence[Path], press_path: Path) -> Identified:
-    from prooflight.commissioning.rip_scans import identified_from_scans
+    from prooflight.commissioning.rip_identification import identified_from_scans
     from prooflight.inspection.inspector import Inspector
     from prooflight.inspection.job import pair
     from prooflight.press.artefact import Press

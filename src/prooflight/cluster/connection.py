@@ -1,5 +1,8 @@
 """Connection to the workers of ``--cluster``: those of a scheduler, or some that are started here.
 
+Those of this machine are started again when they were killed. Dask's own nannies give up on a worker that starts
+slowly, as on a machine under load; it is then missing to the end.
+
 Needs the extra ``cluster``.
 """
 
@@ -7,22 +10,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import multiprocessing
 import re
+import signal
+import tempfile
+import threading
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
-from distributed import Client, LocalCluster, Security
+from distributed import Client, LocalCluster, Security, Worker
 from distributed.comm import connect
 from llvmlite import binding  # type: ignore[import-untyped]
 
 from prooflight.cluster.cluster import Cluster
-from prooflight.cluster.local import local_workers
 from prooflight.cluster.worker import describe, refuse_other_program
 from prooflight.errors import RequestError
 from prooflight.files.program import program_parts
+from prooflight.pages.parallel import end_with_parent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 CONNECT_S: Final = 5
 ANSWER_S: Final = 5
@@ -163,3 +170,42 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(before)
+
+
+@contextmanager
+def local_workers(number: int, scheduler: str) -> Iterator[Callable[[], None]]:
+    """Start workers of one thread for a scheduler; yield the function that starts again those that have ended."""
+    context = multiprocessing.get_context("spawn")
+    processes: list[multiprocessing.process.BaseProcess] = []
+    with tempfile.TemporaryDirectory(prefix="prooflight-workers-", ignore_cleanup_errors=True) as folder:
+
+        def start_missing() -> None:
+            alive = [process for process in processes if process.is_alive()]
+            for _ in range(number - len(alive)):
+                process = context.Process(target=_serve, args=(scheduler, folder), daemon=True)
+                process.start()
+                alive.append(process)
+            processes[:] = alive
+
+        try:
+            start_missing()
+            yield start_missing
+        finally:
+            for process in processes:
+                process.kill()  # results are with the head, and the folder is removed here
+            for process in processes:
+                process.join()
+
+
+def _serve(scheduler: str, folder: str) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this process
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    asyncio.run(_work(scheduler, folder))
+
+
+async def _work(scheduler: str, folder: str) -> None:
+    worker = await Worker(
+        scheduler, nthreads=1, memory_limit=0, host="127.0.0.1", local_directory=folder, dashboard=False
+    )
+    await worker.finished()

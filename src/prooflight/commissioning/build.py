@@ -11,8 +11,8 @@ import numpy as np
 from prooflight.camera.camera import with_pixels
 from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
 from prooflight.camera.sensor import draw_fixed_pattern
-from prooflight.commissioning.appearance import appearance_srgb
 from prooflight.commissioning.characterise import (
+    appearance_srgb,
     calibrate_columns,
     clipped_share,
     signal_dn,

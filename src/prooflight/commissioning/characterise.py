@@ -1,26 +1,47 @@
-"""Characterisation of the camera's response to every colour: the two tables of prediction (paper, section 3.4)."""
+"""Characterisation of the camera's response to every colour: the two tables of prediction (paper, section 3.4).
+
+Next to the tables: the accuracy of their interpolation, the calibration of columns, and how recipes look to a person.
+"""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from prooflight import spectra
 from prooflight.camera.camera import expose_flat
 from prooflight.camera.sensor import ROUNDING_DN2
+from prooflight.errors import RequestError
+from prooflight.files.given import GivenFiles
 from prooflight.kernels.prediction.lookup import NODES
-from prooflight.prediction.tables import node_fractions
-from prooflight.press.artefact import ClippedShare
+from prooflight.prediction.predict import expected_light
+from prooflight.prediction.tables import ClippedShare, node_fractions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import FixedPattern, LineSensor
     from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.prediction.tables import SensorModel
+
+STEPS = 9
+
+XYZ_TO_LINEAR_SRGB = np.array(  # IEC 61966-2-1
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
+RANDOM_RECIPES = 20_000
+PROTOCOLS: Final = GivenFiles(
+    error=RequestError, remedy="give the protocol of a set-up, or delete it to begin anew", largest_mb=64
+)
+LEAST_GAIN: Final = 0.02
+"""Least gain of a column over the mean of all: one that sees less is dead or covered."""
 
 
 def signal_dn(sensor: LineSensor, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,3 +182,99 @@ def calibrate_columns(
             ColumnCalibration(offset_dn=offset.astype(np.float32), gain=gain.astype(np.float32))
         )
     return calibrations
+
+
+def appearance_srgb(inks: ReflectanceModel) -> NDArray[np.uint8]:
+    """Return sRGB (IEC 61966-2-1) of recipes at 9 even steps of each ink, (9, 9, 9, 9, 3).
+
+    Bare paper is shown white.
+    """
+    axis = np.linspace(0, 1, STEPS)
+    tristimulus = spectra.xyz(inks.reflectance(recipe_grid(axis, axis, axis, axis)), "D65")
+    relative = tristimulus / tristimulus[0, 0, 0, 0] * spectra.white_xyz("D65")
+    return srgb_bytes(relative @ XYZ_TO_LINEAR_SRGB.T)
+
+
+def srgb_bytes(light: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return sRGB (IEC 61966-2-1) of light over white's, bounded to 0..1."""
+    return np.round(spectra.srgb_encoded(light) * 255).astype(np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableAccuracy:
+    """Errors of one sensor's tables, the mean's in standard deviations of the temporal noise."""
+
+    sensor: str
+    mean_rms_sigma: float
+    mean_max_sigma: float
+    white_sigma: float
+    """Error at bare paper."""
+    sigma_rms_percent: float
+
+
+def trial_recipes(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Draw recipes (n, 4) as pages have them: paper, ramps of one and of two inks, and random ones."""
+    ramp = np.arange(256)
+    recipes = [np.zeros((1, 4), np.int64), rng.integers(0, 256, (RANDOM_RECIPES, 4))]
+    for first in range(4):
+        single = np.zeros((256, 4), np.int64)
+        single[:, first] = ramp
+        recipes.append(single)
+        for second in range(first + 1, 4):
+            pair = single.copy()
+            pair[:, second] = rng.permutation(ramp)
+            recipes.append(pair)
+    return np.concatenate(recipes).astype(np.uint8)
+
+
+def table_accuracy(
+    camera: Camera, inks: ReflectanceModel, sensors: tuple[SensorModel, ...], rng: np.random.Generator
+) -> list[TableAccuracy]:
+    """Compare interpolated mean and sigma with the exact closed form, over ``trial_recipes``."""
+    recipes = trial_recipes(rng)
+    irradiance = camera.irradiance_photons(inks.reflectance(recipes / 255))
+    results = []
+    for sensor, model in zip(camera.sensors, sensors, strict=True):
+        electrons = sensor.electrons(irradiance)
+        exact, sigma = signal_dn(sensor, electrons), np.sqrt(variance_dn2(sensor, electrons))
+        mean, variance = expected_light(recipes, model)
+        error, of_sigma = (mean - exact) / sigma, np.sqrt(variance) / sigma - 1
+        results.append(
+            TableAccuracy(
+                sensor=model.name,
+                mean_rms_sigma=round(float(np.sqrt(np.mean(error**2))), 4),
+                mean_max_sigma=round(float(np.abs(error).max()), 4),
+                white_sigma=round(float(abs(error[0])), 4),
+                sigma_rms_percent=round(float(np.sqrt(np.mean(of_sigma**2))) * 100, 4),
+            )
+        )
+    return results
+
+
+def measured_columns(path: Path, camera: Camera) -> list[ColumnCalibration]:
+    """Read the columns of a real camera from the protocol of its set-up; RequestError: it holds none.
+
+    A press counts its light on the lens's axis: all columns combined see as much of it as cos^4 leaves.
+    """
+    try:
+        records = json.loads(PROTOCOLS.read_text(path))["columns"]
+        columns = [
+            (np.array(one["offset_dn"], np.float32), np.array(one["gain"], np.float64)) for one in records
+        ]
+        fit = bool(columns) and all(
+            offset.ndim == gain.ndim == 1
+            and offset.size == gain.size
+            and np.isfinite(offset).all()
+            and ((gain > LEAST_GAIN) & (gain < 1 / LEAST_GAIN)).all()
+            for offset, gain in columns
+        )
+    except (ValueError, TypeError, KeyError) as error:
+        raise RequestError(path, "is no protocol of a set-up", remedy=PROTOCOLS.remedy) from error
+    if not fit:
+        what = "holds no columns of a camera, or some that see no light"
+        raise RequestError(path, what, remedy="repeat the steps dark and flat of `prooflight camera set-up`")
+    shade = float(camera.column_light().mean())
+    return [
+        ColumnCalibration(offset_dn=offset, gain=(shade * gain).astype(np.float32))
+        for offset, gain in columns
+    ]

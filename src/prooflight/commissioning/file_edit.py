@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import tomlkit
 
-from prooflight.commissioning.toml_text import toml_value
 from prooflight.errors import PressFileError
 from prooflight.files.atomic import whole_file
 from prooflight.press.press_file import PressFile
@@ -51,6 +50,20 @@ def edited(text: str, edits: Iterable[Edit]) -> str:
     for edit in edits:
         text = _one(text, edit)
     return text
+
+
+def toml_line(field: str, value: Any) -> str:
+    """Return a field and its value as one line of a press file.
+
+    >>> toml_line("quantum_efficiency", {"wave_nm": [380, 730.0], "file": "a.csv"})
+    'quantum_efficiency = {wave_nm = [380, 730.0], file = "a.csv"}'
+    """
+    if isinstance(value, dict):  # as a table of one line
+        inline = tomlkit.inline_table()
+        for name, inner in value.items():
+            inline.append(name, inner)
+        value = inline
+    return f"{field} = {tomlkit.item(value).as_string()}"
 
 
 def write_edits(path: Path, edits: Iterable[Edit]) -> PressFile:
@@ -98,7 +111,7 @@ def _one(text: str, edit: Edit) -> str:
             now.trivia.comment_ws = " " * max(len(gap) + long - len(now.as_string()), 2)
         result = tomlkit.dumps(document)
     else:
-        line = f"{edit.field} = {toml_value(edit.value)}  # {edit.why}"
+        line = f"{toml_line(edit.field, edit.value)}  # {edit.why}"
         result = _inserted(text, edit, line, missing=block is None)
     if tomllib.loads(result) != wanted:
         message = f"{edit.name} cannot be written where {edit.block} is not under a heading of its own"

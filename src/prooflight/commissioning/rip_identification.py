@@ -3,25 +3,32 @@
 An edge is sought in the expected image where a run of pixels goes from one level to another. Its place in both
 images is the mean place of the step between the levels at its ends, so that neither gain nor blur moves it.
 All edges of an ink that lie further out have grown; those that lie further right have moved; what remains is
-how surely single edges lie.
+how surely single edges lie. Edges are of rasters of a test page, with edges at parts of pixels, hairlines and tints of
+every ink; or of scans of good pages, which show the growth of each ink.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES, INKS
+from prooflight.errors import ScanError
+from prooflight.pages.pdf.engine_check import pdf_of
 from prooflight.pages.pdf.rip_model import FILL_RULES, RipModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
+    from prooflight.detectors.base import Inspection
+    from prooflight.detectors.verdict import Verdict
     from prooflight.pages.pdf.rip_model import FillRule
+    from prooflight.pages.raster import Page
+    from prooflight.press.artefact import Press
 
 HALF: Final = 3
 """Pixels that are looked at to either side of an edge of a raster: growth up to two of them is seen."""
@@ -43,6 +50,23 @@ SAME_STEP: Final = 0.4
 """Largest difference of the steps of both images, as a share; others are no edges of the same shape."""
 BETTER: Final = 0.9
 """Largest ratio of an identified rule's residual to the next best one's."""
+SIDE_POINTS: Final = (420.0, 320.0)
+PITCH_POINTS: Final = 24.37
+"""Pitch of the squares: no multiple of a pixel of any usual resolution, so that edges lie at all parts of pixels."""
+SQUARE_POINTS: Final = 11.13
+STAGGER_POINTS: Final = 0.173
+"""Steps by which neighbours lie further down, so that no two edges of a row are rounded alike."""
+SQUARES: Final = (8, 2)
+"""Squares of each ink, across and down."""
+HAIRLINES_POINTS: Final = (0.0, 0.06, 0.12, 0.25, 0.5)
+TINTS: Final = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
+HALF_OF_SCANS: Final = 4
+"""Pixels that are looked at to either side of an edge: the lens blurs it over some two."""
+CELL_TILES: Final = 4
+"""Side of the cells that have an offset each: 13 mm at 0.1 mm. Paper and planes move a print by parts of a pixel that
+vary over some centimetres."""
+ALONE: Final = 0.02
+"""Largest difference, as a share of paper white, that other inks may make where an ink counts as alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,3 +320,100 @@ def _stated(inks: Sequence[InkEdges | None], pixel_um: float) -> tuple[dict[str,
         "edge_sd_um": round(pixel_um * edge, 2),
     }
     return fields, sentences
+
+
+def test_pdf() -> bytes:
+    """Return the page as a PDF."""
+    paints = []
+    for ink in range(INKS):
+        top = SIDE_POINTS[1] - 14 - 74 * ink
+        paints.append(_colour(ink, 1.0))
+        for row in range(SQUARES[1]):
+            for column in range(SQUARES[0]):
+                x = 12.31 + PITCH_POINTS * column + STAGGER_POINTS * row
+                y = top - 25.43 * row - SQUARE_POINTS - STAGGER_POINTS * column
+                paints.append(
+                    f"{x:.3f} {y:.3f} {SQUARE_POINTS + 0.037 * column:.3f} {SQUARE_POINTS + 0.029 * column:.3f} re f"
+                )
+                # A triangle beside it, whose edges cut pixels at all angles.
+                paints.append(
+                    f"{x + 13:.3f} {y:.3f} m {x + 22:.3f} {y + 3.1:.3f} l {x + 15:.3f} {y + 11:.3f} l f"
+                )
+        for line, width in enumerate(HAIRLINES_POINTS):
+            x, y = 222.3 + 7.77 * line, top - 36
+            paints.append(f"{width:g} w {x:.3f} {y:.3f} m {x:.3f} {y + 36:.3f} l S")
+            paints.append(f"{264.0:.3f} {y + 7.13 * line:.3f} m {300.0:.3f} {y + 7.13 * line:.3f} l S")
+        for patch, tint in enumerate(TINTS):
+            paints += [_colour(ink, tint), f"{308 + 18 * patch} {top - 36} 16 36 re f"]
+    content = "\n".join(paints).encode()
+    return _document(content)
+
+
+def _colour(ink: int, amount: float) -> str:
+    amounts = ["0"] * INKS
+    amounts[ink] = f"{amount:g}"
+    return f"{' '.join(amounts)} k {' '.join(amounts)} K"
+
+
+def _document(content: bytes) -> bytes:
+    width, height = SIDE_POINTS
+    page = f"<</Type/Page/Parent 2 0 R/Contents 4 0 R/Resources<<>>/MediaBox[0 0 {width:g} {height:g}]>>"
+    return pdf_of(
+        [
+            b"<</Type/Catalog/Pages 2 0 R>>",
+            b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
+            page.encode(),
+            b"<</Length %d>>stream\n%s\nendstream" % (len(content), content),
+        ]
+    )
+
+
+def identified_from_scans(inspected: Iterable[tuple[Page, Inspection]], press: Press) -> Identified:
+    """Identify growth and residual of each ink from good pages of a press, as they enter it, and their inspections.
+
+    What a day's dot gain adds to edges is part of the growth, and what its prints scatter by is part of the residual.
+    ScanError: none of the scans could be placed.
+    """
+    expected: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
+    seen: list[list[NDArray[np.float32]]] = [[] for _ in range(INKS)]
+    alone: list[list[NDArray[np.bool_]]] = [[] for _ in range(INKS)]
+    unplaced: list[Verdict] = []
+    press_context, white = press.press_context(), press.sensors[0].white_dn
+    for page, inspection in inspected:
+        if inspection.verdict.shift_mm is None:
+            unplaced.append(inspection.verdict)
+            continue
+        all_inks = inspection.expect().expected_dn[0]
+        measured = inspection.measured_dn[0].astype(np.float32)
+        for ink in range(INKS):
+            if not page.cmyk[..., ink].any():
+                continue
+            single = np.zeros_like(page.cmyk)
+            single[..., ink] = page.cmyk[..., ink]
+            prediction = press_context.predict(replace(page, cmyk=single), inspection.placement)
+            only = prediction.expected_dn[0][inspection.area]
+            expected[ink].append(-all_inks)
+            seen[ink].append(-measured)
+            alone[ink].append(np.abs(only - all_inks) < ALONE * white)
+    if unplaced and not any(expected):
+        first = unplaced[0]
+        what = "could not be placed" + f": {first.reason}" * bool(first.reason)
+        raise ScanError(
+            first.page, what, remedy="give scans of good prints of the job, by this press's camera"
+        )
+    levels = press.sensors[0].mean_dn
+    inks = []
+    for ink in range(INKS):
+        solid = tuple(levels.shape[0] - 1 if other == ink else 0 for other in range(INKS))
+        span = float(levels[0, 0, 0, 0] - levels[solid])
+        inks.append(
+            ink_edges(
+                expected[ink],
+                seen[ink],
+                span=span,
+                half=HALF_OF_SCANS,
+                alone=alone[ink],
+                cell_tiles=CELL_TILES,
+            )
+        )
+    return identified_from_edges(inks, 1e3 * press.geometry.pixel_pitch_mm)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, ClassVar, Final
+
+from pydantic import Field
+
+from prooflight.files.fields import LEAST, NO_OTHER_FIELDS, Positive
 
 FLOOR_SHARE: Final = 0.1
 """Difference from the expected light of a flat place, as a share of paper white, that is always a misprint.
@@ -18,11 +22,13 @@ mm."""
 class RunningCosts:
     """The three numbers of the press owner."""
 
-    misprint_rate: float = 0.01
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
+    misprint_rate: Annotated[float, Field(strict=True, ge=LEAST, lt=1)] = 0.01
     """Share of pages that are misprints, r (paper, section 5.2). [-]"""
-    false_alarm_cents: float = 0.01
+    false_alarm_cents: Positive = 0.01
     """Cost of stopping for a good page, c_f (paper, section 5.2). [cent]"""
-    missed_misprint_cents: float = 0.1
+    missed_misprint_cents: Positive = 0.1
     """Cost of letting a misprint pass, c_m (paper, section 5.2). [cent]"""
 
     def __post_init__(self) -> None:

@@ -34,23 +34,16 @@ BUILT_IN: Final = {
     "golden": "prooflight.detectors.golden.entry:ENTRY",
 }
 """Entries of Prooflight's own, which are imported as those of other packages are: by name."""
-FORMER: Final = {"ours": PREFERRED, "matched-filter": PREFERRED}
-"""Names that detectors had up to press schema 10, as journals of that time and users have them."""
-
-
-def present(name: str) -> str:
-    """Return the present name of a detector, which may be given by a former one."""
-    return FORMER.get(name, name)
 
 
 def names() -> tuple[str, ...]:
     """Return the names of all detectors: Prooflight's own, and those that packages have registered."""
     others = {entry.name for entry in entry_points(group=GROUP)}
-    return (*BUILT_IN, *sorted(others - {*BUILT_IN, *FORMER}))
+    return (*BUILT_IN, *sorted(others - {*BUILT_IN}))
 
 
 def entry(name: str) -> Entry:
-    """Return the entry of a detector by its present name; RequestError: there is none, or it cannot be loaded."""
+    """Return the entry of a detector by its name; RequestError: there is none, or it cannot be loaded."""
     if name in BUILT_IN:
         return resolve_name(BUILT_IN[name])
     if name not in names():
@@ -65,7 +58,7 @@ def detector(name: str | None, press: DetectorPress) -> Detector:
 
     RequestError: there is no such detector, it cannot be loaded, or this press was not trained with it.
     """
-    name = default_name(press) if name is None else present(name)
+    name = default_name(press) if name is None else name
     registered = entry(name)
     if registered.model is not None and name not in press.detectors:
         what = f"press {press.name} was not taught {name!r}"
@@ -88,7 +81,7 @@ def promises(press: DetectorPress) -> dict[str, str]:
 def family_text(name: str, family: str) -> str | None:
     """Describe a family of evidence of a detector; None: it cannot, or is not installed here."""
     try:
-        return entry(present(name)).family_text(family)
+        return entry(name).family_text(family)
     except RequestError:
         return None
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ArgsKwargs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -71,7 +72,7 @@ def checked(kind: type[Document], raw: Any, *, under: str = "") -> Document:
         match fault["type"]:
             case "missing":
                 raise Misfit(field, "is missing") from error
-            case "extra_forbidden":
+            case "extra_forbidden" | "unexpected_keyword_argument":
                 raise Misfit(field, "is not known here") from error
             case "json_invalid":  # a lone surrogate: Python's own reader lets it pass
                 raise Misfit(field, "is not JSON") from error
@@ -84,7 +85,7 @@ def checked(kind: type[Document], raw: Any, *, under: str = "") -> Document:
 def _message(fault: Any) -> str:
     text = fault["msg"].removeprefix("Value error, ").removeprefix("Input ").replace("should", "must")
     given = fault["input"]
-    suffix = "" if isinstance(given, dict | list) else f", not {str(given)[:40]!r}"
+    suffix = "" if isinstance(given, dict | list | ArgsKwargs) else f", not {str(given)[:40]!r}"
     return f"{text[0].lower()}{text[1:]}{suffix}"
 
 

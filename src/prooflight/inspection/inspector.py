@@ -14,8 +14,7 @@ from prooflight.detectors.verdict import Verdict
 from prooflight.errors import RequestError, ScanError
 from prooflight.inspection.codes.finding import page_codes
 from prooflight.inspection.codes.reading import with_codes
-from prooflight.inspection.light import wrong_light
-from prooflight.inspection.light_level import light_levels, lit_squares
+from prooflight.inspection.light_level import light_levels, lit_squares, wrong_light
 from prooflight.scans.scan import Scan
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.base import Detector, Device, Inspection, PreparedPage, PressContext
-    from prooflight.inspection.codes.page_code import PageCode
+    from prooflight.inspection.codes.finding import PageCode
     from prooflight.inspection.light_level import LitSquares
     from prooflight.pages.raster import Page
     from prooflight.pages.zones.zones_file import JobZones

@@ -38,11 +38,6 @@ COARSE_DPI: Final = 18.0
 painted."""
 
 
-def edge_sd_mm(rip_dpi: float | None) -> float:
-    """Return ``Page.edge_sd_mm`` of a PDF for a press of which at most the resolution is known."""
-    return UNSTATED.edge_sd_mm(rip_dpi)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobSource:
     """Definition of a job; small and picklable, so that every worker process can open its own."""

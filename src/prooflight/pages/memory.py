@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -19,6 +20,9 @@ MEGAPIXELS_MAX: Final = 400
 BYTES_PER_FILE_BYTE: Final = 64
 """Memory that a larger file may need, per byte of the file: a highly compressed JPEG stores four pixels in
 a byte, and reading takes up to 16 bytes for each. Files that declare more are made to exhaust memory."""
+TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8
+"""Parameter numbers of glibc's mallopt(3)."""
+RETAINED_BYTES: Final = 2**31 - 1
 
 
 def available_bytes() -> float:
@@ -76,3 +80,14 @@ def file_size(path: Path, refused: type[InputError]) -> int:
     if not stat.S_ISREG(facts.st_mode):
         raise refused(path, "is no file", remedy="give a file, not a folder, pipe or device")
     return facts.st_size
+
+
+def keep_memory() -> None:
+    """Keep freed memory for the next page; if it is returned and requested again, the system clears it each time.
+
+    This applies to the whole process. If the C library is not glibc, nothing changes.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        for name, value in ((TRIM_THRESHOLD, RETAINED_BYTES), (MMAP_MAX, 0), (ARENA_MAX, 1)):
+            mallopt(name, value)

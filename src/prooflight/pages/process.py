@@ -13,7 +13,7 @@ import cv2
 import scipy.linalg  # noqa: F401  before its threads can be limited, a library of linear algebra must be there
 from threadpoolctl import threadpool_limits
 
-from prooflight.pages.heap import keep_memory
+from prooflight.pages.memory import keep_memory
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

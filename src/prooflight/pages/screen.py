@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, get_args
 
 import numpy as np
+from pydantic import Field
 
 from prooflight.cmyk import INKS
+from prooflight.files.fields import NO_OTHER_FIELDS, Number
 from prooflight.kernels.screening import (
     BLUR_REACH,
     WHOLE,
@@ -50,19 +52,21 @@ _NOISE_STARTS: Final = ((0.0, 0.0), (0.37, 0.61), (0.71, 0.23), (0.19, 0.83))
 class Screen:
     """Screen of a press, in its device's pixels; ValueError where it is none."""
 
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
     kind: ScreenKind
     """``am``: dots of varying size on a lattice; ``fm``: scattered dots of one pixel, by blue noise;
     ``error-diffusion``: by Floyd and Steinberg."""
-    dpi: float
+    dpi: Number
     """Resolution of the device, the same in x and y. [pixels/inch]"""
-    lpi: float = 0.0
+    lpi: Number = 0.0
     """Ruling of ``am``; 0 for the other kinds. [lines/inch]"""
-    angles_deg: tuple[float, float, float, float] = (15.0, 75.0, 0.0, 45.0)
+    angles_deg: tuple[Number, Number, Number, Number] = (15.0, 75.0, 0.0, 45.0)
     """Angles of the lattices of C, M, Y and K for ``am``, counter-clockwise from the line across the web as seen."""
     dot: DotShape = "round"
     """Shape of the dots of ``am``. ``round``: circles; ``euclidean``: circles, squares at 50 %, round holes above;
     ``line``: lines along the angle."""
-    bits: int = 1
+    bits: Annotated[int, Field(strict=True)] = 1
     """Bits of a device pixel: it prints 2^bits levels of ink, from none to solid."""
 
     def __post_init__(self) -> None:

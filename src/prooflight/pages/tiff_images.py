@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import tifffile
 
 from prooflight.errors import InputError
-from prooflight.pages import jpeg_frames
 from prooflight.pages.memory import file_size, refuse_unaffordable
+from prooflight.pages.picture_files import frame
 from prooflight.pages.tiff_directories import DirectoryError, full_size_images
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _check_jpegs(page: Any) -> None:
     allowed = 2 * _chunk_bytes(page) // page.dtype.itemsize + _JPEG_SLACK
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         file.seek(offset)
-        header = jpeg_frames.frame(file.read(size))
+        header = frame(file.read(size))
         if header.rows * header.columns * header.components > allowed:
             message = f"a JPEG of {header.columns} x {header.rows} pixels lies in a smaller strip or tile"
             raise ValueError(message)

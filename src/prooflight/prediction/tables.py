@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from prooflight.files.fields import NO_OTHER_FIELDS
+from prooflight.files.schema import Share
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
 from prooflight.pages.lens_correction import LensCorrection
 
@@ -25,6 +27,18 @@ SLOPE_NODES = (NODES - 1) // EVERY + 1
 def node_fractions() -> NDArray[np.float64]:
     """Return ink fractions at the nodes of one axis, (33,): 0, 8/255, ..., 256/255, the last just beyond full ink."""
     return np.arange(NODES, dtype=np.float64) * (NODE_STEP / 255)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClippedShare:
+    """Shares of a sensor's table nodes whose noise is clipped, so that it is not Gaussian; 0..1 each."""
+
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
+    black: Share
+    """Share of the nodes within four sigma of 0 DN."""
+    saturation: Share
+    """Share of the nodes within four sigma of the top code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

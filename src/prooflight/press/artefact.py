@@ -19,9 +19,9 @@
   not fit these.
 - 10: in the matched-filter detector, statistics of small windows by class of place (``statistics.marks``), and a screen
   that decides alone; and ``floor_share``.
-- 11: the same under other names (``press.former``): any detector's model is stored under the detector's name
+- 11: the same under other names: any detector's model is stored under the detector's name
   (tensors ``detectors.NAME.*``), the matched-filter detector is ``matched_filter``, and its recalibrations are
-  ``labelled``. Files of schema 10 are read, and keep their digest.
+  ``labelled``.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.sampling import Footprint
 from prooflight.pages.screen import Screen
-from prooflight.prediction.tables import SensorModel, node_fractions
-from prooflight.press import former
+from prooflight.prediction.tables import ClippedShare, SensorModel, node_fractions
 from prooflight.press.print_condition import PrintCondition
 from prooflight.press.schema import MODELS, check_press
 from prooflight.scans.geometry import ScanGeometry
@@ -82,16 +81,6 @@ MOST_BEFORE: Final = 30
 """Number of such digests that are stored; assumed: labels of runs under earlier costs are too old to count."""
 LIGHT_STEPS: Final = 18
 """Steps of ink, 15 bytes apart, so that no ink and full ink are both among them."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClippedShare:
-    """Shares of a sensor's table nodes whose noise is clipped, so that it is not Gaussian; 0..1 each."""
-
-    black: float
-    """Share of the nodes within four sigma of 0 DN."""
-    saturation: float
-    """Share of the nodes within four sigma of the top code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,15 +214,9 @@ class Press(Shown):
         return _digest(arrays, document)
 
     @property
-    def digests(self) -> frozenset[str]:
-        """Return its digest, and that of when presses had schema 10: runs and zones of then name that."""
-        arrays, document = self._parts()
-        return frozenset((_digest(arrays, document), _digest(*former.as_schema_10(arrays, document))))
-
-    @property
     def scored_alike(self) -> frozenset[str]:
-        """Return the digests of the presses whose scores are its own: ``digests``, and those of other costs."""
-        return self.digests | frozenset(self.origin.get(COSTS_BEFORE, "").split())
+        """Return the digests of the presses whose scores are its own: its digest, and those of other costs."""
+        return frozenset({self.digest}) | frozenset(self.origin.get(COSTS_BEFORE, "").split())
 
     def check(self) -> None:
         """Raise PressError, with the field's name, if it holds a value that no artefact may hold."""
@@ -371,16 +354,14 @@ def _read(path: Path) -> tuple[str, dict[str, NDArray[Any]]]:
     if file.texts.get("kind") != KIND:
         raise PressError(path, "is not a press artefact", remedy=REBUILD)
     schema = file.texts.get("schema")
-    if schema not in (str(SCHEMA), former.SCHEMA):
-        what = f"has schema {schema}, this version reads schemas {former.SCHEMA} and {SCHEMA}"
+    if schema != str(SCHEMA):
+        what = f"has schema {schema}, this version reads schema {SCHEMA}"
         raise PressError(path, what, remedy=REBUILD)
     if unknown := sorted(set(file.texts) - TEXTS):
         raise Misfit(unknown[0], "is not known here")
     arrays, document = file.arrays(), file.texts.get("document", "")
     if _digest(arrays, document) != file.texts.get("digest"):
         raise PressError(path, "is damaged: its digest does not match its content", remedy=REBUILD)
-    if schema == former.SCHEMA:
-        arrays, document = former.from_schema_10(arrays, document)
     return document, arrays
 
 

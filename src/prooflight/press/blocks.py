@@ -2,41 +2,47 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import re
 import tomllib
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationError,
     create_model,
     model_validator,
 )
+from pydantic_core import ArgsKwargs
 
-from prooflight.detectors.cost import FLOOR_SHARE
+from prooflight.detectors.cost import FLOOR_SHARE, RunningCosts
 from prooflight.errors import PressFileError
+from prooflight.files.fields import (
+    NO_OTHER_FIELDS,
+    Count,
+    Lead,
+    NotNegative,
+    Number,
+    Positive,
+    Share,
+    ShortText,
+)
 from prooflight.files.given import shortly
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen
+from prooflight.press.gate import GateSettings
 from prooflight.press.outlets import PlantBlock
 from prooflight.press.parts import PartsBlock
+from prooflight.scans.camera_settings import CameraSettings
+from prooflight.scans.scanner.feeder import FeederPrior
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Strict: text and booleans are no numbers.
-# Nothing about a press is smaller or larger, in any of our units; so products of several stay finite.
-LEAST, GREATEST = 1e-9, 1e12
-Positive = Annotated[float, Field(strict=True, ge=LEAST, le=GREATEST)]
-NotNegative = Annotated[float, Field(strict=True, ge=0, le=GREATEST)]
-Share = Annotated[float, Field(strict=True, ge=LEAST, le=1)]
-Number = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
-Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Amount = Annotated[float, Field(strict=True, ge=0, le=1000)]
 """Amount of variation of good prints: per cent, micrometres, millimetres."""
 Range = tuple[
@@ -45,17 +51,18 @@ Range = tuple[
 
 LEAST_RIP_DPI, MOST_RIP_DPI = 100, 5080
 """Range of resolutions of a press's RIP: fax to film."""
-Lead = Annotated[float, Field(strict=True, ge=0, le=10_000)]
 _DEEPEST = 8
 """Greatest depth of tables in tables: ``[sensor.quantum_efficiency]`` has three levels, with its numbers four."""
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
 """Keys such as ``a.b.c`` of many parts: tomllib takes time and memory in the square of their number."""
 
-ShortText = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+
+UNKNOWN_FIELD = ("extra_forbidden", "unexpected_keyword_argument")
+"""Pydantic's kinds of a fault for a field that a block, or a dataclass that is one, does not have."""
 
 
 class _Block(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = NO_OTHER_FIELDS
 
 
 class LightBlock(_Block):
@@ -165,29 +172,10 @@ class RipBlock(_Block):
     @property
     def model(self) -> RipModel:
         """Return the parameters of the RIP; ValueError names the one that can be none."""
-        fields: dict[str, Any] = {name: getattr(self, name) for name in RipModel.__dataclass_fields__}
+        fields: dict[str, Any] = {
+            field.name: getattr(self, field.name) for field in dataclasses.fields(RipModel)
+        }
         return RipModel(**fields)
-
-
-class ScreenBlock(_Block):
-    """``[screen]``: how the press prints tints."""
-
-    kind: Literal["am", "fm", "error-diffusion"]
-    dpi: Number
-    lpi: Number = 0.0
-    angles_deg: tuple[Number, ...] = (15.0, 75.0, 0.0, 45.0)
-    dot: Literal["round", "euclidean", "line"] = "round"
-    bits: Annotated[int, Field(strict=True)] = 1
-
-    @model_validator(mode="after")
-    def _is_a_screen(self) -> Self:
-        _ = self.screen
-        return self
-
-    @property
-    def screen(self) -> Screen:
-        """Return the screen; ValueError names the field that can be none of one."""
-        return Screen(**self.model_dump())
 
 
 class InksBlock(_Block):
@@ -204,14 +192,6 @@ class SubstrateBlock(_Block):
 
     brand: ShortText | None = None
     weight_gsm: Annotated[float, Field(strict=True, ge=10, le=2000)] | None = None
-
-
-class CostsBlock(_Block):
-    """``[costs]``."""
-
-    misprint_rate: Annotated[float, Field(strict=True, ge=LEAST, lt=1)] = 0.01
-    false_alarm_cents: Positive = 0.01
-    missed_misprint_cents: Positive = 0.1
 
 
 IN_IDEAL: Final = 100_000.0
@@ -302,91 +282,6 @@ def _variation_block() -> type[_Block]:
 VariationBlock = _variation_block()
 
 
-class SideGeometryBlock(_Block):
-    """``[geometry.back]``: how far off the feeder lays the back sides of sheets."""
-
-    shift_mm: Annotated[float, Field(strict=True, ge=0, le=12)]
-    skew_deg: Annotated[float, Field(strict=True, ge=0, le=1)]
-    stretch_percent: Annotated[float, Field(strict=True, ge=0, le=3)]
-
-
-class GeometryBlock(SideGeometryBlock):
-    """``[geometry]``: the press is seen by an office scanner, whose feeder lays sheets this far off."""
-
-    back: SideGeometryBlock | None = None
-
-
-Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
-"""Offset of a sensor's lines or pixels.
-
-The limit is 10 m between sensors on the page at the prototype's pitch.
-"""
-Offsets = Annotated[tuple[Offset, ...], Field(max_length=16)]
-
-
-class CameraBlock(_Block):
-    """``[camera]``, or one of ``[[camera]]``: settings of a line camera.
-
-    A setting that is not given is left unchanged.
-    """
-
-    id: ShortText | None = None
-    pixel_format: ShortText | None = None
-    block_lines: Count | None = None
-    line_rate_hz: Positive | None = None
-    exposure_us: Positive | None = None
-    trigger: Literal["free", "encoder"] | None = None
-    trigger_source: ShortText | None = None
-    encoder_steps: Count | None = None
-    chunks: Annotated[bool, Field(strict=True)] | None = None
-    offset_lines: Offsets = ()
-    offset_pixels: Offsets = ()
-    features: Annotated[dict[ShortText, bool | int | float | str], Field(max_length=1000)] = {}
-    names: Annotated[dict[ShortText, dict[ShortText, ShortText]], Field(max_length=100)] = {}
-
-
-Register = Annotated[int, Field(strict=True, ge=0, le=65_535)]
-Milliseconds = Annotated[int, Field(strict=True, ge=1, le=60_000)]
-
-
-class PlcBlock(_Block):
-    """``[gate.plc]``: the plant's controller, a Modbus TCP server."""
-
-    host: ShortText
-    port: Annotated[int, Field(strict=True, ge=1, le=65_535)] = 502
-    unit: Annotated[int, Field(strict=True, ge=0, le=255)] = 1
-    style: Literal["registers", "coil"] = "registers"
-    first_register: Register = 0
-    coil: Register = 0
-    counts_per_mm: Positive = 10.0
-    """assumed: an encoder of 5,000 counts on a wheel of 500 mm."""
-    cycle_ms: Milliseconds = 20
-    """assumed: two scan cycles of a usual controller."""
-    timeout_ms: Milliseconds = 250
-    heartbeat_ms: Milliseconds = 500
-    """assumed: half the time from camera to gate at 2 m/s and 2 m."""
-
-
-class GateBlock(_Block):
-    """``[gate]``: the gate at which bad sheets leave the paper path."""
-
-    distance_mm: Positive
-    tolerance_mm: Positive = 40.0
-    policy: Literal["reject", "accept", "stop"] = "reject"
-    divert: Literal["sheet", "until-clean-break"] = "sheet"
-    pages_a_set: Count = 1
-    stop_in_a_row: Count | None = None
-    stop_of: tuple[Count, Count] | None = None
-    plc: PlcBlock
-
-    @model_validator(mode="after")
-    def _some_of_more(self) -> Self:
-        if self.stop_of is not None and self.stop_of[0] > self.stop_of[1]:
-            message = "stop_of must be [misprints, of so many sheets]"
-            raise ValueError(message)
-        return self
-
-
 class Document(_Block):
     """Complete press file."""
 
@@ -395,20 +290,20 @@ class Document(_Block):
     sensor: Annotated[tuple[SensorBlock, ...], Field(min_length=1, max_length=16)]
     transport: TransportBlock = TransportBlock()
     camera: Annotated[
-        tuple[CameraBlock, ...],
+        tuple[CameraSettings, ...],
         BeforeValidator(lambda given: [given] if isinstance(given, dict) else given),
         Field(max_length=16),
     ] = ()
     rip: RipBlock = RipBlock()
-    screen: ScreenBlock | None = None
+    screen: Screen | None = None
     inks: InksBlock = InksBlock()
     substrate: SubstrateBlock = SubstrateBlock()
-    costs: CostsBlock = CostsBlock()
+    costs: RunningCosts = RunningCosts()
     decision: DecisionBlock = DecisionBlock()
     inspection: InspectionBlock = InspectionBlock()
     variation: VariationBlock = VariationBlock()  # type: ignore[valid-type]
-    geometry: GeometryBlock | None = None
-    gate: GateBlock | None = None
+    geometry: FeederPrior | None = None
+    gate: GateSettings | None = None
     plant: PlantBlock = PlantBlock()
     press: PartsBlock = PartsBlock()
 
@@ -468,7 +363,7 @@ def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> Pre
     if len(faults) > 1:  # a list whose only member is faulty is also called too short
         faults = [fault for fault in faults if fault["type"] != "too_short"]
     # A misspelt field is missing as well: its wrong name says more.
-    fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
+    fault = next((fault for fault in faults if fault["type"] in UNKNOWN_FIELD), faults[0])
     place = [str(part + 1) if isinstance(part, int) else shortly(part) for part in fault["loc"]]
     if one_camera and place[:2] == ["camera", "1"]:
         del place[1]  # ``[camera]`` is a list of one
@@ -478,14 +373,18 @@ def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> Pre
     match fault["type"]:
         case "missing":
             return PressFileError(path, f"{field} is missing{more}", remedy="add it")
-        case "extra_forbidden":
+        case kind if kind in UNKNOWN_FIELD:
             names = _allowed_names(fault["loc"])
             near = difflib.get_close_matches(place[-1], names, n=1)
             meant = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
             return PressFileError(path, f"{field} is not a known field{more}", remedy=meant)
         case _:
             text = fault["msg"].removeprefix("Value error, ")
-            given = "" if isinstance(fault["input"], dict) else f", got {shortly(repr(fault['input']))}"
+            given = (
+                ""
+                if isinstance(fault["input"], dict | ArgsKwargs)
+                else f", got {shortly(repr(fault['input']))}"
+            )
             return PressFileError(
                 path, f"{field}: {text[0].lower()}{text[1:]}{given}{more}", remedy="change that value"
             )
@@ -493,16 +392,25 @@ def _first_fault(path: Path, error: ValidationError, *, one_camera: bool) -> Pre
 
 def _allowed_names(place: tuple[Any, ...]) -> list[str]:
     """Return the names of the fields that are allowed at the place of an unknown one."""
-    block: type[BaseModel] = Document
+    block: type[Any] = Document
     for part in place[:-1]:
         if isinstance(part, str):
-            fields = {field.alias or name: field for name, field in block.model_fields.items()}
-            block = _block_of(fields[part].annotation)
-    return [field.alias or name for name, field in block.model_fields.items()]
+            block = _block_of(_fields_of(block)[part])
+    return list(_fields_of(block))
 
 
-def _block_of(annotation: Any) -> type[BaseModel]:
+def _fields_of(block: type[Any]) -> dict[str, Any]:
+    """Return the annotations of a block's fields, by the names that files give them."""
+    if issubclass(block, BaseModel):
+        return {field.alias or name: field.annotation for name, field in block.model_fields.items()}
+    types = get_type_hints(block)
+    return {field.name: types[field.name] for field in dataclasses.fields(block)}
+
+
+def _block_of(annotation: Any) -> type[Any]:
     """Return the block that a field holds: itself, or each of several."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and (
+        issubclass(annotation, BaseModel) or dataclasses.is_dataclass(annotation)
+    ):
         return annotation
     return _block_of(get_args(annotation)[0])

@@ -10,9 +10,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from prooflight.errors import PressFileError
+from prooflight.files.fields import NO_OTHER_FIELDS
 from prooflight.files.given import GivenFiles, shortly
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ Kind = Literal[
 
 
 class _Block(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = NO_OTHER_FIELDS
 
 
 class MqttBlock(_Block):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
+
+from prooflight.files.fields import NO_OTHER_FIELDS
 
 UM_PER_MM: Final = 1000.0
 Name = Annotated[str, Field(strict=True, min_length=1, max_length=100)]
@@ -15,7 +17,7 @@ Place = Annotated[float, Field(strict=True, ge=-10_000, le=10_000)]
 
 
 class _Block(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = NO_OTHER_FIELDS
 
 
 class RollerBlock(_Block):

@@ -5,6 +5,7 @@ Units are part of the names; unknown fields are refused.
 
 from __future__ import annotations
 
+import math
 import re
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,7 @@ from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.detectors.cost import RunningCosts
 from prooflight.errors import PressFileError
+from prooflight.files.fields import GREATEST, LEAST
 from prooflight.files.given import GivenFiles, shortly
 from prooflight.inks.built_in import built_in_inks
 from prooflight.inks.cgats import number
@@ -25,14 +27,12 @@ from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
 from prooflight.pages.pdf.engine import RipEngine
-from prooflight.press.blocks import GREATEST, IN_IDEAL, LEAST, checked
-from prooflight.press.gate import GateSettings, PlcSettings
-from prooflight.press.limits import refuse_unworkable
+from prooflight.press.blocks import IN_IDEAL, checked
 from prooflight.press.print_condition import PrintCondition
 from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.camera_settings import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
-from prooflight.scans.scanner.feeder import FeederPrior
+from prooflight.spectra import BANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,8 +44,10 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.rip_model import RipModel
     from prooflight.pages.screen import Screen
     from prooflight.press.blocks import SensorBlock
+    from prooflight.press.gate import GateSettings
     from prooflight.press.outlets import PlantBlock
     from prooflight.press.parts import PartsBlock
+    from prooflight.scans.scanner.feeder import FeederPrior
 
 PRESS_FILES: Final = GivenFiles(
     error=PressFileError, remedy="give the path of a press file (TOML, UTF-8)", largest_mb=0.25
@@ -55,6 +57,19 @@ CURVE_FILES: Final = GivenFiles(
 )
 TWO_SENSORS: Final = "two-sensors.toml"
 """Preset of the paper's camera with its second sensor."""
+FINEST_MM: Final = 0.001
+COARSEST_MM: Final = 5.0
+"""Greatest extent of a pixel or a line on the page; office-class cameras see 0.02 to 0.3 mm."""
+LONGEST_BLUR_PIXELS: Final = 256.0
+"""Greatest blur by motion, binning and TDI smear combined.
+
+Its footprint takes 150 MB to compute, and the exact camera as many times a page's memory as it has pixels.
+"""
+LARGEST_SCAN_GB: Final = 2.0
+"""Greatest size of the scan of an A4 page."""
+_A4_LENGTH_MM: Final = 297.0
+_FEWEST_ELECTRONS: Final = 1e-3
+"""Least electrons of white paper in a line: no sensor has so little noise that less could be seen."""
 
 
 class PressFile:
@@ -135,8 +150,7 @@ class PressFile:
     @property
     def screen(self) -> Screen | None:
         """Return the screen of ``[screen]``; None: not stated."""
-        block = self._document.screen
-        return None if block is None else block.screen
+        return self._document.screen
 
     @property
     def backing_reflectance(self) -> float:
@@ -145,7 +159,7 @@ class PressFile:
 
     def costs(self) -> RunningCosts:
         """Return the costs of ``[costs]``."""
-        return RunningCosts(**self._document.costs.model_dump())
+        return self._document.costs
 
     def variation(self) -> dict[str, Any]:
         """Return ``[variation]`` as it stands in the file: only given amounts, nested alike, ranges as lists."""
@@ -158,7 +172,7 @@ class PressFile:
 
     def cameras(self) -> tuple[CameraSettings, ...]:
         """Return the settings of each line camera; PressFileError: it holds an unknown name."""
-        cameras = tuple(CameraSettings(**block.model_dump()) for block in self._document.camera)
+        cameras = self._document.camera
         for settings in cameras:
             for model, names in settings.names.items():
                 for feature in names:
@@ -191,20 +205,12 @@ class PressFile:
 
         None: the press has no gate.
         """
-        block = self._document.gate
-        if block is None:
-            return None
-        fields = block.model_dump(exclude={"plc"})
-        return GateSettings(**fields, plc=PlcSettings(**block.plc.model_dump()))
+        return self._document.gate
 
     @property
     def feeder(self) -> FeederPrior | None:
         """Return the feeder of ``[geometry]``; None: the press is not seen by an office scanner."""
-        block = self._document.geometry
-        if block is None:
-            return None
-        back = None if block.back is None else FeederPrior(**block.back.model_dump())
-        return FeederPrior(**block.model_dump(exclude={"back"}), back=back)
+        return self._document.geometry
 
     @property
     def plant(self) -> PlantBlock:
@@ -378,3 +384,67 @@ def _illuminant(path: Path, name: str) -> NDArray[np.float64]:
         what = f"light.illuminant: there is no illuminant {shortly(name)!r}"
         raise PressFileError(path, what, remedy=f"choose one of {', '.join(illuminants)}, or give file")
     return spectra.illuminant(illuminants[name])
+
+
+def refuse_unworkable(path: Path, camera: Camera) -> None:
+    """Refuse a camera of valid numbers that together are too fine, too blurred or too dark to compute.
+
+    It is called before anything is computed; PressFileError names the fields of the press file and valid values.
+    """
+    _refuse_pitches(path, camera)
+    _refuse_blur(path, camera)
+    _refuse_large_scans(path, camera)
+    _refuse_darkness(path, camera)
+
+
+def _refuse_pitches(path: Path, camera: Camera) -> None:
+    pitch = camera.pixel_pitch_mm
+    if not FINEST_MM <= pitch <= COARSEST_MM:
+        what = f"a pixel would see {pitch:.3g} mm of the page"
+        remedy = (
+            "choose lens.focal_length_mm, lens.object_distance_mm and sensor.pixel_pitch_um so that it sees"
+            f" {FINEST_MM:g} to {COARSEST_MM:g} mm"
+        )
+        raise PressFileError(path, what, remedy=remedy)
+    if not FINEST_MM <= camera.line_pitch_mm <= COARSEST_MM:
+        what = f"lines would lie {camera.line_pitch_mm:.3g} mm apart on the page"
+        raise PressFileError(path, what, remedy=_line_rate(camera))
+
+
+def _line_rate(camera: Camera) -> str:
+    """Return the setting that would make lines as far apart as pixels are wide."""
+    if camera.speed_mm_s is None:
+        return "lower transport.binning_along"
+    wanted = camera.speed_mm_s / camera.pixel_pitch_mm
+    return f"at transport.speed_mm_s = {camera.speed_mm_s:g} give a sensor.line_rate_hz of about {wanted:.4g}"
+
+
+def _refuse_blur(path: Path, camera: Camera) -> None:
+    travel = camera.travel_pixels
+    for sensor in camera.sensors:
+        blur = camera.binning_along * travel + camera.smear_pixels(sensor)
+        if blur > LONGEST_BLUR_PIXELS:
+            what = (
+                f"a line of sensor {sensor.name} would be smeared over {blur:.4g} pixels: the paper moves by"
+                f" {travel:.4g} in a line, sensor.tdi_stages = {sensor.tdi_stages}"
+            )
+            raise PressFileError(path, what, remedy=_line_rate(camera))
+
+
+def _refuse_large_scans(path: Path, camera: Camera) -> None:
+    lines = math.ceil(_A4_LENGTH_MM / camera.line_pitch_mm)
+    pixels = camera.sensors[0].pixels
+    size_gb = 2e-9 * len(camera.sensors) * pixels * lines
+    if size_gb > LARGEST_SCAN_GB:
+        what = f"a scan of an A4 page would take {size_gb:.3g} GB: {lines} lines of {pixels} pixels"
+        remedy = f"take fewer sensor.pixels or coarser ones; {LARGEST_SCAN_GB:g} GB are the most"
+        raise PressFileError(path, what, remedy=remedy)
+
+
+def _refuse_darkness(path: Path, camera: Camera) -> None:
+    white = camera.irradiance_photons(np.ones(BANDS))
+    for sensor in camera.sensors:
+        if not sensor.electrons(white) >= _FEWEST_ELECTRONS:
+            what = f"sensor {sensor.name} sees nothing of this light"
+            remedy = "raise light.luminance_cd_m2, or give it a quantum_efficiency where the light is"
+            raise PressFileError(path, what, remedy=remedy)

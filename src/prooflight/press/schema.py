@@ -6,18 +6,18 @@ Detectors check their own parts (``deciding``), ink models theirs (``ink_schema`
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from prooflight.detectors.cost import RunningCosts
 from prooflight.detectors.registry import entry
 from prooflight.errors import RequestError
 from prooflight.files.ink_schema import check_inks, check_score
 from prooflight.files.schema import (
     ArraySpec,
     Block,
-    Chance,
     Misfit,
     Name,
     Positive,
@@ -29,11 +29,13 @@ from prooflight.files.schema import (
 )
 from prooflight.kernels.prediction.lens_correction import NEAR_REACH
 from prooflight.kernels.prediction.lookup import NODES
-from prooflight.pages.pdf.engine import ARGUMENT_LETTERS_MAX, EngineName, RipEngine
-from prooflight.pages.pdf.rip_model import FillRule, RipModel
+from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.pdf.rip_model import RipModel
 from prooflight.pages.raster import MM_PER_INCH
-from prooflight.pages.screen import DotShape, Screen, ScreenKind
+from prooflight.pages.screen import Screen
+from prooflight.prediction.tables import ClippedShare
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
+from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,20 +60,8 @@ MODELS: Final = "detectors."
 
 ModelName = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Text = Annotated[str, Field(strict=True, max_length=4_000_000)]
-Pitch = Annotated[float, Field(strict=True, ge=0.002, le=10, allow_inf_nan=False)]
-Lead = Annotated[float, Field(strict=True, ge=0, le=10_000, allow_inf_nan=False)]
 Level = Annotated[float, Field(strict=True, ge=0, le=16 * MOST_CODE, allow_inf_nan=False)]
 Variance = Annotated[float, Field(strict=True, gt=0, le=MOST_CODE**2, allow_inf_nan=False)]
-
-
-class GeometryFacts(Block):
-    """``ScanGeometry``."""
-
-    pixels: Annotated[int, Field(strict=True, ge=1, le=65536)]
-    pixel_pitch_mm: Pitch
-    line_pitch_mm: Pitch
-    lead_in_mm: Lead
-    lead_out_mm: Lead
 
 
 class SensorFacts(Block):
@@ -85,92 +75,27 @@ class SensorFacts(Block):
     top_code_dn: Annotated[int, Field(strict=True, ge=1, le=MOST_CODE)]
 
 
-class CostFacts(Block):
-    """``RunningCosts``."""
-
-    misprint_rate: Chance
-    false_alarm_cents: Positive
-    missed_misprint_cents: Positive
-
-
-class ClippedFacts(Block):
-    """``ClippedShare``."""
-
-    black: Share
-    saturation: Share
-
-
-class EngineFacts(Block):
-    """``RipEngine``."""
-
-    name: EngineName
-    command: tuple[Annotated[str, Field(strict=True, max_length=ARGUMENT_LETTERS_MAX)], ...]
-
-    @model_validator(mode="after")
-    def _is_an_engine(self) -> Self:
-        RipEngine(name=self.name, command=self.command)
-        return self
-
-
-Um = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-
-
-class RipFacts(Block):
-    """``RipModel``."""
-
-    fill: FillRule | None = None
-    least_line_um: Um | None = None
-    offset_um: tuple[Um, ...] | None = None
-    offset_sd_um: Um = 0.0
-    growth_um: tuple[Um, ...] | None = None
-    growth_sd_um: tuple[Um, ...] = (0.0, 0.0, 0.0, 0.0)
-    edge_sd_um: Um | None = None
-
-    @model_validator(mode="after")
-    def _is_a_rip(self) -> Self:
-        fields: dict[str, Any] = self.model_dump()
-        RipModel(**fields)
-        return self
-
-
-class ScreenFacts(Block):
-    """``Screen``."""
-
-    kind: ScreenKind
-    dpi: Um
-    lpi: Um
-    angles_deg: tuple[Um, ...]
-    dot: DotShape
-    bits: Annotated[int, Field(strict=True)]
-
-    @model_validator(mode="after")
-    def _is_a_screen(self) -> Self:
-        fields: dict[str, Any] = self.model_dump()
-        Screen(**fields)
-        return self
-
-
 class PressFacts(Block):
     """All fields of a press that are not arrays."""
 
     name: Name
-    geometry: GeometryFacts
+    geometry: ScanGeometry
     sensors: Annotated[tuple[SensorFacts, ...], Field(min_length=1, max_length=16)]
     supersampling: Annotated[int, Field(strict=True, ge=1, le=16)]
-    costs: CostFacts
+    costs: RunningCosts
     good_pages_per_false_alarm: Annotated[float, Field(strict=True, gt=1, le=1e12, allow_inf_nan=False)]
     origin: Annotated[dict[Name, Text], Field(max_length=1000)]
     ink_facts: Annotated[dict[Name, Text], Field(max_length=100)]
-    clipped: tuple[ClippedFacts, ...]
+    clipped: tuple[ClippedShare, ...]
     variation: dict[Name, Any]
     detectors: Annotated[dict[ModelName, dict[str, Any]], Field(max_length=100)]
     """Models of detectors; each checks its own fields."""
     floor_share: Share
     fringes: Annotated[bool, Field(strict=True)] = False
-    rip_engine: EngineFacts | None = None
+    rip_engine: RipEngine | None = None
     rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
-    rip_model: RipFacts | None = None
-    screen: ScreenFacts | None = None
+    rip_model: RipModel | None = None
+    screen: Screen | None = None
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

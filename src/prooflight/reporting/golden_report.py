@@ -13,15 +13,7 @@ from prooflight.detectors.golden.detector import GUARANTEE
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.job import UNUSABLE, unusable
 from prooflight.pages.parallel import KILLED
-from prooflight.reporting.pictures import (
-    SATURATION,
-    AlarmPictures,
-    Frame,
-    encoded,
-    error_picture,
-    grey_picture,
-    zoom,
-)
+from prooflight.reporting.pictures import SATURATION, Frame, encoded, grey_picture, pictures_of
 from prooflight.reporting.report import PAGE_PICTURE_PX, PageEntry, RunSummary, unpictured_entry
 
 if TYPE_CHECKING:
@@ -34,7 +26,6 @@ PICTURE_GAMMA: Final = 2.2
 WHITE_PERCENT: Final = 99.0
 SATURATED: Final = 0.25
 """Mean difference of a block that has the strongest colour. [contrast]"""
-ALARM_PX: Final = 720
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +67,8 @@ class PicturedGolden:
         alarm = None
         if verdict.verdict == "misprint":
             block_z = result.block_z * np.float32(SATURATION / SATURATED)
-            alarm = AlarmPictures(
-                frame=frame,
-                expected=encoded(grey_picture(expected, frame, width_px=ALARM_PX)),
-                measured=encoded(grey_picture(measured, frame, width_px=ALARM_PX)),
-                error=encoded(error_picture(block_z, expected, frame, width_px=ALARM_PX)),
-                zoom=zoom(verdict.regions[0], block_z, expected, measured, frame)
-                if verdict.regions
-                else None,
-            )
+            place = verdict.regions[0] if verdict.regions else None
+            alarm = pictures_of(expected, measured, block_z, frame, place=place)
         return PageEntry(
             number=page.number,
             name=page.name,

@@ -204,14 +204,25 @@ def alarm_pictures(
 ) -> AlarmPictures:
     """Draw all pictures of one inspection that a person should see. place: region to enlarge."""
     frame = _frame(page, press, inspection.area, inspection.placement)
-    expected, measured = signals(inspection, press)
-    error = error_picture(inspection.block_z, expected, frame, width_px=width_px)
+    return pictures_of(*signals(inspection, press), inspection.block_z, frame, place=place, width_px=width_px)
+
+
+def pictures_of(
+    expected: NDArray[np.float32],
+    measured: NDArray[np.float32],
+    block_z: NDArray[np.float32],
+    frame: Frame,
+    *,
+    place: Region | None,
+    width_px: int = 720,
+) -> AlarmPictures:
+    """Draw expected and measured signal (lines, pixels), paper 1, and block means as ``error_picture``."""
     return AlarmPictures(
         frame=frame,
         expected=encoded(grey_picture(expected, frame, width_px=width_px)),
         measured=encoded(grey_picture(measured, frame, width_px=width_px)),
-        error=encoded(error),
-        zoom=None if place is None else zoom(place, inspection.block_z, expected, measured, frame),
+        error=encoded(error_picture(block_z, expected, frame, width_px=width_px)),
+        zoom=None if place is None else zoom(place, block_z, expected, measured, frame),
     )
 
 

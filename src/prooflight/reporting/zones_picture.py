@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 from PIL import Image
@@ -29,6 +30,8 @@ WIDTH_INCH: Final = 6.5
 MOST_PX: Final = 1200
 PALE: Final = 0.55
 """Strength of the page's own image, so that zones stand out."""
+PALE_COLOUR: Final = 0.12
+"""Opacity of a zone's colour."""
 NAMED: Final = 24
 """Greatest number of zones that are labelled in the picture."""
 
@@ -46,7 +49,7 @@ def zones_picture(page: Page, zones: Sequence[Zone]) -> Image.Image:
             Polygon(
                 zone.corners_mm,
                 closed=True,
-                facecolor=(*_rgb(colour), 0.12),
+                facecolor=to_rgba(colour, PALE_COLOUR),
                 edgecolor=colour,
                 hatch=hatch,
                 linewidth=line,
@@ -66,7 +69,7 @@ def zones_picture(page: Page, zones: Sequence[Zone]) -> Image.Image:
     axes.set(xlabel="x [mm]", ylabel="y [mm]", xlim=(0, page.width_mm), ylim=(page.height_mm, 0))
     axes.set_title(f"{page.name}: zones", loc="left", fontsize=10)
     legend = [
-        Patch(facecolor=(*_rgb(colour), 0.12), edgecolor=colour, hatch=hatch, label=kind)
+        Patch(facecolor=to_rgba(colour, PALE_COLOUR), edgecolor=colour, hatch=hatch, label=kind)
         for kind, (colour, hatch) in STYLES.items()
         if any(zone.kind == kind for zone in zones)
     ]
@@ -80,11 +83,6 @@ def _short(name: str, share: float) -> str:
     """Shorten a name to what a zone of that share of the page's width can hold."""
     most = max(int(70 * share), 6)
     return name if len(name) <= most else f"{name[: most - 1]}…"
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5))
-    return red, green, blue
 
 
 def _pale(page: Page) -> NDArray[np.float32]:

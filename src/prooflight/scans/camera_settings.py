@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
+from pydantic import Field
+
+from prooflight.files.fields import NO_OTHER_FIELDS, Count, Flag, Positive, ShortText
 from prooflight.scans.alignment import SensorOffset
 
-Value = str | int | float | bool
+Value = bool | int | float | str
+Offset = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
+"""Offset of a sensor's lines or pixels.
 
-NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+The limit is 10 m between sensors on the page at the prototype's pitch.
+"""
+Offsets = Annotated[tuple[Offset, ...], Field(max_length=16)]
+
+NAMES: Final[dict[str, tuple[str, ...]]] = {
     "pixel_format": ("PixelFormat",),
     "block_lines": ("Height",),
     "line_rate_hz": ("AcquisitionLineRate", "AcquisitionLineRateAbs", "LineRate"),
@@ -26,31 +34,35 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSettings:
-    """Section ``[camera]`` of a press file; None leaves the camera's own value."""
+    """Section ``[camera]`` of a press file, or one of ``[[camera]]``; None leaves the camera's own value."""
 
-    id: str | None = None
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
+    id: ShortText | None = None
     """Name of the camera: ID, serial number or address."""
-    pixel_format: str | None = None
-    block_lines: int | None = None
-    line_rate_hz: float | None = None
-    exposure_us: float | None = None
+    pixel_format: ShortText | None = None
+    block_lines: Count | None = None
+    line_rate_hz: Positive | None = None
+    exposure_us: Positive | None = None
     trigger: Literal["free", "encoder"] | None = None
     """Trigger of a line: only time, or the encoder."""
-    trigger_source: str | None = None
+    trigger_source: ShortText | None = None
     """Trigger source of an encoder, by the camera's name; None: the first of ``ENCODERS`` that it has."""
-    encoder_steps: int | None = None
+    encoder_steps: Count | None = None
     """Steps of the encoder from line to line; where blocks have its count, requested lines can be derived
     from it."""
-    chunks: bool | None = None
+    chunks: Flag | None = None
     """Whether the camera sends those of ``CHUNKS`` that it has with every block."""
-    offset_lines: tuple[float, ...] = ()
+    offset_lines: Offsets = ()
     """Offset of each of its sensors: number of lines by which it sees a place of the page later than the
     press's count."""
-    offset_pixels: tuple[float, ...] = ()
+    offset_pixels: Offsets = ()
     """Offset of each of its sensors: number of pixels by which it sees a place of the page further right."""
-    features: Mapping[str, Value] = field(default_factory=dict)
+    features: Annotated[dict[ShortText, Value], Field(max_length=1000)] = field(default_factory=dict)
     """Other features, by the camera's own names, set before all these and in this order."""
-    names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    names: Annotated[dict[ShortText, dict[ShortText, ShortText]], Field(max_length=100)] = field(
+        default_factory=dict
+    )
     """Names of the keys of ``NAMES``, by model."""
 
     def offsets(self, sensors: int | None = None) -> tuple[SensorOffset, ...]:

@@ -8,11 +8,13 @@ the backing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import numpy as np
+from pydantic import Field
 
 from prooflight.errors import JobError
+from prooflight.files.fields import NO_OTHER_FIELDS, Lead, Pitch
 from prooflight.pages.raster import MM_PER_INCH, turned
 
 if TYPE_CHECKING:
@@ -30,13 +32,15 @@ them, and within margins of 5 mm the detector has nothing left to test."""
 class ScanGeometry:
     """Pitch and extent of the camera's pixels on the page."""
 
-    pixels: int
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
+    pixels: Annotated[int, Field(strict=True, ge=1, le=65536)]
     """Pixels in a line."""
-    pixel_pitch_mm: float
-    line_pitch_mm: float
-    lead_in_mm: float
+    pixel_pitch_mm: Pitch
+    line_pitch_mm: Pitch
+    lead_in_mm: Lead
     """Backing above the page in every scan. [mm]"""
-    lead_out_mm: float
+    lead_out_mm: Lead
     """Backing below the page in every scan. [mm]"""
 
     @property

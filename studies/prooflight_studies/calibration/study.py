@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import ndimage
 
-from prooflight.commissioning.accuracy import trial_recipes
 from prooflight.commissioning.build import build_press
 from prooflight.commissioning.camera.exploring import varied
+from prooflight.commissioning.characterise import trial_recipes
 from prooflight.commissioning.chart.calibrate import calibrate_from
 from prooflight.commissioning.chart.scan_reading import read_scan
 from prooflight.inks.chart_layout import Layout, PlacedRecipes, place_recipes

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from prooflight.detectors.verdict import Code
-    from prooflight.inspection.codes.page_code import PageCode
+    from prooflight.inspection.codes.finding import PageCode
     from prooflight.pages.raster import Page
     from prooflight.press.artefact import Press
     from prooflight_studies.content.numbers import TextResults

@@ -8,8 +8,9 @@ import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import tomlkit
+
 from prooflight.commissioning.camera.exploring import Variation, refuse_many, varied
-from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
 from prooflight.press.press_file import PressFile
@@ -101,7 +102,7 @@ def _with_sensors(base: PressFile, count: Value) -> PressFile:
         remedy = f"choose 1 to {have}, or add a [[sensor]] block to the press file (two-sensors.toml has two)"
         raise PressFileError(base.path, what, remedy=remedy)
     tree["sensor"] = tree["sensor"][:count]
-    return PressFile(base.path, toml_text(tree))
+    return PressFile(base.path, tomlkit.dumps(tree))
 
 
 def _without_curve(base: PressFile, field: str) -> PressFile:
@@ -112,7 +113,7 @@ def _without_curve(base: PressFile, field: str) -> PressFile:
         if not number.isdecimal() or int(number[:9]) == place + 1:
             curve = {"file": str(sensor["quantum_efficiency"].get("file", "to-be-replaced.csv"))}
             sensor["quantum_efficiency"] = curve
-    return PressFile(base.path, toml_text(tree))
+    return PressFile(base.path, tomlkit.dumps(tree))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import fft
 
 from prooflight import spectra
+from prooflight.camera.lens_correction import RANK, spectral_blur
 from prooflight.camera.sensor import Noise, read_out
-from prooflight.camera.spectral_blur import RANK, spectral_blur
 from prooflight.errors import RequestError
 from prooflight.pages.sampling import taps
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.camera.camera import Camera
+    from prooflight.camera.lens_correction import SpectralBlur
     from prooflight.camera.sensor import FixedPattern, LineSensor
-    from prooflight.camera.spectral_blur import SpectralBlur
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.raster import Page
     from prooflight.pages.sampling import Footprint, Taps

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
+from prooflight.detectors.golden.detector import Mark, marks
 from prooflight.detectors.golden.differences import GoldenDifference, Tolerance, compare, in_contrasts
 from prooflight.detectors.golden.place import GoldenPlace, place
-from prooflight.detectors.golden.regions import Mark, marks
 from prooflight.rng import stream
 from prooflight_studies.golden.figures import (
     GoldenFigures,

@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.golden.chain import SignalChain
-    from prooflight.detectors.golden.drawn import DrawnDetector
+    from prooflight.detectors.golden.chain import DrawnDetector, SignalChain
     from prooflight.inspection.job import Pair
     from prooflight.press.artefact import Press
 

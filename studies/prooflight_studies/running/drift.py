@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.cmyk import INK_NAMES
 from prooflight.detectors.matched_filter.analysis import analyse, prepare_page
-from prooflight.detectors.matched_filter.print_state import determined_shares, fitted_amounts
+from prooflight.detectors.matched_filter.variation import determined_shares, fitted_amounts
 from prooflight.prediction.predict import predict
 from prooflight.rng import stream
 from prooflight.simulation.fast import fast_scan

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from prooflight.commissioning.accuracy import trial_recipes
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.characterise import signal_dn, variance_dn2
+from prooflight.commissioning.characterise import signal_dn, trial_recipes, variance_dn2
 from prooflight.pages.job import open_job
 from prooflight.prediction.predict import expected_light
 from prooflight.press.press_file import PressFile

@@ -10,8 +10,8 @@ import pytest
 
 from prooflight import spectra
 from prooflight.camera.camera import Camera, respond, with_pixels
+from prooflight.camera.lens_correction import spectral_blur
 from prooflight.camera.sensor import FixedPattern, Noise
-from prooflight.camera.spectral_blur import spectral_blur
 from prooflight.errors import RequestError
 from prooflight.pages.raster import MM_PER_INCH, Page
 from prooflight_studies.exact.exposure import distinct_colours, page_electrons, page_taps, read_out_page

@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from prooflight.detectors.golden.detector import GoldenSheet
+from prooflight.detectors.golden.detector import GoldenSheet, marks
 from prooflight.detectors.golden.differences import GoldenPlace, Tolerance, compare
-from prooflight.detectors.golden.regions import marks
 from prooflight.detectors.golden.several import mean_and_spread
 from prooflight.detectors.verdict import Verdict
 from prooflight.errors import ScanError

@@ -28,9 +28,14 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
 from prooflight.detectors.matched_filter.statistics.page_scale import extremes_of_boxes
 from prooflight.detectors.print_prior import PrintPrior
 from prooflight.kernels.residuals.fit import LEVELS, SHAPES, SUMS, InkImages, block_sums
-from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.moving import STRETCH, move_smooth
-from prooflight.kernels.residuals.residuals import FittedAmounts, VarianceShares, residuals, variances
+from prooflight.kernels.residuals.residuals import (
+    FittedAmounts,
+    VarianceShares,
+    flat_squares,
+    residuals,
+    variances,
+)
 from prooflight.kernels.statistics.boxes import own_of_cells
 from prooflight.kernels.statistics.misplaced_planes import swap_sums
 from prooflight.kernels.statistics.slants import tile_scores

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from prooflight.detectors.paper.regions import FLAGGED, MOST_REGIONS, UNKNOWN, BlockGrid, Findings, findings
+from prooflight.detectors.paper.finding import FLAGGED, MOST_REGIONS, UNKNOWN, BlockGrid, Findings, findings
 
 ROWS, COLUMNS = 120, 90
 BLOCK_MM = 0.8

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.inspection.codes.page_code import PageCode
+    from prooflight.inspection.codes.finding import PageCode
     from prooflight.press.artefact import Press
 
     MakePage = Callable[..., Page]

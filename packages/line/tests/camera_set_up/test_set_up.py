@@ -13,7 +13,7 @@ from packages.line.tests.cameras.scenes import SCENE_OF, PlayedCamera, Scenes
 from packages.line.tests.ruler.prints import TRUE_LINE_MM, ruler_page, ruler_press, ruler_press_file
 
 from prooflight.commissioning.build import build_press
-from prooflight.commissioning.measured_columns import measured_columns
+from prooflight.commissioning.characterise import measured_columns
 from prooflight.errors import PressFileError, RequestError, ScanError
 from prooflight.press.press_file import PressFile
 from prooflight_line.camera_set_up import wizard

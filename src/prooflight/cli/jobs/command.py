@@ -32,7 +32,7 @@ from prooflight.errors import RequestError
 from prooflight.reporting.wording import count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from prooflight.cli.jobs.comparison import Comparison
     from prooflight.cli.jobs.inspected import Inspected
@@ -291,37 +291,25 @@ def inspect(
     if not scanner:
         _refuse_without_scanner(tone, scan_dpi)
     if golden:
-        raster_only: dict[str, object] = {
-            "--detector": detector,
-            "--layout": layout,
-            "--scanner": scanner or None,
-            "--device": None if device == "cpu" else device,
-            "--cluster": cluster,
-        }
-        _refuse_with_golden(raster_only)
+        others = {"--detector": detector, "--layout": layout, "--cluster": cluster}
+        _refuse_with_golden(
+            others | {"--scanner": scanner or None, "--device": None if device == "cpu" else device}
+        )
         from prooflight.cli.jobs.golden import inspect_golden
 
-        of_job = (None, job) if scans is None else (job, scans)
+        own_job, seen = (None, job) if scans is None else (job, scans)
         _leave(
             inspect_golden(
-                golden,
-                of_job[1],
-                job=of_job[0],
-                press=press,
-                profile=profile,
-                zones=zones,
-                report=report,
-                json=json,
+                golden, seen, job=own_job, press=press, profile=profile, zones=zones, report=report, json=json
             )
         )
         return
     if scans is None or (press is None and not scanner):
         missing = "SCANS" if scans is None else "--press"
-        raise RequestError(
-            "inspect",
-            f"{missing} is missing",
-            remedy="give JOB SCANS --press X.press, or --scanner where an office scanner made them, or --golden SCAN",
+        remedy = (
+            "give JOB SCANS --press X.press, or --scanner where an office scanner made them, or --golden SCAN"
         )
+        raise RequestError("inspect", f"{missing} is missing", remedy=remedy)
     from prooflight.cli.jobs.comparison import Options, on_press, on_scanner
 
     options = Options(
@@ -338,7 +326,7 @@ def inspect(
     _leave(done)
 
 
-def _refuse_with_golden(options: dict[str, object]) -> None:
+def _refuse_with_golden(options: Mapping[str, object]) -> None:
     """Raise RequestError if an option is given that needs the job's raster, which a good scan replaces."""
     for option, given in options.items():
         if given is not None:

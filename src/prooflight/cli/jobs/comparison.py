@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from prooflight.cli import imposition, show
 from prooflight.cli.jobs.check import checked_early
 from prooflight.cli.jobs.zones import zones_in_force
-from prooflight.detectors.registry import PREFERRED, present
+from prooflight.detectors.registry import PREFERRED
 from prooflight.inspection.inspector import Inspector
 from prooflight.inspection.job import InspectPage, paired
 from prooflight.inspection.prepared_store import PreparedStore
@@ -97,7 +97,7 @@ def on_scanner(
             job,
             picture,
             profile=options.profile,
-            train=present(options.detector or "") == PREFERRED,
+            train=options.detector == PREFERRED,
             as_fine=drawn,
             progress=say,
             shown=shown,

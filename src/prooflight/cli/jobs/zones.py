@@ -38,7 +38,7 @@ def zones_in_force(path: Path | None, job: Job, inspector: Inspector) -> JobZone
 
     zones_of_job = JobZones.read(path, job.page_sizes_mm)
     press, detector = inspector.press, inspector.detector.name
-    zones_of_job.refuse_unpriced(press.digests, detector, where=path)
+    zones_of_job.refuse_unpriced(press.digest, detector, where=path)
     for line in zones_of_job.contested():
         faults.report(line)
     model = press.detectors.get(detector)
@@ -158,7 +158,7 @@ def job_zones(
 
 def _entries(job: Job, numbers: Any, rules: Rules, press: Press | None) -> tuple[list[ZoneEntry], list[str]]:
     """Return zones of pages, and the rules that matched nothing."""
-    from prooflight.inspection.codes.zones import code_zones
+    from prooflight.inspection.codes.finding import code_zones
 
     entries, seen = [], []
     for number in numbers:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tomlkit
 
 from prooflight.camera.sharpness import nyquist_per_mm, sharpness
 from prooflight.commissioning.characterise import recipe_grid, signal_dn, variance_dn2
-from prooflight.commissioning.toml_text import toml_text
 from prooflight.errors import PressFileError, RequestError
 from prooflight.files.given import shortly
 from prooflight.prediction.tables import node_fractions
@@ -115,7 +115,7 @@ def varied(press_file: PressFile, values: Mapping[str, int | float | str]) -> Pr
     tree = tomllib.loads(press_file.text)
     for field, value in values.items():
         _set(press_file, tree, field, value)
-    return PressFile(press_file.path, toml_text(tree))
+    return PressFile(press_file.path, tomlkit.dumps(tree))
 
 
 def designs(press_file: PressFile, variations: Sequence[Variation]) -> Iterator[Design]:

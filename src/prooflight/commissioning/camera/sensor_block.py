@@ -14,7 +14,7 @@ from prooflight.commissioning.camera.photon_transfer import (
     dark_level,
     photon_transfer,
 )
-from prooflight.commissioning.toml_text import toml_value
+from prooflight.commissioning.file_edit import toml_line
 from prooflight.errors import RequestError, ScanError
 from prooflight.spectra import WAVE_NM
 
@@ -99,7 +99,7 @@ class SensorBlock:
         for name in FIELDS:
             error = self.standard_errors.get(name)
             source = f"+- {error:.2g}, {self.sources[name]}" if error else self.sources[name]
-            given = f"{name} = {toml_value(self.fields[name])}" if name in self.fields else f"# {name} ="
+            given = toml_line(name, self.fields[name]) if name in self.fields else f"# {name} ="
             lines.append(f"{given}  # {source}")
         return "\n".join([*(f"# {note}" for note in self.notes), *lines]) + "\n"
 

@@ -7,15 +7,21 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.commissioning.appearance import STEPS, appearance_srgb, srgb_bytes
-from prooflight.commissioning.characterise import CLEAR_SIGMA, recipe_grid, unbiased_nodes
+from prooflight.commissioning.characterise import (
+    CLEAR_SIGMA,
+    STEPS,
+    appearance_srgb,
+    recipe_grid,
+    srgb_bytes,
+    unbiased_nodes,
+)
 from prooflight.commissioning.chart.edge_spread import footprint_of
 from prooflight.commissioning.chart.scan import COLOUR
 from prooflight.detectors.cost import RunningCosts
 from prooflight.inks.built_in import built_in_inks
 from prooflight.kernels.prediction.lookup import NODE_STEP, NODES
-from prooflight.prediction.tables import SensorModel, node_fractions
-from prooflight.press.artefact import ClippedShare, Press
+from prooflight.prediction.tables import ClippedShare, SensorModel, node_fractions
+from prooflight.press.artefact import Press
 from prooflight.press.blocks import IN_IDEAL, InspectionBlock
 from prooflight.scans.geometry import ScanGeometry
 

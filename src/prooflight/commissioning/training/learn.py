@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from scipy import optimize
 
-from prooflight.commissioning.training.ranking import even, fitted_forest
 from prooflight.detectors.matched_filter.calibrated import WRONG_PAGE
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.model import DetectorModel, compressed
 from prooflight.detectors.matched_filter.ranking import (
     Forest,
+    Screen,
     every_column,
     evidence_of,
     family_columns,
     rising_columns,
 )
-from prooflight.detectors.matched_filter.screen import Screen
-from prooflight.detectors.matched_filter.screen import screened as of_screen
+from prooflight.detectors.matched_filter.ranking import screened as of_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import FLAT, MODES, Scatter, assumed_light
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 from prooflight.detectors.print_prior import PrintPrior
+from prooflight.kernels.statistics.forest import Examples, TreeNodes, grow
 from prooflight.kernels.statistics.page_scale import ONE_SIGMA
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ CLASSES: Final = 8
 LEAST_CLASSES: Final = 4
 LEAST_NOISE: Final = 0.3
 LEAST_PLACES: Final = 200
+LEAST_ROWS: Final = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -403,3 +404,47 @@ def _tails(deviations: NDArray[np.float64], family: NDArray[np.int32]) -> dict[s
     shape = ((squares - 2) / (2 * squares - 2)).clip(LEAST_SHAPE, MOST_SHAPE)
     scale = np.maximum(excess, LEAST_EXCESS) * (1 - shape)
     return {"quantiles": quantiles, "tail": np.stack([quantiles[:, -1], scale, shape], axis=1)}
+
+
+def even(which: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return weights with which both classes count the same."""
+    return np.where(which, 0.5 / which.mean(), 0.5 / (~which).mean())
+
+
+def fitted_forest(
+    columns: NDArray[np.floating],
+    bad: NDArray[np.bool_],
+    weight: NDArray[np.floating],
+    *,
+    rng: np.random.Generator,
+    trees: int = 300,
+    column_share: float = 0.2,
+    rising: NDArray[np.bool_] | None = None,
+) -> Forest:
+    """Train extremely randomised trees (Geurts, Ernst, Wehenkel 2006): of cuts drawn in some columns the best counts.
+
+    rising: (columns,) along which columns the share of ``bad`` never falls; None: along none.
+    """
+    pages, tries = len(columns), max(int(column_share * columns.shape[1]), 1)
+    across = np.ascontiguousarray(columns.T, dtype=np.float32)
+    rising = np.zeros(len(across), bool) if rising is None else rising
+    examples = Examples(columns=across, bad=bad, weight=np.asarray(weight, np.float64), rising=rising)
+    column, left, right = np.empty((3, 2 * pages), np.int32)
+    cut, share = np.empty((2, 2 * pages), np.float32)
+    day = TreeNodes(column=column, cut=cut, left=left, right=right, share=share)
+    grown, root = [], [0]
+    for _ in range(trees):
+        nodes = grow(examples, tries, LEAST_ROWS, rng, day)
+        ends = column[:nodes] < 0
+        down = [np.where(ends, -1, side[:nodes] + root[-1]) for side in (left, right)]
+        grown.append((column[:nodes].copy(), cut[:nodes].copy(), *down, share[:nodes].copy()))
+        root.append(root[-1] + nodes)
+    columns_, cuts, lefts, rights, shares = (np.concatenate(part) for part in zip(*grown, strict=True))
+    return Forest(
+        column=columns_,
+        cut=cuts,
+        left=lefts.astype(np.int32),
+        right=rights.astype(np.int32),
+        share=shares,
+        root=np.array(root[:-1], np.int32),
+    )

@@ -1,9 +1,14 @@
-"""Replacement of simulated good pages by real ones, by which adaptation and false-alarm rate are fitted again."""
+"""Replacement of simulated good pages by real ones, by which adaptation and false-alarm rate are fitted again.
+
+From the same pages ``[variation]`` is estimated, next to the values that the press file states.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,15 +23,20 @@ from prooflight.commissioning.training.good_rows import (
 from prooflight.commissioning.training.learn import Pages
 from prooflight.detectors.false_alarm_rate import least_false_alarm_rate
 from prooflight.detectors.matched_filter.entry import NAME, model_of
+from prooflight.detectors.matched_filter.variation import UNTOLD, learned_amounts
 from prooflight.errors import RequestError
+from prooflight.press.blocks import VARIATION
+from prooflight.simulation.worlds import amounts_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
+    from prooflight.detectors.matched_filter.variation import Learned
     from prooflight.detectors.optional import ScannedPage
     from prooflight.press.artefact import Press
+    from prooflight.simulation.worlds import Amounts
 
 FEWEST_REAL: Final = 20
 """Least number of pages: fewer could not even guarantee one false alarm in 20."""
@@ -37,6 +47,15 @@ DESIGNS: Final = "real_designs"
 
 A press that was trained before copies were counted lacks it.
 """
+WIDE: Final = 1.5
+"""assumed: this factor on a stated value is a wide margin.
+
+The amounts themselves are known to some ten per cent.
+"""
+REMEDY: Final = (
+    "more than stated: state it in [variation] and build again; the promise already holds by press learn"
+)
+FEW: Final = "not estimated: too few pages tell it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,3 +196,43 @@ def _in_order(designs: Iterable[str]) -> list[int]:
     """Return the number of each design, in the order in which they first come."""
     numbers: dict[str, int] = {}
     return [numbers.setdefault(design, len(numbers)) for design in designs]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedAndLearned:
+    """One amount of ``[variation]``, or several that pages of one session show combined, as independent ones add up."""
+
+    names: tuple[str, ...]
+    stated: float
+    learned: Learned | None
+    """Estimate; None: not estimated."""
+    remark: str
+    """Remedy, or the reason why it was not estimated; mostly empty."""
+
+
+def stated_and_learned(press: Press) -> list[StatedAndLearned]:
+    """Return every amount of ``[variation]``.
+
+    The list is empty where the press was trained on no real page that shows them.
+    """
+    pages = None if NAME not in press.detectors else model_of(press).pages.variation
+    if pages is None or not len(pages):
+        return []
+    amounts, learned = amounts_of(press), learned_amounts(pages)
+    rows = [_row(one.names, amounts, one, "") for one in learned]
+    estimated = {name for one in learned for name in one.names}
+    for block, fields in VARIATION.items():
+        for name in (f"{block}.{field}" for field in fields):
+            if name not in estimated:
+                reason = f"not estimated: {UNTOLD[name]}" if name in UNTOLD else FEW
+                rows.append(_row((name,), amounts, None, reason))
+    return rows
+
+
+def _row(names: tuple[str, ...], amounts: Amounts, learned: Learned | None, remark: str) -> StatedAndLearned:
+    each = [attrgetter(name)(amounts) for name in names]
+    stated = math.hypot(*(max(one) if isinstance(one, tuple) else one for one in each))
+    if learned is not None:
+        far = stated**WIDE if names[0] == "camera.sigma_error" else WIDE * stated
+        remark = REMEDY if learned.low > far else ""
+    return StatedAndLearned(names=names, stated=stated, learned=learned, remark=remark)

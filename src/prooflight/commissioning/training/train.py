@@ -1,27 +1,45 @@
-"""Training of a press's detectors on simulated prints before it has printed."""
+"""Training of a press's detectors on simulated prints before it has printed.
+
+Where nothing is compiled yet, a press's first prints take a minute of compiling, one kernel after the other as they
+are called: pages are printed, located, compared, and residuals are scored. A process of its own
+(``compile_in_background``) begins after the location of pages, and a process that comes to a kernel that it has
+compiled, or is about to, takes it over.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
+import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from prooflight.commissioning.training.adapting import fit_for
-from prooflight.commissioning.training.compiling import compile_in_background
 from prooflight.commissioning.training.learn import Pages, learn_scatter, pooled
 from prooflight.commissioning.training.simulated_days import (
     DESIGNS_A_DAY,
     ScatterWork,
     StatisticsWork,
     UnitWork,
+    fitted,
     good_prior,
     good_residual_variance,
 )
+from prooflight.detectors.matched_filter.analysis import analyse_registered, prepare_page
+from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
+from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
+from prooflight.detectors.matched_filter.statistics.families import all_statistics
 from prooflight.detectors.paper.bayes import CORRECT, BayesDetector, BayesianNetwork
 from prooflight.errors import RequestError
+from prooflight.kernels.cache import is_cached
+from prooflight.kernels.statistics.forest import shares_of
 from prooflight.pages.parallel import in_order
+from prooflight.prediction.predict import predict
+from prooflight.registration.register import Registration
+from prooflight.scans.placement import Placement
 from prooflight.simulation.misprints.kinds import scope_of
 
 if TYPE_CHECKING:
@@ -36,6 +54,7 @@ if TYPE_CHECKING:
     from prooflight.simulation.corpus.corpus import Designs
 
     Shown = Callable[[Iterable[Rows], int, str], Iterator[Rows]]
+    from prooflight.pages.raster import Page
 
 FEWEST: Final = 24
 """Least number of designs for training: 6 for scatter, 18 to calibrate."""
@@ -47,6 +66,8 @@ DEFAULT_RATE: Final = 0.01
 """False-alarm rate where the press file states none: as low as the counts support, and no lower."""
 BINS: Final = 8
 """Number of bins of the paper's network: a few hundred pages do not fill more."""
+MOVED = Placement(shift_mm=(0.1, 0.1), skew_deg=0.01)
+"""Placement of the scan: a moved page needs other kernels than one in its place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,3 +165,40 @@ def _joined(pieces: Iterable[Rows]) -> Rows:
         name: every[0][name] if name == "names" else np.concatenate([piece[name] for piece in every])
         for name in every[0]
     }
+
+
+def compile_in_background(press: Press, pages: Designs) -> None:
+    """Start the process, where the last kernel was never compiled and there is a processor for it; return at once.
+
+    The process ends by itself, or with this one. It is given a page, so that the source of pages need not be
+    picklable.
+    """
+    if is_cached(shares_of) or (os.cpu_count() or 1) < 2:
+        return
+    context = multiprocessing.get_context("spawn")
+    context.Process(target=_compile, args=(press, fitted(pages.page(0), press.geometry)), daemon=True).start()
+
+
+def _compile(press: Press, page: Page) -> None:
+    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is for whoever started this process
+        score_unlocated(press, page)
+
+
+def score_unlocated(press: Press, page: Page) -> float:
+    """Return the ranking's score of a page's own prediction as a scan in which the page was not located."""
+    sensors, geometry, model = press.sensors, press.geometry, shipped_ranking().model
+    expected = predict(page, sensors=sensors, geometry=geometry, threads=1)
+    prepared = prepare_page(
+        page, expected, sensors=sensors, geometry=geometry, fringes=press.fringes, glyphs=True
+    )
+    none = np.zeros((4, 2))
+    unlocated = Registration(placement=MOVED, located=False, planes_mm=none, plane_parts=none.T)
+    scan = np.rint(expected.expected_dn).clip(0).astype(np.uint16)
+    analysis = analyse_registered(prepared, scan, unlocated, residual_variance=ResidualVariance())
+    statistics = all_statistics(analysis.sums, analysis.marks, analysis.fit, unlocated, model.scatter)
+    return score_of(
+        model,
+        statistics_vector(model, statistics, prepared.page_features),
+        prepared.page_features,
+        another=False,
+    )

@@ -1,4 +1,7 @@
-"""The golden detector: scans are compared with a good one, where no raster states what was to be printed."""
+"""The golden detector: scans are compared with a good one, where no raster states what was to be printed.
+
+Regions are differences to the golden scan, joined where they are close, weighted, and enclosed in boxes.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,6 @@ import numpy as np
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PreparedOnly
 from prooflight.detectors.golden.differences import Tolerance, compare, place_of
 from prooflight.detectors.golden.place import TILE_PIXELS
-from prooflight.detectors.golden.regions import LEAST_VOLUME, Mark, marks
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Decision, Region, Verdict
 from prooflight.errors import RequestError, ScanError
@@ -63,6 +65,13 @@ SPOT_MM: Final = 6.0
 """Diameter of the greatest spot of worlds.toml."""
 WRONG_SHIFT_MM: Final = 1.8
 """worlds.toml: a page displaced so far is a misprint; two good prints are at most 1.6 mm apart."""
+JOINING_PIXELS: Final = 8
+"""Half of the distance within which differences are joined; tuned with the next on one half of
+docs/results/detector/golden.md."""
+LEAST_VOLUME: Final = 5.0
+"""Minimum volume of a region that is reported. [contrast pixels]"""
+AROUND: Final = 3
+"""Side of the neighbourhood by which a pixel's difference is weighted. [pixels]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -373,3 +382,68 @@ def _reason(likeness: float, *, off_place: bool, registered: bool, places: int) 
     if places:
         return f"{places} place{'s differ' if places > 1 else ' differs'} from the golden by more than good prints do"
     return ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """One region where a scan differs from its golden; sides in pixels, the last ones exclusive."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    volume: float
+    """Sum of the difference, each pixel's weighted by the share of its 3 x 3 neighbourhood that differs as
+    well: the edge strips that a tolerance leaves count little. A region of n pixels from dark to light has
+    nearly n. [contrast pixels]"""
+    lighter: bool
+    """Whether the region is lighter than the golden."""
+
+    def grown(self, margin: int) -> tuple[int, int, int, int]:
+        """Return left, top, right and bottom with a margin all around. [pixels]"""
+        return self.left - margin, self.top - margin, self.right + margin, self.bottom + margin
+
+
+def marks(
+    difference: GoldenDifference, *, joining_pixels: int = JOINING_PIXELS, least_volume: float = LEAST_VOLUME
+) -> tuple[Mark, ...]:
+    """Return regions that differ by at least ``least_volume``, the greatest first.
+
+    Lighter differences are joined only with lighter ones, and darker with darker: missing content is not
+    additional content.
+    """
+    result = []
+    for lighter in (True, False):
+        weight = np.where((difference.excess > 0) == lighter, difference.weight, np.float32(0))
+        result += _of_sign(weight, lighter, joining_pixels, least_volume)
+    return tuple(sorted(result, key=lambda mark: -mark.volume))
+
+
+def _of_sign(
+    weight: NDArray[np.float32], lighter: bool, joining_pixels: int, least_volume: float
+) -> list[Mark]:
+    counted = (weight > 0).astype(np.uint8)
+    side = 2 * joining_pixels + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(cv2.dilate(counted, disc))
+    dense = weight * cv2.blur(counted.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    volumes = np.bincount(labels.ravel(), dense.ravel(), count)
+    result = []
+    for label in range(1, count):
+        if volumes[label] < least_volume:
+            continue
+        left, top, width, height = (int(value) for value in boxes[label, :4])
+        inside = (slice(top, top + height), slice(left, left + width))
+        own = (labels[inside] == label) & (counted[inside] > 0)
+        right, down, columns, rows = cv2.boundingRect(own.astype(np.uint8))
+        result.append(
+            Mark(
+                left=left + right,
+                top=top + down,
+                right=left + right + columns,
+                bottom=top + down + rows,
+                volume=float(volumes[label]),
+                lighter=lighter,
+            )
+        )
+    return result

@@ -442,12 +442,10 @@ def analyse_registered(
         floor_share=floor_share,
         threads=threads,
     )
-    # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
     glyphs = NOTHING
     if prepared.glyphs is not None:
-        pitches_mm = at.pixel_pitch_mm, at.line_pitch_mm
-        sd_pixels = [sd / pitch for sd, pitch in zip(registration.shift_sd_mm, pitches_mm, strict=True)]
-        astray = chance_astray(sd_pixels) if registration.located else 1.0
+        # Glyphs are weighed at unresolved places all the same: their own strokes are what is known.
+        astray = _astray(registration, at)
         glyphs = score_glyphs(prepared.glyphs, left, weight, light, where, astray=astray, threads=threads)
     return ScanAnalysis(
         registration=registration,
@@ -461,6 +459,14 @@ def analyse_registered(
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )
+
+
+def _astray(registration: Registration, geometry: ScanGeometry) -> float:
+    """Return the chance that glyphs lie elsewhere than the page was located; 1: it was not."""
+    if not registration.located:
+        return 1.0
+    pitches_mm = geometry.pixel_pitch_mm, geometry.line_pitch_mm
+    return chance_astray([sd / pitch for sd, pitch in zip(registration.shift_sd_mm, pitches_mm, strict=True)])
 
 
 def _take_moves(images: ScanImages, placement: Placement, geometry: ScanGeometry, width_mm: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
@@ -13,16 +14,15 @@ from prooflight.detectors.cost import FLOOR_AREA_MM2
 from prooflight.detectors.false_alarm_rate import (
     GoodScores,
     Guarantee,
+    Likeness,
     PressScores,
     ReferenceScores,
     posterior_bound,
 )
-from prooflight.detectors.likeness import Likeness
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.glyphs.guarantee import SHARE, GlyphThreshold, combined_score
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE
 from prooflight.detectors.matched_filter.model import DetectorModel
-from prooflight.detectors.matched_filter.page_kinds import kinds_of
 from prooflight.detectors.matched_filter.shipped import shipped_ranking
 from prooflight.detectors.matched_filter.variation import AMOUNTS
 from prooflight.detectors.verdict import Decision
@@ -61,6 +61,13 @@ FLOOR_SHARE_OF_RATE: Final = 0.1
 reach it (docs/results/detector/ranking.md)."""
 WRONG_PAGE: Final = 1000.0
 """Score of a scan that shows another page, or its own where no good print is: above that of any evidence."""
+KINDS: Final = ("text", "mixed", "photo", "sparse")
+SPARSE_BELOW: Final = 0.02
+"""Share of the page with ink below which it is sparse. (assumed: a few lines of type)"""
+PHOTO_FROM: Final = 0.35
+"""Area of tints, summed over inks, from which a page is a photo. (assumed: a picture on half of a page)"""
+TEXT_BELOW: Final = 0.12
+"""Area of tints below which a page is text: type that the lens blurs counts as tint. (assumed)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -223,10 +230,7 @@ class CalibratedDetector:
         """Return a page's score as a whole from its evidence; RequestError: it is not of this detector."""
         model = self.model
         values = stored.array("values", "fiu", (len(model.statistics),))
-        features = (
-            "portrait" if "portrait" in stored.stored_arrays else "page_features"
-        )  # as up to press schema 10
-        page_features = stored.array(features, "f", model.centre.shape[1:], finite=True)
+        page_features = stored.array("page_features", "f", model.centre.shape[1:], finite=True)
         widening = 1.0  # of evidence from before there was any
         if "widening" in stored.stored_arrays:
             widening = max(float(stored.array("widening", "f", (), finite=True)), 1.0)
@@ -449,3 +453,28 @@ def score_of(
         return np.nan
     score = model.score(values[None], page_features[None])[0]
     return float(np.maximum(score, WRONG_PAGE) if another else score)
+
+
+def page_kind(page_features: NDArray[np.floating]) -> str:
+    """Return the kind, of ``KINDS``, of a page by its features (``fit.modes.page_features``).
+
+    Tints are each ink's area without its solids.
+    """
+    printed = np.exp(page_features[8]) - 1e-3
+    tints = (np.exp(page_features[:4]) - 1e-4 - page_features[4:8]).clip(min=0).sum()
+    if printed < SPARSE_BELOW:
+        return "sparse"
+    if tints >= PHOTO_FROM:
+        return "photo"
+    return "text" if tints < TEXT_BELOW else "mixed"
+
+
+def kinds_of(page_features: NDArray[np.floating]) -> tuple[tuple[str, int], ...]:
+    """Return how many of these pages (pages, PAGE_FEATURES) are of each kind, in the order of ``KINDS``.
+
+    Empty without pages, and where their features are of another version.
+    """
+    if not len(page_features) or page_features.shape[1] != PAGE_FEATURES:
+        return ()
+    counts = Counter(page_kind(row) for row in page_features)
+    return tuple((kind, counts[kind]) for kind in KINDS)

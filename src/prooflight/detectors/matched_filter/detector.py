@@ -26,8 +26,7 @@ from prooflight.detectors.matched_filter.analysis import (
     without_arrays,
 )
 from prooflight.detectors.matched_filter.calibrated import score_of, statistics_vector
-from prooflight.detectors.matched_filter.devices import engine_of
-from prooflight.detectors.matched_filter.exchangeability import of_every_page, summaries
+from prooflight.detectors.matched_filter.exchangeability import PressRunTest, of_every_page, summaries
 from prooflight.detectors.matched_filter.explaining import (
     distinct_inks,
     floor_explanation,
@@ -41,8 +40,7 @@ from prooflight.detectors.matched_filter.far_amounts import FarAmounts
 from prooflight.detectors.matched_filter.glyphs.reporting import FAMILY, KINDS, glyph_explanation, glyphs_name
 from prooflight.detectors.matched_filter.glyphs.scoring import NONE, NOTHING
 from prooflight.detectors.matched_filter.naming import UNKNOWN, kind_of, named, supported
-from prooflight.detectors.matched_filter.print_state import print_state
-from prooflight.detectors.matched_filter.run_test import PressRunTest
+from prooflight.detectors.matched_filter.scan_images import HostImages
 from prooflight.detectors.matched_filter.statistics.families import (
     all_statistics,
     remaining_statistics,
@@ -52,10 +50,9 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import MODES,
 from prooflight.detectors.matched_filter.statistics.marks import NO_FLOOR
 from prooflight.detectors.matched_filter.statistics.statistic import SCREEN_MODES, values_of
 from prooflight.detectors.matched_filter.streak_place import streak_centre
-from prooflight.detectors.matched_filter.variation import page_variation
+from prooflight.detectors.matched_filter.variation import page_variation, print_state
 from prooflight.detectors.matched_filter.visibility import on_tint, visible_marks
-from prooflight.detectors.matched_filter.zone_pricing import MatchedFilterPricing
-from prooflight.detectors.matched_filter.zones import ZonedJudge, careful_statistics
+from prooflight.detectors.matched_filter.zones import MatchedFilterPricing, ZonedJudge, careful_statistics
 from prooflight.detectors.placing import WRONG_PAGE_KIND, inside, shift_of, shows_another, unplaced_reason
 from prooflight.detectors.verdict import Verdict
 from prooflight.pages.zones.zone import KINDS as ZONE_KINDS
@@ -67,12 +64,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import Area, PlannedPage, PreparedPage, PressContext
+    from prooflight.detectors.base import Area, Device, PlannedPage, PreparedPage, PressContext
     from prooflight.detectors.matched_filter.analysis import PreparedPage as PreparedDesign
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
     from prooflight.detectors.matched_filter.extents import Extent
     from prooflight.detectors.matched_filter.model import DetectorModel
+    from prooflight.detectors.matched_filter.scan_images import Engine
     from prooflight.detectors.matched_filter.statistics.statistic import Box, Observed
     from prooflight.detectors.verdict import Decision, Ink, Region
     from prooflight.detectors.visible_marks import VisibleMarks
@@ -572,3 +570,12 @@ def block_means(
         middle = extent.start + block * (np.arange(count) + 0.5)
         places.append(np.minimum((middle / side).astype(np.intp), tiles - 1))
     return np.asarray(values[np.ix_(*places)], np.float32)
+
+
+def engine_of(device: Device) -> Engine:
+    """Return what computes the images of a scan; CUDA is loaded when a card is asked for."""
+    if device == "cpu":
+        return HostImages
+    from prooflight.detectors.matched_filter.card_images import card_engine
+
+    return card_engine()

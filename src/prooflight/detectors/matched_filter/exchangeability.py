@@ -28,9 +28,12 @@ above holds with one gambler, who has all of ``FALSELY``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+
+from prooflight.detectors.matched_filter.naming import family_text
+from prooflight.rng import stream
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,6 +56,14 @@ SCORE: Final = "score"
 """Name of the summary that is no group of statistics: false alarms depend on it."""
 OF_SCORE: Final = 0.5
 """Share of ``FALSELY`` that the score has; first words of statistics share the rest."""
+PAGES_TO_LEARN: Final = 40
+"""Number of good pages that a person is asked to inspect. (assumed: what a person inspects in one session)"""
+TRAINING_REMEDY: Final = (
+    f"look at {PAGES_TO_LEARN} good pages and run `prooflight press learn X.press JOB SCANS --good`"
+)
+FEEDBACK_REMEDY: Final = (
+    "watch runs with --sample, say what their sheets were, and run `prooflight press recalibrate`"
+)
 
 
 def groups_of(model: DetectorModel) -> tuple[str, ...]:
@@ -168,3 +179,37 @@ def _bet(p: NDArray[np.float64]) -> NDArray[np.float64]:
     low = MISPRINTS
     mean = (1 - low**STAKES) / (1 - low)
     return STAKES * p[:, None] ** (STAKES - 1) / mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressRunTest:
+    """Test of one run of a press; see ``RunTest``."""
+
+    test: ExchangeabilityTest
+    rng: np.random.Generator
+    remedy: str = TRAINING_REMEDY
+    """See ``RunTest``."""
+
+    @classmethod
+    def of(cls, detector: CalibratedDetector, *, seed: int) -> Self:
+        """Start the test of a run."""
+        rng = stream(seed, "exchangeability-ties")
+        if detector.told:
+            return cls(
+                test=ExchangeabilityTest.of_labelled(detector.told[-1], rng), rng=rng, remedy=FEEDBACK_REMEDY
+            )
+        return cls(test=ExchangeabilityTest.of(detector), rng=rng)
+
+    def add(self, summary: NDArray[np.float64]) -> None:
+        """See ``RunTest``."""
+        self.test.add(summary, self.rng)
+
+    @property
+    def suspended(self) -> bool:
+        """See ``RunTest``."""
+        return self.test.suspended
+
+    @property
+    def strangest(self) -> str:
+        """See ``RunTest``."""
+        return family_text(self.test.strangest) or "their scores"

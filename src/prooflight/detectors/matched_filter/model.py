@@ -15,9 +15,11 @@ from pydantic import Field
 
 from prooflight.detectors.matched_filter.fit.modes import PAGE_FEATURES
 from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
+from prooflight.detectors.matched_filter.ranking import ARRAYS as FIRST
 from prooflight.detectors.matched_filter.ranking import (
     FOREST,
     Forest,
+    Screen,
     deviation_at,
     every_column,
     evidence_of,
@@ -25,10 +27,9 @@ from prooflight.detectors.matched_filter.ranking import (
     marks_of,
     ranked,
     scores_of,
+    screened,
 )
-from prooflight.detectors.matched_filter.screen import ARRAYS as FIRST
-from prooflight.detectors.matched_filter.screen import Screen, screened
-from prooflight.detectors.matched_filter.screen import check as check_screen
+from prooflight.detectors.matched_filter.ranking import check as check_screen
 from prooflight.detectors.matched_filter.statistics.local_evidence import SCATTER_SHAPES, SIZES, Scatter
 from prooflight.detectors.matched_filter.statistics.statistic import Statistic, values_of
 from prooflight.detectors.print_prior import PrintPrior

@@ -1,4 +1,9 @@
-"""Ranking of pages by forests that were trained on misprints, and the columns that these use."""
+"""Ranking of pages by forests that were trained on misprints, and the columns that these use.
+
+Screening is the ranking by statistics that are computed for every page, which alone decides. All other statistics, four
+times as many, did not improve decisions (docs/results/detector/ranking.md), and cost more than all the rest. They
+explain what is wrong with a page that is called a misprint; good pages do not need them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from prooflight.detectors.matched_filter.statistics.statistic import in_screen
 from prooflight.files.schema import ArraySpec, Misfit, check_arrays
 from prooflight.kernels.statistics.forest import shares_of
 
@@ -14,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from prooflight.detectors.matched_filter.statistics.statistic import Statistic
 
 LEAST_CHANCE: Final = 0.01
 MARK: Final = "mark/"
@@ -26,6 +34,7 @@ ALONE_FROM, ALONE_SLOPE = 3.0, 6.0
 (both chosen on the ranking's own folds, seed 31)"""
 RANKS: Final = (0, 2, 5, 10, 20, 40)
 """Ranks of the sorted evidence of families that the forest uses in addition to each family's."""
+ARRAYS: Final = ("statistic", "family", "quantiles", "tail")
 
 
 def evidence_of(
@@ -195,3 +204,59 @@ def ranked(
     alone = strongest_alone(evidence, marks)
     combined = of_all + most + ADDED_SLOPE * np.maximum(alone - ADDED_FROM, 0)
     return np.maximum(combined, ALONE_SLOPE * (alone - ALONE_FROM))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Screen:
+    """Ranking of pages by some of a model's statistics, from the deviations of ``DetectorModel``."""
+
+    statistic: NDArray[np.int32]
+    """(n,) indices of its statistics in the model's, rising."""
+    families: tuple[str, ...]
+    """Causes of these statistics, sorted."""
+    family: NDArray[np.int32]
+    """(n,) index of each one's family."""
+    quantiles: NDArray[np.float64]
+    """(families, steps) as ``DetectorModel.quantiles``, for these statistics alone."""
+    tail: NDArray[np.float64]
+    """(families, 3)"""
+    tail_from: float
+    forest: Forest
+    kind_forests: tuple[Forest, ...]
+
+    def evidence(self, deviations: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return evidence (pages, families) from deviations of all the model's statistics.
+
+        Those of other statistics may be NaN.
+        """
+        own = deviations[:, self.statistic]
+        return evidence_of(own, self.family, self.quantiles, self.tail, self.tail_from)
+
+    def score(
+        self, deviations: NDArray[np.floating], page_features: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Return the evidence of pages for a misprint, (pages,), from these deviations; higher is worse."""
+        evidence = self.evidence(deviations)
+        every = every_column(evidence, page_features, deviations[:, self.statistic])
+        return ranked(
+            self.forest.score(every), scores_of(self.kind_forests, every), evidence, marks_of(self.families)
+        )
+
+
+def screened(statistics: Sequence[Statistic]) -> tuple[NDArray[np.int32], tuple[str, ...], NDArray[np.int32]]:
+    """Return ``Screen.statistic``, ``families`` and ``family`` of a model of these statistics."""
+    which = [index for index, one in enumerate(statistics) if in_screen(one)]
+    causes = [statistics[index].cause for index in which]
+    families = tuple(sorted(set(causes)))
+    family = np.array([families.index(cause) for cause in causes], np.int32)
+    return np.array(which, np.int32), families, family
+
+
+def check(arrays: Mapping[str, NDArray[Any]], statistics: Sequence[Statistic], *, under: str) -> None:
+    """Raise Misfit unless a screen's arrays state its statistics, and the family of each."""
+    which, _, family = screened(statistics)
+    for name, expected in (("statistic", which), ("family", family)):
+        if not np.array_equal(arrays[name], expected):
+            raise Misfit(f"{under}{name}", "must be that of the statistics that every page is analysed for")
+    if (arrays["tail"][:, 0] != arrays["quantiles"][:, -1]).any():
+        raise Misfit(f"{under}tail", "must begin where quantiles end")

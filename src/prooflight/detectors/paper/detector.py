@@ -12,9 +12,8 @@ from prooflight.cmyk import INKS
 from prooflight.detectors.base import BLOCK_PIXELS, ContextDetector, Inspection, PlannedPage
 from prooflight.detectors.paper.chi_square import tile_statistics
 from prooflight.detectors.paper.evidence import TILE_PIXELS, gather
-from prooflight.detectors.paper.finding import SoughtPage, find
+from prooflight.detectors.paper.finding import BlockGrid, Findings, SoughtPage, find, findings
 from prooflight.detectors.paper.print_state import print_state
-from prooflight.detectors.paper.regions import BlockGrid, Findings, findings
 from prooflight.detectors.placing import WRONG_PAGE_KIND
 from prooflight.detectors.verdict import Verdict
 from prooflight.kernels.comparison.page_sums import block_inks

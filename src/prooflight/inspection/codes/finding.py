@@ -1,24 +1,27 @@
-"""Detection of a page's codes, once for each design, in the lines that the camera must see of it."""
+"""Detection of a page's codes, once for each design, in the lines that the camera must see of it; zones about them."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 
-from prooflight.inspection.codes.light import grey, paper_light
-from prooflight.inspection.codes.page_code import PageCode
-from prooflight.inspection.codes.profiles import profiles
+from prooflight.detectors.base import PlannedPage
+from prooflight.inspection.codes.profiles import grey, paper_light, profiles
 from prooflight.inspection.codes.symbols import symbols, tried
+from prooflight.pages.zones.rules import entry_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from prooflight.detectors.base import PlannedPage
+    from prooflight.inspection.codes.profiles import Profile
     from prooflight.inspection.codes.symbols import Symbol
+    from prooflight.pages.job import Job
+    from prooflight.pages.zones.zones_file import ZoneEntry
     from prooflight.prediction.tables import SensorModel
+    from prooflight.press.artefact import Press
     from prooflight.scans.geometry import ScanGeometry
 
 QUIET_MM: Final = 3.0
@@ -88,3 +91,40 @@ def _sure(symbol: Symbol, light: NDArray[np.float32]) -> bool:
         if not any(one.text == symbol.text for one in tried(grey(moved), symbol.symbology)):
             return False
     return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PageCode:
+    """Code of a page, and its place in the camera's lines."""
+
+    symbol: Symbol
+    """Code that was read; its corners are in pixels of ``light``."""
+    corner: tuple[int, int]
+    """First line and column of ``light`` in the scan of a page in its place."""
+    light: NDArray[np.float32]
+    """Expected light of the code and its quiet zone (lines, columns), bare paper 1."""
+    box_mm: tuple[float, float, float, float]
+    """Place x, y, width and height on the page as printed, without quiet zone."""
+    profiles: tuple[Profile | None, ...]
+    """Scan lines of a bar code as they must be seen (``profiles.profiles``)."""
+    sure: bool
+    """Whether it reads in harder pictures than good prints make: only then must scans show it."""
+
+
+def code_zones(job: Job, number: int, press: Press) -> list[ZoneEntry]:
+    """Return careful zones about all codes of page ``number`` that the press's camera reads, with their quiet zones.
+
+    Errors as ``Job.page`` and ``ScanGeometry.lay``.
+    """
+    size_mm = job.page_size_mm(number)
+    own = job.page(number)
+    page = press.geometry.lay(own)
+    entries = []
+    for code in page_codes(PlannedPage(page, press.press_context()), press.sensors, press.geometry):
+        x, y, width, height = code.box_mm
+        if page is not own:  # back from a page that was turned as ``pages.raster.turned`` does
+            x, y, width, height = y, own.height_mm - x - width, height, width
+        box = x - QUIET_MM, y - QUIET_MM, width + 2 * QUIET_MM, height + 2 * QUIET_MM
+        entry = entry_of(f"{code.symbol.symbology} {code.symbol.text}", "careful", box, number, size_mm)
+        entries += [] if entry is None else [entry]
+    return entries

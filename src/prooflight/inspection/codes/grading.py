@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.inspection.codes.page_code import PageCode
+    from prooflight.inspection.codes.finding import PageCode
     from prooflight.inspection.codes.profiles import Profile
     from prooflight.inspection.codes.symbols import Symbol
 

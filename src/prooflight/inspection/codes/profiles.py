@@ -1,4 +1,7 @@
-"""Scan lines across a bar code, cut into its elements (ISO/IEC 15416, 5.2 to 5.4)."""
+"""Light of a code, and scan lines across a bar code, cut into its elements (ISO/IEC 15416, 5.2 to 5.4).
+
+A code reader takes one picture, paper light, of all the camera's lines.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,12 @@ import numpy as np
 from prooflight.kernels.scan_lines import cut_lines
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from prooflight.inspection.codes.symbols import Symbol
+    from prooflight.prediction.tables import SensorModel
 
 PROFILES: Final = 10
 """Number of scan lines across a bar code (ISO/IEC 15416, 5.2.4)."""
@@ -24,6 +30,11 @@ QUIET_PIXELS: Final = 6.0
 """Width of paper on either side that a profile holds."""
 LEAST_EDGES: Final = 4
 """Least number of edges, of two bars: a code with fewer is no bar code."""
+PAPER: Final = 220
+"""Grey value of bare paper: gloss and a brighter lamp still have room above it."""
+
+LEAST_GAIN_DN: Final = np.float32(1e-3)
+"""Least gain of a column: a dead one then shows as black instead of as no number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,3 +100,25 @@ def sampled(
     x, y = (np.ascontiguousarray(axis, np.float32) for axis in (x, y))
     values = cv2.remap(light, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return values.astype(np.float64)
+
+
+def paper_light(
+    dn: NDArray[np.generic], sensors: Sequence[SensorModel], columns: slice
+) -> NDArray[np.float32]:
+    """Return the mean light over the sensors of a cut of a scan (sensors, lines, columns) [DN]: (lines, columns).
+
+    Bare paper is 1. columns: of the scan, which the cut holds. A code reader sees red light alone; the
+    camera's own light is the best approximation that is available here, and the grades state this.
+    """
+    total = np.zeros(dn.shape[1:], np.float32)
+    for lines, sensor in zip(dn, sensors, strict=True):
+        gain = sensor.column_gain[columns] * np.float32(sensor.white_dn * len(sensors))
+        per_dn = (1 / np.maximum(gain, LEAST_GAIN_DN)).astype(np.float32)
+        total += lines * per_dn
+        total -= sensor.column_offset_dn[columns] * per_dn
+    return total
+
+
+def grey(light: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return light, bare paper 1, as a picture that code readers take."""
+    return cv2.convertScaleAbs(np.maximum(light, 0), alpha=PAPER)

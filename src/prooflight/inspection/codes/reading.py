@@ -9,7 +9,7 @@ import numpy as np
 
 from prooflight.detectors.verdict import Code, Region
 from prooflight.inspection.codes.grading import graded
-from prooflight.inspection.codes.light import grey, paper_light
+from prooflight.inspection.codes.profiles import grey, paper_light
 from prooflight.inspection.codes.symbols import Symbol, tried
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Area, Inspection
     from prooflight.detectors.verdict import Verdict
-    from prooflight.inspection.codes.page_code import PageCode
+    from prooflight.inspection.codes.finding import PageCode
     from prooflight.pages.raster import Page
     from prooflight.prediction.tables import SensorModel
     from prooflight.scans.geometry import ScanGeometry

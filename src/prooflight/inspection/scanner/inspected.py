@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.detectors.base import PlannedPage
-from prooflight.detectors.golden.chain import bare_light, light_of, to_numbers
+from prooflight.detectors.golden.chain import DrawnDetector, bare_light, light_of, to_numbers
 from prooflight.detectors.golden.differences import place_of
-from prooflight.detectors.golden.drawn import DrawnDetector
 from prooflight.errors import ScanError
 from prooflight.inspection.job import InspectPage
 from prooflight.inspection.scanner.chain_fit import MOST_SHEETS, chains_of, sheet_edges

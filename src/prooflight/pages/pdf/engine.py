@@ -9,7 +9,11 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, get_args
+
+from pydantic import Field
+
+from prooflight.files.fields import NO_OTHER_FIELDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,8 +33,10 @@ _PLACEHOLDER: Final = re.compile(r"\{([^{}]*)\}")
 class RipEngine:
     """One engine, as ``[rip]`` of a press file names it."""
 
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
     name: EngineName = "mupdf"
-    command: tuple[str, ...] = ()
+    command: tuple[Annotated[str, Field(strict=True, max_length=ARGUMENT_LETTERS_MAX)], ...] = ()
     """Program and arguments of the engine ``command``, which are passed without a shell; empty: another
     engine."""
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
 from prooflight.cmyk import INKS
+from prooflight.files.fields import NO_OTHER_FIELDS, Number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,7 +35,7 @@ LINE_UM_MAX: Final = 500.0
 OFFSET_UM_MAX: Final = 200.0
 SD_UM_MAX: Final = 200.0
 MM_PER_INCH: Final = 25.4
-Inks = tuple[float, float, float, float]
+Inks = tuple[Number, Number, Number, Number]
 
 
 def _check(name: str, value: float | None, least: float, most: float) -> None:
@@ -46,16 +47,18 @@ def _check(name: str, value: float | None, least: float, most: float) -> None:
 class RipModel:
     """Parameters of a press's RIP; what is None is unknown. ValueError where a value can be none of a RIP's."""
 
+    __pydantic_config__: ClassVar = NO_OTHER_FIELDS
+
     fill: FillRule | None = None
-    least_line_um: float | None = None
+    least_line_um: Number | None = None
     """Width to which thinner lines are drawn; None: one device pixel. [um]"""
-    offset_um: tuple[float, float] | None = None
+    offset_um: tuple[Number, Number] | None = None
     """Place of the corner of a device pixel, from the printed page's top left corner to the right and down. [um]"""
-    offset_sd_um: float = 0.0
+    offset_sd_um: Number = 0.0
     growth_um: Inks | None = None
     """Distance by which edges of C, M, Y and K lie outside what is drawn; inside where negative. [um]"""
     growth_sd_um: Inks = (0.0, 0.0, 0.0, 0.0)
-    edge_sd_um: float | None = None
+    edge_sd_um: Number | None = None
     """Standard deviation, measured, with which single edges lie off what is drawn; None: not measured. [um]"""
 
     def __post_init__(self) -> None:

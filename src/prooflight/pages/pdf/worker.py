@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from prooflight.errors import InputError, JobError
-from prooflight.pages.heap import keep_memory
-from prooflight.pages.memory import file_stamp
+from prooflight.pages.memory import file_stamp, keep_memory
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import RipModel

@@ -20,7 +20,7 @@ from prooflight.pages.job import parse_pages
 from prooflight.pages.zones.zone import Calibration, Kind, PageZones, Zone, contested, share_ignored
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from prooflight.pages.raster import Page
@@ -211,8 +211,8 @@ class JobZones:
             for (one, other), number in pairs.items()
         ]
 
-    def refuse_unpriced(self, press_digests: Collection[str], detector: str, *, where: object) -> None:
-        """Raise RequestError if the zones were not priced on the press of these digests, and for this detector.
+    def refuse_unpriced(self, press_digest: str, detector: str, *, where: object) -> None:
+        """Raise RequestError if the zones were not priced on the press of this digest, and for this detector.
 
         Without a price that was shown, no false-alarm rate is guaranteed.
         """
@@ -222,7 +222,7 @@ class JobZones:
         )
         if price is None:
             raise RequestError(where, "its zones have not been priced", remedy=remedy)
-        if price.press not in press_digests:
+        if price.press != press_digest:
             raise RequestError(where, "its zones were priced on another press", remedy=remedy)
         if price.detector != detector:
             what = f"its zones were priced for the detector {price.detector!r}"

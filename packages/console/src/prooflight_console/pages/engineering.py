@@ -133,7 +133,7 @@ def begin(
     if step == "learn" and job not in learnable:
         raise Problem(422, "scans", "there are no scans of this job: start the console with --scans")
     job_path, scans = learnable[job] if step == "learn" else (None, None)
-    digests = {one.digest for one in versions.listed()} | versions.in_use()[0].digests
+    digests = {one.digest for one in versions.listed()} | {versions.in_use()[0].digest}
     request_ = StepRequest(
         step=step,
         press=versions.press,

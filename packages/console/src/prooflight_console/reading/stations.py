@@ -59,11 +59,10 @@ class Stations:
         with self._guard:
             for path in (*self._presses, *self._versions()):
                 try:
-                    stamp = content_stamp(path)
-                    press, digest = press_of(path, stamp)
+                    press, digest = press_of(path, content_stamp(path))
                 except (OSError, ProoflightError):
                     continue
-                if run.facts.press_digest == digest or run.facts.press_digest in _digests(path, stamp):
+                if run.facts.press_digest == digest:
                     return path, press
         return None
 
@@ -86,12 +85,6 @@ def press_of(path: Path, _stamp: tuple[int, ...]) -> tuple[Press, str]:
     """Return the press of a file, and its digest. _stamp: ``content_stamp``, the key of the cache."""
     press = Press.load(path)
     return press, press.digest
-
-
-@lru_cache(maxsize=64)
-def _digests(path: Path, stamp: tuple[int, ...]) -> frozenset[str]:
-    """Return ``Press.digests`` of a file; they are needed only for runs of other presses and of former schemas."""
-    return press_of(path, stamp)[0].digests
 
 
 @lru_cache(maxsize=64)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from prooflight.errors import ProoflightError
-from prooflight.inspection.codes.zones import code_zones
+from prooflight.inspection.codes.finding import code_zones
 from prooflight.pages.job import JobSource
 from prooflight.pages.zones.rules import Rules, entry_of
 from prooflight.press.artefact import Press

@@ -10,7 +10,6 @@ from prooflight.commissioning.camera.fixed_pattern import Measured
 from prooflight.commissioning.file_edit import Edit
 from prooflight.errors import RequestError, ScanError
 from prooflight.files.given import shortly
-from prooflight.press.blocks import CameraBlock
 from prooflight_line.camera_set_up.bench import StepResult
 from prooflight_line.camera_set_up.seen import focus_of
 from prooflight_line.ruler.finding import find_ruler, relative_light
@@ -321,7 +320,6 @@ def colour(bench: Bench) -> StepResult:
         if at
     ]
     good = all(abs(one.turn_deg) < 0.1 and abs(one.size - 1) < 1e-3 for one in places)
-    has_offsets = {"offset_lines", "offset_pixels"} <= set(CameraBlock.model_fields)
     edits = [
         Edit(
             block="camera",
@@ -330,12 +328,6 @@ def colour(bench: Bench) -> StepResult:
             why="measured",
         )
         for name, way in (("offset_lines", "lines"), ("offset_pixels", "pixels"))
-        if has_offsets
     ]
     values = {f"lines.{at + 1}": one.lines for at, one in enumerate(places) if at}
-    unmeasured = (
-        () if has_offsets else ("offsets have no place in this version's press file: set them in the camera",)
-    )
-    return StepResult(
-        good=good, remarks=tuple(remarks), edits=tuple(edits), values=values, unmeasured=unmeasured
-    )
+    return StepResult(good=good, remarks=tuple(remarks), edits=tuple(edits), values=values)

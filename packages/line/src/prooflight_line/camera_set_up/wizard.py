@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from prooflight.commissioning.camera.exposures import Exposure
+from prooflight.commissioning.characterise import PROTOCOLS
 from prooflight.commissioning.file_edit import write_edits
-from prooflight.commissioning.measured_columns import PROTOCOLS
 from prooflight.errors import ProoflightError, RequestError
 from prooflight.files.atomic import whole_file
 from prooflight.press.press_file import PressFile

@@ -8,11 +8,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from dataclasses import replace
 from typing import Annotated, Any, Final, get_args
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -23,7 +21,6 @@ from pydantic import (
 )
 
 from prooflight.detectors.disposition import DecidedBy, Disposition, without_gate
-from prooflight.detectors.registry import present
 from prooflight.detectors.verdict import Verdict
 from prooflight_line.journal.records import Ending
 from prooflight_line.journal.schema import MOST_TEXT
@@ -77,7 +74,7 @@ class RunColumns(Columns):
     job_digest: Text
     press: Text
     press_digest: Text
-    detector: Annotated[Text, AfterValidator(present)]
+    detector: Text
     source: Text
     started_s: Moment
     sheets: Number | None
@@ -151,13 +148,6 @@ class PageColumns(Columns):
                 costly = (fields.get("verdict"), fields.pop("action")) == ("misprint", "accept")
                 return json.dumps(fields | {"stopping_costs_more": costly})
         return text
-
-    @field_validator("whole_verdict", mode="after")
-    @classmethod
-    def _by_the_present_name(cls, verdict: Verdict) -> Verdict:
-        """Name the detector as it is named today; its stored evidence is read likewise."""
-        name = present(verdict.detector)
-        return verdict if name == verdict.detector else replace(verdict, detector=name)
 
     @model_validator(mode="after")
     def _is_consistent(self) -> PageColumns:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from prooflight.detectors.optional import Recalibrates
-from prooflight.detectors.registry import default_name, present
+from prooflight.detectors.registry import default_name
 from prooflight.errors import RequestError
 from prooflight_line.journal.labels import LabelStore
 from prooflight_line.run.labelled_sheets import labelled_pages, replayed_run, sample_of_run
@@ -53,7 +53,7 @@ def recalibratable(press: Press, detector: str | None, *, where: object) -> tupl
 
     ``where`` is the artefact.
     """
-    name = present(detector) if detector else default_name(press)
+    name = detector or default_name(press)
     model = press.detectors.get(name)
     if not isinstance(model, Recalibrates):
         what = f"{name!r} of press {press.name} has no threshold that labels could set"
@@ -151,7 +151,7 @@ def before_recalibration(press: Press, where: object) -> Press:
         raise RequestError(where, "was never calibrated anew", remedy="it is the first of its kind: use it")
     name, model, last = previous
     before, wanted = press.with_threshold(name, last), model.told[-1].replaces
-    if wanted not in before.digests:
+    if wanted != before.digest:
         what = f"replaced {wanted[:16]}, which cannot be made again (it gives {before.digest[:16]})"
         raise RequestError(where, what, remedy="take the press artefact of that time from a backup")
     return before

@@ -17,7 +17,7 @@ def press_of_run(path: Path, *, name: str, digest: str) -> Press:
     name, digest: of the press, as the run's record has them.
     """
     press = Press.load(path)
-    if digest not in press.digests:
+    if digest != press.digest:
         what = f"has digest {press.digest[:16]}, the run was judged by {digest[:16]}"
         raise PressError(path, what, remedy=f"give the artefact of press {name} of that day")
     return press

@@ -9,10 +9,10 @@ import numpy as np
 
 from prooflight.detectors.base import LAMP_WAVES
 from prooflight.kernels.memory import unset
-from prooflight.kernels.residuals.flat_squares import flat_squares
 from prooflight.kernels.residuals.residuals import (
     FittedAmounts,
     VarianceShares,
+    flat_squares,
     residuals,
     variances,
 )

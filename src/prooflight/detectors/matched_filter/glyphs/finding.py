@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.pieces import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
+from prooflight.kernels.statistics.glyphs import PIECE, RUN, filled_pieces, joined_runs, piece_boxes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -130,7 +130,7 @@ def text_colours(packed: NDArray[np.uint32], *, every: int) -> NDArray[np.uint32
 def _pieces(
     packed: NDArray[np.uint32], colours: NDArray[np.uint32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pieces and the runs that they are made of, as in ``kernels.statistics.pieces``.
+    """Return pieces and the runs that they are made of, as in ``kernels.statistics.glyphs``.
 
     A texture has no pieces.
     """

@@ -20,8 +20,7 @@ from prooflight.detectors.matched_filter.statistics.local_evidence import (
     without_common,
 )
 from prooflight.kernels.memory import unset
-from prooflight.kernels.statistics.boxes import merged, own_of_cells, squares
-from prooflight.kernels.statistics.ghosts import boxed, ghost_parts, t_of_boxes
+from prooflight.kernels.statistics.boxes import boxed, ghost_parts, merged, own_of_cells, squares, t_of_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import charts, drawings, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
 
@@ -77,22 +78,13 @@ def newspaper(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
         for first, last in ((0, split), (split, columns)):
             x = margin + first * (wide + gap) / columns
             across = (last - first) * (wide + gap) / columns - gap
-            _article(sheet, rng, design, x, y, across, block - 4, last - first, style)
+            _article(Frame(sheet, rng, design, x, y, across, block - 4), last - first, style)
         sheet.rule(margin, y + block - 2, wide, BLACK, 0.5)
         y += block
 
 
-def _article(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    wide: float,
-    tall: float,
-    columns: int,
-    style: Style,
-) -> None:
+def _article(frame: Frame, columns: int, style: Style) -> None:
+    sheet, rng, design, x, y, wide, tall = frame
     head = design.text(some(rng, 14, 26), face=design.voice.bold, align="left", leading=1.1, indent_em=0.0)
     title = design.voice.title(rng, 2, 5).split()
     top = set_paragraph(sheet, x, y, wide, title, head, bottom=y + 0.4 * tall) + 2
@@ -176,9 +168,11 @@ def newsletter(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> N
     while down < end - 45:
         tall, kind = some(rng, 35, 60), count(rng, 0, 2)
         if kind == 0:
-            charts.chart(sheet, rng, design, aside + 2, down, side - 4, tall)
+            charts.chart(Frame(sheet, rng, design, aside + 2, down, side - 4, tall))
         elif kind == 1:
-            ledgers.table(sheet, rng, design, aside + 3, down, side - 6, tall - 5, columns=2, size_pt=7)
+            ledgers.table(
+                Frame(sheet, rng, design, aside + 3, down, side - 6, tall - 5), columns=2, size_pt=7
+            )
         else:
             text = design.paragraphs(rng, 150, 25)
             set_columns(sheet, aside + 4, down, side - 8, tall - 3, text, design.text(8.0))
@@ -208,7 +202,7 @@ def manual(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     while y < end - 70:
         tall = min(some(rng, 55, 110), end - y - 20)
         draw = pick(rng, (drawings.circuit, drawings.wire_frame, drawings.floor_plan))
-        draw(sheet, rng, design, margin, y, wide, tall)
+        draw(Frame(sheet, rng, design, margin, y, wide, tall))
         y += tall + 8
         text = design.voice.prose(rng, count(rng, 30, 110))
         y = set_paragraph(sheet, margin, y, wide, text, design.body, bottom=end) + 4

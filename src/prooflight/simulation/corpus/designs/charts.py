@@ -7,46 +7,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick_weighted, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import PAPER, grey, lighter
 from prooflight.simulation.corpus.designs.setting import cut
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.sheet import Sheet
-
-    Plot = Callable[[Sheet, np.random.Generator, DesignStyle, float, float, float, float], None]
+    Plot = Callable[[Frame], None]
 
 
-def chart(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def chart(frame: Frame) -> None:
     """Draw a chart of a random kind with its title, in a box."""
+    sheet, rng, design, x, y, width, height = frame
     size = float(np.clip(height / 9, 6, 10))
     if often(rng, 0.3):
         sheet.rect(x, y, width, height, lighter(design.palette.tint, 0.7))
     title = cut(design.voice.title(rng, 2, 5), design.voice.bold, size, width - 4)
     sheet.draw_text(x + 2, y + 5, title, design.voice.bold, size, design.palette.strong)
     plot = pick_weighted(rng, KINDS)
-    plot(sheet, rng, design, x + 10, y + 9, width - 13, height - 17)
+    plot(Frame(sheet, rng, design, x + 10, y + 9, width - 13, height - 17))
 
 
-def _axes(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def _axes(frame: Frame) -> None:
+    sheet, rng, design, x, y, width, height = frame
     steps, top = count(rng, 3, 7), 10.0 ** count(rng, 0, 4) * count(rng, 1, 9)
     for step in range(steps + 1):
         down = y + height * (1 - step / steps)
@@ -61,17 +45,10 @@ def _axes(
         sheet.draw_text(at, y + height + 3, name, design.voice.face, 5.5, grey(0.8), align="centre")
 
 
-def bars(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def bars(frame: Frame) -> None:
     """Draw groups of upright bars, or stacked ones."""
-    _axes(sheet, rng, design, x, y, width, height)
+    sheet, rng, design, x, y, width, height = frame
+    _axes(Frame(sheet, rng, design, x, y, width, height))
     groups, series, stacked = count(rng, 4, 14), count(rng, 1, 4), often(rng, 0.4)
     step = width / groups
     for group in range(groups):
@@ -87,17 +64,10 @@ def bars(
                 sheet.rect(x + (group + 0.14) * step + place * each, foot - value, 0.92 * each, value, colour)
 
 
-def lines(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def lines(frame: Frame) -> None:
     """Draw series as lines, sometimes with marks, sometimes filled below."""
-    _axes(sheet, rng, design, x, y, width, height)
+    sheet, rng, design, x, y, width, height = frame
+    _axes(Frame(sheet, rng, design, x, y, width, height))
     points, filled, marked = count(rng, 6, 60), often(rng, 0.3), often(rng, 0.4)
     along = np.linspace(0, width, points)
     for place in range(count(rng, 1, 5)):
@@ -111,16 +81,9 @@ def lines(
             sheet.dots(line, some(rng, 0.5, 1.0), colour)
 
 
-def pie(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def pie(frame: Frame) -> None:
     """Draw a pie or ring with its key."""
+    sheet, rng, design, x, y, width, height = frame
     shares = rng.dirichlet(np.full(count(rng, 3, 6), 2.0))
     radius = min(height, 0.55 * width) / 2
     at, turn = (x + radius, y + radius), some(rng, 0, 360)
@@ -138,33 +101,19 @@ def pie(
         sheet.disc(*at, radius * some(rng, 0.4, 0.65), PAPER)
 
 
-def points(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def points(frame: Frame) -> None:
     """Draw clouds of points."""
-    _axes(sheet, rng, design, x, y, width, height)
+    sheet, rng, design, x, y, width, height = frame
+    _axes(Frame(sheet, rng, design, x, y, width, height))
     for place in range(count(rng, 1, 3)):
         middle, spread = rng.uniform(0.3, 0.7, 2), rng.uniform(0.05, 0.18, 2)
         cloud = np.clip(rng.normal(middle, spread, (count(rng, 30, 140), 2)), 0.02, 0.98)
         sheet.dots(cloud * (width, height) + (x, y), some(rng, 0.35, 0.8), design.palette.chart[place])
 
 
-def map_of_values(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def map_of_values(frame: Frame) -> None:
     """Draw squares whose tint shows a value."""
+    sheet, rng, design, x, y, width, height = frame
     rows, columns = count(rng, 5, 14), count(rng, 6, 20)
     values = np.clip(rng.random((rows, columns)) * 0.6 + np.linspace(0, 0.4, columns), 0, 1)
     wide, tall = width / columns, height / rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from prooflight.simulation.corpus.designs import photographs
 from prooflight.simulation.corpus.designs.chance import pick, some
@@ -86,3 +86,16 @@ class DesignStyle:
         at = {"left": x, "centre": x + width / 2, "right": x + width}[align]
         sheet.draw_text(at, y + 0.31 * size, text, self.voice.bold, size, colour, align=align)
         return y + 0.42 * size
+
+
+class Frame(NamedTuple):
+    """Box of a design's sheet, and all that is needed to draw something into it."""
+
+    sheet: Sheet
+    rng: np.random.Generator
+    design: DesignStyle
+    x: float
+    """Left and upper edge, width and height. [mm]"""
+    y: float
+    width: float
+    height: float

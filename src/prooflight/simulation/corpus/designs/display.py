@@ -8,6 +8,7 @@ import numpy as np
 
 from prooflight.simulation.corpus.designs import charts, graphics
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import PAPER, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
 from prooflight.simulation.corpus.designs.sheet import cells
@@ -112,7 +113,7 @@ def slides(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
             texts = design.voice.prose(rng, count(rng, 3, 9))
             top = set_paragraph(sheet, left + 3, top, room - 3, texts, style, bottom=y + tall - 3) + 1
         if often(rng, 0.6) and not is_dark(ground):
-            charts.chart(sheet, rng, design, x + 0.5 * wide, y + 0.22 * tall, 0.48 * wide, 0.7 * tall)
+            charts.chart(Frame(sheet, rng, design, x + 0.5 * wide, y + 0.22 * tall, 0.48 * wide, 0.7 * tall))
         else:
             across, high = 0.44 * wide, 0.66 * tall
             sheet.picture(

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, between, grey, lighter
 from prooflight.simulation.corpus.designs.photographs import clouds
 
@@ -55,16 +56,9 @@ def music(
     return y + 4 * space
 
 
-def contour_map(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def contour_map(frame: Frame) -> None:
     """Draw a relief in contour lines with water, woods, roads and names."""
+    sheet, rng, design, x, y, width, height = frame
     step = 0.8
     rows, columns = round(height / step), round(width / step)
     land = clouds(rng, rows, columns, falling=1.6, coarse=some(rng, 2, 5))
@@ -78,7 +72,7 @@ def contour_map(
     for level in np.linspace(-1.5, 2.4, count(rng, 9, 22)):
         _areas(sheet, land > level, x, y, step, lighter(design.palette.strong, 0.7), line_pt=0.35)
     for _ in range(count(rng, 3, 8)):
-        _road(sheet, rng, design, x, y, width, height)
+        _road(Frame(sheet, rng, design, x, y, width, height))
     for _ in range(count(rng, 8, 30)):
         place = x + some(rng, 0.03, 0.85) * width, y + some(rng, 0.05, 0.97) * height
         sheet.disc(place[0] - 1.2, place[1] - 0.8, 0.6, design.palette.text)
@@ -104,15 +98,8 @@ def _areas(
                 sheet.polygon(smooth, ink)
 
 
-def _road(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def _road(frame: Frame) -> None:
+    sheet, rng, design, x, y, width, height = frame
     along = np.linspace(0, 1, 80)
     across = np.clip(some(rng, 0.1, 0.9) + np.cumsum(rng.normal(0, 0.012, 80)), 0.005, 0.995)
     path = np.stack([along, across], axis=1) if often(rng, 0.5) else np.stack([across, along], axis=1)
@@ -121,16 +108,9 @@ def _road(
     sheet.line(points, design.palette.bright if often(rng, 0.5) else PAPER, weight)
 
 
-def street_map(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def street_map(frame: Frame) -> None:
     """Draw blocks of a town between its streets."""
+    sheet, rng, design, x, y, width, height = frame
     sheet.rect(x, y, width, height, lighter(design.palette.tint, 0.8))
     turn = some(rng, -0.25, 0.25)
 
@@ -155,21 +135,14 @@ def street_map(
                     *at, design.voice.title(rng, 1, 1)[:8], design.voice.face, 5, design.palette.text
                 )
     for _ in range(count(rng, 1, 3)):
-        _road(sheet, rng, design, x, y, width, height)
+        _road(Frame(sheet, rng, design, x, y, width, height))
     sheet.frame(x, y, width, height, design.palette.text, 0.7)
 
 
-def floor_plan(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def floor_plan(frame: Frame) -> None:
     """Draw rooms with walls, doors, dimensions and names."""
-    _rooms(sheet, rng, design, x, y, width, height, depth=count(rng, 3, 4))
+    sheet, rng, design, x, y, width, height = frame
+    _rooms(Frame(sheet, rng, design, x, y, width, height), depth=count(rng, 3, 4))
     sheet.frame(x, y, width, height, BLACK, 3.0)
     below = y + height + 5
     sheet.rule(x, below, width, BLACK, 0.4)
@@ -178,17 +151,8 @@ def floor_plan(
         sheet.draw_text(tick + 1, below - 0.8, design.voice.number(rng), design.voice.figures, 5.5)
 
 
-def _rooms(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-    *,
-    depth: int,
-) -> None:
+def _rooms(frame: Frame, *, depth: int) -> None:
+    sheet, rng, design, x, y, width, height = frame
     if depth == 0 or min(width, height) < 22:
         if often(rng, 0.25):
             sheet.rect(x + 1, y + 1, width - 2, height - 2, design.palette.tint)
@@ -206,28 +170,21 @@ def _rooms(
         sheet.upright(cut, y, gap - y, BLACK, 2.0)
         sheet.upright(cut, gap + door, y + height - gap - door, BLACK, 2.0)
         sheet.ellipse(cut, gap, door, door, BLACK, line_pt=0.35, from_deg=0, to_deg=90)
-        _rooms(sheet, rng, design, x, y, share * width, height, depth=depth - 1)
-        _rooms(sheet, rng, design, cut, y, width - share * width, height, depth=depth - 1)
+        _rooms(Frame(sheet, rng, design, x, y, share * width, height), depth=depth - 1)
+        _rooms(Frame(sheet, rng, design, cut, y, width - share * width, height), depth=depth - 1)
     else:
         cut = y + share * height
         gap = some(rng, x + 3, x + width - 3 - 2 * door)
         sheet.rule(x, cut, gap - x, BLACK, 2.0)
         sheet.rule(gap + door, cut, x + width - gap - door, BLACK, 2.0)
         sheet.ellipse(gap, cut, door, door, BLACK, line_pt=0.35, from_deg=0, to_deg=90)
-        _rooms(sheet, rng, design, x, y, width, share * height, depth=depth - 1)
-        _rooms(sheet, rng, design, x, cut, width, height - share * height, depth=depth - 1)
+        _rooms(Frame(sheet, rng, design, x, y, width, share * height), depth=depth - 1)
+        _rooms(Frame(sheet, rng, design, x, cut, width, height - share * height), depth=depth - 1)
 
 
-def wire_frame(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def wire_frame(frame: Frame) -> None:
     """Draw a surface or ring of lines in perspective."""
+    sheet, rng, design, x, y, width, height = frame
     around, across = (np.linspace(0, 2 * np.pi, count(rng, *lines)) for lines in ((28, 60), (14, 30)))
     u, v = np.meshgrid(around, across)
     thick, tilt, lobes = some(rng, 0.2, 0.5), some(rng, 0.4, 1.2), count(rng, 0, 5)
@@ -261,16 +218,9 @@ def crossword(
         number += 1
 
 
-def circuit(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def circuit(frame: Frame) -> None:
     """Draw parts joined by square-cornered wires, with their names."""
+    sheet, rng, design, x, y, width, height = frame
     parts = rng.uniform((0.08, 0.08), (0.92, 0.92), (count(rng, 14, 34), 2)) * (width, height) + (x, y)
     for (x0, y0), (x1, y1) in zip(parts.tolist(), parts[1:].tolist(), strict=False):
         sheet.line([(x0, y0), (x1, y0), (x1, y1)], design.palette.text, 0.5)

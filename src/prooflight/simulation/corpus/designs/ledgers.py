@@ -6,30 +6,18 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.graphics import signature
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import cut
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from prooflight.simulation.corpus.designs.design_style import DesignStyle
-    from prooflight.simulation.corpus.designs.sheet import Sheet
+    pass
 
 
-def table(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-    *,
-    columns: int | None = None,
-    size_pt: float | None = None,
-) -> float:
+def table(frame: Frame, *, columns: int | None = None, size_pt: float | None = None) -> float:
     """Draw a table down to y + height: a head, rows of words and figures; return its lower edge. [mm]"""
+    sheet, rng, design, x, y, width, height = frame
     columns = count(rng, 3, 8) if columns is None else columns
     size = some(rng, 6.5, 9.5) if size_pt is None else size_pt
     step = size * some(rng, 0.5, 0.85)
@@ -74,16 +62,9 @@ def table(
     return bottom
 
 
-def form(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    height: float,
-) -> None:
+def form(frame: Frame) -> None:
     """Draw boxes with captions, some filled in by hand or machine, tick boxes, rows of single-letter boxes."""
+    sheet, rng, design, x, y, width, height = frame
     line, tinted, bottom = some(rng, 0.3, 0.9), often(rng, 0.5), y + height
     tall = some(rng, 7.5, 13)
     section = 0
@@ -96,27 +77,17 @@ def form(
         section += 1
         kind = count(rng, 0, 5)
         if kind == 0:
-            _ticks(sheet, rng, design, x, y, width, tall)
+            _ticks(Frame(sheet, rng, design, x, y, width, tall))
         elif kind == 1:
-            _letters(sheet, rng, design, x, y, width, tall, line)
+            _letters(Frame(sheet, rng, design, x, y, width, tall), line)
         else:
-            _fields(sheet, rng, design, x, y, width, tall, line, tinted=tinted)
+            _fields(Frame(sheet, rng, design, x, y, width, tall), line, tinted=tinted)
         y += tall
     sheet.frame(x, y, width, 0.01, design.palette.text, line)
 
 
-def _fields(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    tall: float,
-    line: float,
-    *,
-    tinted: bool,
-) -> None:
+def _fields(frame: Frame, line: float, *, tinted: bool) -> None:
+    sheet, rng, design, x, y, width, tall = frame
     left = x
     for share in rng.dirichlet([4.0] * count(rng, 1, 4)):
         wide = float(share) * width
@@ -133,9 +104,8 @@ def _fields(
         left += wide
 
 
-def _ticks(
-    sheet: Sheet, rng: np.random.Generator, design: DesignStyle, x: float, y: float, width: float, tall: float
-) -> None:
+def _ticks(frame: Frame) -> None:
+    sheet, rng, design, x, y, width, tall = frame
     boxes = count(rng, 3, 6)
     step = width / boxes
     for box in range(boxes):
@@ -148,16 +118,8 @@ def _ticks(
         sheet.draw_text(left + 5, top + 2.8, text, design.voice.face, 7, design.palette.text)
 
 
-def _letters(
-    sheet: Sheet,
-    rng: np.random.Generator,
-    design: DesignStyle,
-    x: float,
-    y: float,
-    width: float,
-    tall: float,
-    line: float,
-) -> None:
+def _letters(frame: Frame, line: float) -> None:
+    sheet, rng, design, x, y, width, tall = frame
     sheet.draw_text(
         x + 1, y + 2.6, design.voice.title(rng, 1, 4)[:40], design.voice.face, 5.5, design.palette.text
     )

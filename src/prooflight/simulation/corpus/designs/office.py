@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import charts, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.setting import set_columns, set_paragraph
 from prooflight.simulation.corpus.designs.sheet import cells
@@ -91,7 +92,7 @@ def invoice(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None
         sheet.draw_text(margin + 0.6 * wide, at, fact, design.voice.face, 8, design.palette.text)
         sheet.draw_text(margin + wide, at, design.voice.number(rng), design.voice.figures, 8, align="right")
     y += 38
-    y = ledgers.table(sheet, rng, design, margin, y, wide, some(rng, 15, sheet.height_mm - y - 85))
+    y = ledgers.table(Frame(sheet, rng, design, margin, y, wide, some(rng, 15, sheet.height_mm - y - 85)))
     for row in range(count(rng, 2, 4)):
         at = y + 6 + 5 * row
         name = design.voice.title(rng, 1, 2)[:18]
@@ -117,7 +118,9 @@ def form_page(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
         graphics.bar_code(sheet, rng, margin + wide - 45, margin, 45, 9)
     texts = design.voice.prose(rng, count(rng, 15, 60))
     y = set_paragraph(sheet, margin, y + 3, wide, texts, design.text(7.0)) + 3
-    ledgers.form(sheet, rng, design, margin, y, wide, (sheet.height_mm - margin - y) * some(rng, 0.5, 1.0))
+    ledgers.form(
+        Frame(sheet, rng, design, margin, y, wide, (sheet.height_mm - margin - y) * some(rng, 0.5, 1.0))
+    )
 
 
 def statement(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
@@ -139,10 +142,10 @@ def statement(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
     y += 28
     if often(rng, 0.7):
         tall = some(rng, 40, 65)
-        charts.chart(sheet, rng, design, margin, y, wide, tall)
+        charts.chart(Frame(sheet, rng, design, margin, y, wide, tall))
         y += tall + 5
     room = sheet.height_mm - some(rng, 40, 70) - y
-    y = ledgers.table(sheet, rng, design, margin, y, wide, max(some(rng, 0.3, 1.0) * room, 25)) + 5
+    y = ledgers.table(Frame(sheet, rng, design, margin, y, wide, max(some(rng, 0.3, 1.0) * room, 25))) + 5
     if often(rng, 0.5):
         small, texts = design.text(6.0), design.paragraphs(rng, 300)
         set_columns(sheet, margin, y, wide, sheet.height_mm - 8 - y, texts, small, columns=count(rng, 1, 3))
@@ -165,10 +168,10 @@ def report(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
             y = set_paragraph(sheet, margin, y, wide, texts, design.body, bottom=end) + 2
         tall, kind = some(rng, 35, 70), count(rng, 0, 3)
         if kind == 0 and y + tall < end:
-            charts.chart(sheet, rng, design, margin, y, wide, tall)
+            charts.chart(Frame(sheet, rng, design, margin, y, wide, tall))
             y += tall + 5
         elif kind == 1 and y + tall < end:
-            y = ledgers.table(sheet, rng, design, margin, y + 2, wide, tall) + 6
+            y = ledgers.table(Frame(sheet, rng, design, margin, y + 2, wide, tall)) + 6
         elif kind == 2:
             for _ in range(count(rng, 3, 6)):
                 if y < end - 10:
@@ -188,7 +191,7 @@ def table_page(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> N
     size, end = some(rng, 5.5, 8.5), sheet.height_mm * some(rng, 0.6, 1.0) - margin
     while y < end - 20:
         tall, columns = min(some(rng, 40, 240), end - y), count(rng, 4, 11)
-        y = ledgers.table(sheet, rng, design, margin, y, wide, tall, columns=columns, size_pt=size) + 6
+        y = ledgers.table(Frame(sheet, rng, design, margin, y, wide, tall), columns=columns, size_pt=size) + 6
 
 
 def dashboard(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
@@ -206,4 +209,4 @@ def dashboard(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> No
         if often(rng, 0.15):
             set_columns(sheet, x, y, wide, tall, design.paragraphs(rng, 140), design.body)
         else:
-            charts.chart(sheet, rng, design, x, y, wide, tall)
+            charts.chart(Frame(sheet, rng, design, x, y, wide, tall))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from prooflight.simulation.corpus.designs import drawings, graphics, ledgers
 from prooflight.simulation.corpus.designs.chance import count, often, pick, some
+from prooflight.simulation.corpus.designs.design_style import Frame
 from prooflight.simulation.corpus.designs.inks import BLACK, PAPER, grey, is_dark, lighter
 from prooflight.simulation.corpus.designs.photographs import PIXEL_MM, clouds, ramp
 from prooflight.simulation.corpus.designs.setting import cut, set_columns, set_paragraph
@@ -142,7 +143,17 @@ def map_page(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> Non
     margin = some(rng, 0, 14)
     head = some(rng, 14, 30)
     draw = pick(rng, (drawings.contour_map, drawings.street_map))
-    draw(sheet, rng, design, margin, head, sheet.width_mm - 2 * margin, sheet.height_mm - head - margin - 12)
+    draw(
+        Frame(
+            sheet,
+            rng,
+            design,
+            margin,
+            head,
+            sheet.width_mm - 2 * margin,
+            sheet.height_mm - head - margin - 12,
+        )
+    )
     design.heading(sheet, max(margin, 8), 5, 0.7 * sheet.width_mm, design.voice.title(rng, 1, 3), 20)
     for step in range(5):
         x = max(margin, 8) + 12 * step
@@ -155,8 +166,8 @@ def plan(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:
     wide, tall = sheet.width_mm - 2 * margin, sheet.height_mm - 2 * margin
     sheet.frame(margin, margin, wide, tall, BLACK, 1.4)
     draw = pick(rng, (drawings.floor_plan, drawings.circuit, drawings.wire_frame))
-    draw(sheet, rng, design, margin + 10, margin + 10, wide - 20, tall - block - 30)
-    ledgers.table(sheet, rng, design, margin, margin + tall - block, wide, block, columns=4, size_pt=7)
+    draw(Frame(sheet, rng, design, margin + 10, margin + 10, wide - 20, tall - block - 30))
+    ledgers.table(Frame(sheet, rng, design, margin, margin + tall - block, wide, block), columns=4, size_pt=7)
 
 
 def puzzles(sheet: Sheet, rng: np.random.Generator, design: DesignStyle) -> None:

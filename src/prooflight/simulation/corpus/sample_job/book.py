@@ -1,13 +1,14 @@
-"""Book of the sample job: cover, title page, contents, three chapters and a glossary."""
+"""Book of the sample job: cover, title page, contents, three chapters with their figures, and a glossary."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from reportlab.lib.units import mm
 from reportlab.platypus import Paragraph
 
-from prooflight.simulation.corpus.sample_job import copy_text, faces, figures, inks
+from prooflight.simulation.corpus.sample_job import copy_text, faces, inks
 from prooflight.simulation.corpus.sample_job.pictures import Shot, develop
 from prooflight.simulation.corpus.sample_job.sheet import (
     HEIGHT_MM,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from prooflight.simulation.corpus.sample_job.copy_text import Chapter
+    from prooflight.simulation.corpus.sample_job.inks import Ink
 
 MEASURE_MM = column(0, 4)[1]  # 112 mm: 64 characters a line at 11.8 pt
 MARGIN_X_MM, MARGIN_MM = column(4, 2)
@@ -36,9 +38,8 @@ GLOSSARY_HEIGHT_MM = 136.0
 def cover(sheet: Sheet) -> None:
     """Draw a full-bleed photograph with the title in light type."""
     sheet.begin("Cover")
-    covered = ((18.0, 116.0, 150.0, 76.0), (18.0, 268.0, 174.0, 12.0))
     sky = develop(Shot(name="hubble", centre=(0.404, 0.5), black_point=24, soften=0.8), WIDTH_MM, HEIGHT_MM)
-    sheet.picture(0, 0, sky, covered=covered)
+    sheet.picture(0, 0, sky)
     sheet.rect(LEFT_MM, 118, 36, 1.2, inks.EMBER)
     for place, text in enumerate(("Ink, Light", "& Paper")):
         sheet.text(LEFT_MM - 1, 144 + 25 * place, text, faces.SERIF, 68, ink=inks.PAPER)
@@ -62,7 +63,7 @@ def title_page(sheet: Sheet) -> None:
     sheet.paragraph(LEFT_MM, 132, MEASURE_MM, lead, faces.style(size_pt=11.6, leading_pt=17))
     full = inks.FULL
     for place, ink in enumerate(((full, 0, 0, 0), (0, full, 0, 0), (0, 0, full, 0), inks.BLACK)):
-        sheet.rect(LEFT_MM + 9 * place, 252, 8, 8, ink, reference=True)
+        sheet.rect(LEFT_MM + 9 * place, 252, 8, 8, ink)
     sheet.text(LEFT_MM, 269, copy_text.IMPRINT, faces.SERIF, 12)
     sheet.label(LEFT_MM, 274.5, "Harrowick")
 
@@ -104,9 +105,9 @@ def chapter(sheet: Sheet, text: Chapter) -> None:
 
     sheet.begin(f"Chapter {text.number.lower()}, continued")
     _running_head(sheet, text.title)
-    figures.in_margin(sheet, text, MARGIN_X_MM, TEXT_TOP_MM, MARGIN_MM)
+    in_margin(sheet, text, MARGIN_X_MM, TEXT_TOP_MM, MARGIN_MM)
     sheet.flow(LEFT_MM, TEXT_TOP_MM, MEASURE_MM, TEXT_BOTTOM_MM - TEXT_TOP_MM, story)
-    figures.below(sheet, text, LEFT_MM, TEXT_BOTTOM_MM, MEASURE_MM)
+    below(sheet, text, LEFT_MM, TEXT_BOTTOM_MM, MEASURE_MM)
     refuse_overset(story, f"chapter {text.number} does not fit its two pages")
     sheet.folio()
 
@@ -164,3 +165,120 @@ def _running_head(sheet: Sheet, text: str) -> None:
     sheet.label(LEFT_MM, TOP_MM + 3, copy_text.TITLE)
     sheet.text(RIGHT_MM, TOP_MM + 3, text, faces.ITALIC, 9.4, ink=inks.GREY, align="right")
     sheet.rule(LEFT_MM, TOP_MM + 5.6, RIGHT_MM, TOP_MM + 5.6, inks.HAIRLINE, 0.3)
+
+
+def in_margin(sheet: Sheet, chapter: Chapter, x: float, y: float, width: float) -> None:
+    """Draw the figure that belongs to a chapter into the margin column at (x, y). [mm]"""
+    draw = {
+        copy_text.LIGHT.number: light_in_paper,
+        copy_text.INKS.number: three_discs,
+        copy_text.RUN.number: coins,
+    }
+    draw[chapter.number](sheet, x, y, width)
+
+
+def below(sheet: Sheet, chapter: Chapter, x: float, bottom: float, width: float) -> None:
+    """Fill the foot of a chapter's last page, where it has one to fill, down to ``bottom``. [mm]"""
+    draw = {copy_text.INKS.number: screens, copy_text.RUN.number: photographer}
+    if chapter.number in draw:
+        draw[chapter.number](sheet, x, bottom, width)
+
+
+def light_in_paper(sheet: Sheet, x: float, y: float, width: float) -> None:
+    """Draw a section through a sheet: a ray that enters near a dot of ink and leaves through it."""
+    surface, depth = y + 24, 17.0
+    sheet.rect(x, surface, width, depth, inks.SAND)
+    for start in (9.0, 35.0):
+        sheet.rect(x + start, surface - 1.6, 12, 1.6, inks.percent(100, 0, 0, 0))
+    rays = (
+        ((3.0, -20.0), (6.5, 0.0), (5.2, 6.0), (9.0, 11.0), (11.5, 7.0), (14.0, 0.0), (16.5, -18.0)),
+        ((26.0, -20.0), (28.0, 0.0), (31.5, 8.0), (26.0, 12.5), (23.5, 6.0), (24.5, 0.0), (23.0, -18.0)),
+        ((44.0, -20.0), (40.5, 0.0), (38.0, 6.5), (44.0, 10.5), (50.0, 5.5), (50.6, 0.0), (51.0, -18.0)),
+    )
+    for ray in rays:
+        points = [(x + across, surface + down) for across, down in ray]
+        sheet.canvas.setStrokeColor(inks.colour(inks.EMBER))
+        sheet.canvas.setLineWidth(0.7)
+        sheet.canvas.setLineJoin(1)
+        sheet.canvas.drawPath(sheet.path(points, closed=False), stroke=1, fill=0)
+        (tip_x, tip_y), (tail_x, _) = points[-1], points[-2]
+        lean = (tip_x - tail_x) * 0.06
+        sheet.polygon(
+            [(tip_x + lean, tip_y - 1.2), (tip_x - 0.9, tip_y + 1), (tip_x + 0.9, tip_y + 1)], inks.EMBER
+        )
+    text = (
+        "Three ways through the same sheet. The ray on the left goes in by clean paper and out through ink; the "
+        "middle one meets no ink at all; the one on the right pays on the way in. Seen from above, the shadow of "
+        "each dot is wider than the dot."
+    )
+    sheet.paragraph(x, surface + depth + 3, width, text, faces.caption())
+
+
+def three_discs(sheet: Sheet, x: float, y: float, width: float) -> None:
+    """Draw cyan, magenta and yellow discs that overprint each other."""
+    radius = 15.0
+    middle, full = x + width / 2, inks.FULL
+    discs = (
+        (middle, y + radius, (full, 0, 0, 0)),
+        (middle - 9, y + radius + 15, (0, full, 0, 0)),
+        (middle + 9, y + radius + 15, (0, 0, full, 0)),
+    )
+    with sheet.overprinting():
+        for across, down, ink in discs:
+            sheet.circle(across, down, radius, ink)
+    text = (
+        "Cyan, magenta and yellow, each laid over the other two. Where two meet there is blue, red or green; in the "
+        "middle, where all three do, the untidy brown that the key plate exists to replace."
+    )
+    sheet.paragraph(x, y + 49, width, text, faces.caption())
+
+
+def coins(sheet: Sheet, x: float, y: float, width: float) -> None:
+    """Draw a photograph of coins."""
+    shot = Shot(
+        name="coins", centre=(0.25, 0.3), zoom=1.5, tone=(1.1, 1.0, 0.82), black_point=20, white_point=235
+    )
+    sheet.picture(x, y, develop(shot, width, 72))
+    text = (
+        "Greek coins found at Pompeii. Each was struck by hand, and no two are alike; yet anyone who had handled a "
+        "thousand could tell a bad one at a glance, with no good one beside it."
+    )
+    sheet.paragraph(x, y + 75, width, text, faces.caption())
+
+
+def screens(sheet: Sheet, x: float, bottom: float, width: float) -> None:
+    """Draw the dots of each ink at its angle, enlarged, and the four of them combined."""
+    gap = 3.0
+    side = (width - 4 * gap) / 5
+    top = bottom - 11 - side
+    full = inks.FULL
+    plates = ((15.0, (full, 0, 0, 0)), (75.0, (0, full, 0, 0)), (0.0, (0, 0, full, 0)), (45.0, inks.BLACK))
+    for place, (angle, ink) in enumerate(plates):
+        left = x + place * (side + gap)
+        with sheet.overprinting():
+            _dots(sheet, left, top, side, angle, ink)
+            _dots(sheet, x + 4 * (side + gap), top, side, angle, ink)
+        sheet.label(left, top - 2, f"{angle:g}°")
+    sheet.label(x + 4 * (side + gap), top - 2, "together")
+    text = "The four screens of a process tint, ten times enlarged, at their own angles."
+    sheet.paragraph(x, bottom - 8, width, text, faces.caption())
+
+
+def _dots(sheet: Sheet, left: float, top: float, side: float, angle_deg: float, ink: Ink) -> None:
+    pitch, radius = 1.7, 0.56
+    cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    reach = math.ceil(side / pitch)
+    for row in range(-reach, reach + 1):
+        for step in range(-reach, reach + 1):
+            across = side / 2 + pitch * (step * cos - row * sin)
+            down = side / 2 + pitch * (step * sin + row * cos)
+            if radius <= across <= side - radius and radius <= down <= side - radius:
+                sheet.circle(left + across, top + down, radius, ink)
+
+
+def photographer(sheet: Sheet, x: float, bottom: float, width: float) -> None:
+    """Draw a photograph across the measure."""
+    height = 76.0
+    shot = Shot(name="camera", centre=(0.5, 0.3), tone=(1.05, 1.0, 0.93), gamma=1.1, soften=0.7)
+    sheet.picture(x, bottom - height - 8, develop(shot, width, height))
+    sheet.paragraph(x, bottom - 6, width, "Somebody still has to look.", faces.caption())

@@ -58,7 +58,6 @@ def _bars(sheet: Sheet, x: float, y: float, width: float, height: float, kilos: 
             tall = round(height * kilos[series, month] / ticks[-1], 1)
             left = round(x + slot * month + 1.3 + 5.2 * series, 1)
             sheet.rect(left, y + height - tall, 5.0, tall, ink)
-            sheet.know(left, y + height - tall + 0.5, 5.0, tall - 1.0, ink)
             top, label = y + height - tall - 1.0, f"{kilos[series, month]:,.0f}"
             sheet.text(left + 2.5, top, label, faces.SANS, 4.6, ink=inks.GREY, align="centre")
         sheet.text(x + slot * (month + 0.5), y + height + 4, _MONTHS[month], faces.SANS, 6.8, align="centre")
@@ -110,6 +109,6 @@ def _pie(sheet: Sheet, span: tuple[float, float], y: float, shares: NDArray[np.f
         start += sweep
     for place, (name, share, ink) in enumerate(zip(_CHANNELS, shares, _CHANNEL_INKS, strict=True)):
         line = y + 2 * radius + 9 + 5.6 * place
-        sheet.rect(left, line - 2.8, 3.4, 3.4, ink, reference=True)
+        sheet.rect(left, line - 2.8, 3.4, 3.4, ink)
         sheet.text(left + 6, line, name, faces.SANS, 7)
         sheet.text(left + width, line, f"{100 * share:.1f} %", faces.SANS, 7, align="right")

@@ -32,11 +32,6 @@ def percent(cyan: float, magenta: float, yellow: float, black: float) -> Ink:
     return c, m, y, k
 
 
-def over(under: Ink, black: int = FULL) -> Ink:
-    """Return the result of ``black`` overprinting ``under``: the other three inks stay as they are."""
-    return under[0], under[1], under[2], max(under[3], black)
-
-
 def colour(ink: Ink) -> Any:
     """Return the reportlab colour that a RIP turns into exactly these bytes."""
     return CMYKColor(*(_fraction(byte) for byte in ink))
@@ -55,16 +50,6 @@ of a fifth have whole bytes."""
 def spot_colour(fifths: int) -> Any:
     """Return the spot colour at ``fifths`` / 5 of its full tint: a Separation with a tint transform to DeviceCMYK."""
     return CMYKColorSep(*(_fraction(byte) for byte in SPOT), spotName=SPOT_NAME, density=fifths / 5)
-
-
-def spot_equivalent(fifths: int) -> Ink:
-    """Return the ink that a four-colour press prints for that tint.
-
-    >>> spot_equivalent(2)
-    (0, 62, 102, 0)
-    """
-    c, m, y, k = (byte * fifths // 5 for byte in SPOT)
-    return c, m, y, k
 
 
 PAPER: Ink = (0, 0, 0, 0)

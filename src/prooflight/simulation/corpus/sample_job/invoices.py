@@ -182,7 +182,6 @@ def _totals(sheet: Sheet, invoice: Invoice, y: float) -> None:
     sheet.text(x, y + 6, "To pay", faces.SANS_BOLD, 9, ink=inks.PAPER)
     total = f"£ {quay.money(invoice.total_pence)}"
     sheet.text(RIGHT_MM - 3, y + 6, total, faces.SANS_BOLD, 9, ink=inks.PAPER, align="right")
-    sheet.know(x - 3, y, 2, 9, quay.TEAL)
 
 
 def _slip(sheet: Sheet, invoice: Invoice) -> None:

@@ -73,7 +73,6 @@ def form(sheet: Sheet) -> None:
     for place, names in enumerate(choices):
         x, width = column(2 * place, 2)
         sheet.rect(x, 156, width, 28, quay.FOAM)
-        sheet.know(x + width - 6, 156, 6, 28, quay.FOAM)
         for row, name in enumerate(names):
             _tick_box(sheet, x + 4, 160 + 7.6 * row, name)
     _heading(sheet, 195, "3", "How often")

@@ -90,13 +90,10 @@ def brochure(sheet: Sheet) -> None:
     """Draw a roastery's leaflet: full-bleed photograph above three columns on a tint."""
     sheet.begin("Brochure")
     sheet.rect(0, 0, 210, 297, quay.FOAM)
-    sheet.know(0, 162, 18, 135, quay.FOAM)
-    mark = (LEFT_MM, 20.0, 16.0, 16.0)
     shot = Shot(name="coffee", centre=(0.5, 0.5), gamma=0.96, soften=0.7)
-    sheet.picture(0, 0, develop(shot, WIDTH_MM, 132), covered=(mark,))
-    quay.mark(sheet, *mark[:3], inks.PAPER, quay.TEAL)
+    sheet.picture(0, 0, develop(shot, WIDTH_MM, 132))
+    quay.mark(sheet, LEFT_MM, 20.0, 16.0, inks.PAPER, quay.TEAL)
     sheet.rect(0, 132, 210, 30, quay.TEAL)
-    sheet.know(0, 132, 18, 30, quay.TEAL)
     sheet.text(LEFT_MM, 148, "Slow beans, short walk.", faces.SERIF, 36, ink=inks.PAPER)
     sheet.text(LEFT_MM, 156, quay.NAME, faces.SERIF, 12, ink=quay.FOAM)
     hours = "Open from seven, shut when the tide turns"
@@ -110,7 +107,6 @@ def brochure(sheet: Sheet) -> None:
     for place, ((name, note, price), ink) in enumerate(zip(words.OFFERS, coffees, strict=True)):
         x, width = column(2 * place, 2)
         sheet.rect(x, 236, width, 40, ink)
-        sheet.know(x, 270, width, 6, ink)
         sheet.text(x + 5, 247, name, faces.SERIF, 15, ink=inks.PAPER)
         sheet.paragraph(x + 5, 250, width - 10, note, faces.style(faces.ITALIC, 9.4, 12.4, ink=inks.PAPER))
         sheet.text(x + width - 5, 268, price, faces.SERIF, 17, ink=inks.PAPER, align="right")
@@ -122,8 +118,6 @@ def night_launch(sheet: Sheet) -> None:
     """Draw light text on a dark flat, under a full-width photograph."""
     sheet.begin("Light text on a dark page")
     sheet.rect(0, 0, 210, 297, inks.NIGHT)
-    sheet.know(0, 142, 18, 155, inks.NIGHT)
-    sheet.know(192, 142, 18, 155, inks.NIGHT)
     sheet.picture(0, 0, develop(Shot(name="rocket", centre=(0.5, 0.46), soften=0.7), WIDTH_MM, 136))
     sheet.label(LEFT_MM, 154, "Evening lectures", ink=inks.EMBER)
     sheet.text(LEFT_MM, 170, "Eleven minutes to orbit", faces.SERIF, 34, ink=inks.PAPER)

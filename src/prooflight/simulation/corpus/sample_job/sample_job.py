@@ -1,7 +1,6 @@
 """Print job that the project makes itself: thirty A4 pages as a digital press would really print.
 
-Everything in it is DeviceCMYK but for one spot colour, and much of its raster is known beforehand, so that a
-RIP, a press and an inspector can be checked against the original values.
+Everything in it is DeviceCMYK but for one spot colour.
 """
 
 from __future__ import annotations
@@ -21,11 +20,10 @@ from prooflight.simulation.corpus.sample_job import (
     invoices,
     office,
     plates,
-    poster,
     quay,
     tints,
 )
-from prooflight.simulation.corpus.sample_job.sheet import ReferencePatch, ReferencePicture, Sheet
+from prooflight.simulation.corpus.sample_job.sheet import Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,14 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampleJob:
-    """Job as a file, with known properties of its pages."""
+    """Job as a file, with the titles of its pages."""
 
     path: Path
     page_count: int
     titles: tuple[str, ...]
     """Title of each page, in job order."""
-    references: tuple[ReferencePatch | ReferencePicture, ...]
-    """Flat areas and pictures with their original CMYK values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,9 +63,7 @@ def make_sample_job(path: Path, *, seed: int = 1) -> SampleJob:
                 message = f"a section drew {sheet.number - first} pages where {section.pages} were planned"
                 raise RuntimeError(message)
         sheet.finish()
-    return SampleJob(
-        path=path, page_count=sheet.number, titles=tuple(sheet.titles), references=tuple(sheet.references)
-    )
+    return SampleJob(path=path, page_count=sheet.number, titles=tuple(sheet.titles))
 
 
 def _sections(rng: np.random.Generator) -> list[_Section]:
@@ -108,8 +102,8 @@ def _sections(rng: np.random.Generator) -> list[_Section]:
         ),
         _Section(pages=1, draw=tints.gradients),
         _Section(pages=1, draw=tints.two_blacks),
-        _Section(pages=1, draw=poster.spot_page),
-        _Section(pages=1, draw=poster.poster, entry=("A poster", "Flat colours")),
+        _Section(pages=1, draw=tints.spot_page),
+        _Section(pages=1, draw=tints.poster, entry=("A poster", "Flat colours")),
     ]
     entries = []
     page = 4

@@ -1,10 +1,9 @@
-"""Page to draw on in millimetres, which records the known parts of its future raster."""
+"""Page to draw on in millimetres."""
 
 from __future__ import annotations
 
 import hashlib
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import imagecodecs
@@ -25,44 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.simulation.corpus.sample_job.inks import Ink
-
-Box = tuple[float, float, float, float]
-"""Box as x, y, width, height from the page's top-left corner. [mm]"""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReferencePatch:
-    """Flat rectangle: every pixel that lies wholly inside it has one CMYK value, at any resolution.
-
-    (0, 0) is the page's top-left corner, x to the right, y down.
-    """
-
-    page: int
-    """Number in the job, from 1."""
-    x_mm: float
-    y_mm: float
-    width_mm: float
-    height_mm: float
-    cmyk: Ink
-    what: str
-    """Origin of the flat, e.g. ``process``, ``overprint``, ``spot``."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReferencePicture:
-    """Picture placed square to the page; its pixels lie on a 0.1 mm grid, so 254 dpi meets each of them."""
-
-    page: int
-    x_mm: float
-    y_mm: float
-    width_mm: float
-    height_mm: float
-    cmyk: NDArray[np.uint8]
-    """Ink (rows, columns, 4) of C, M, Y, K, 0 = no ink; row 0 is the top."""
-    what: str
-    """``photograph`` or ``gradient``."""
-    covered: tuple[Box, ...] = ()
-    """Boxes in page coordinates that type or another picture covers."""
 
 
 WIDTH_MM, HEIGHT_MM = 210.0, 297.0  # A4, ISO 216
@@ -110,7 +71,6 @@ class Sheet:
         )
         self.canvas.setTitle(title)
         self.titles: list[str] = []
-        self.references: list[ReferencePatch | ReferencePicture] = []
 
     @property
     def number(self) -> int:
@@ -133,31 +93,15 @@ class Sheet:
         self.canvas.showPage()
         self.canvas.save()
 
-    def know(self, x: float, y: float, width: float, height: float, ink: Ink, what: str = "process") -> None:
-        """Record that a rectangle is flat. Nothing drawn later may touch it."""
-        self.references.append(
-            ReferencePatch(
-                page=self.number, x_mm=x, y_mm=y, width_mm=width, height_mm=height, cmyk=ink, what=what
-            )
-        )
-
-    def rect(
-        self, x: float, y: float, width: float, height: float, ink: Ink, *, reference: bool = False
-    ) -> None:
-        """Draw a flat; ``reference`` records that it stays as it is."""
+    def rect(self, x: float, y: float, width: float, height: float, ink: Ink) -> None:
+        """Draw a flat."""
         self.canvas.setFillColor(inks.colour(ink))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
-        if reference:
-            self.know(x, y, width, height, ink)
 
-    def spot(
-        self, x: float, y: float, width: float, height: float, fifths: int, *, reference: bool = True
-    ) -> None:
+    def spot(self, x: float, y: float, width: float, height: float, fifths: int) -> None:
         """Draw a flat in the spot colour at ``fifths`` / 5 of its full tint."""
         self.canvas.setFillColor(inks.spot_colour(fifths))
         self.canvas.rect(x * mm, _up(y + height), width * mm, height * mm, stroke=0, fill=1)
-        if reference:
-            self.know(x, y, width, height, inks.spot_equivalent(fifths), "spot")
 
     @contextmanager
     def overprinting(self) -> Iterator[None]:
@@ -256,19 +200,8 @@ class Sheet:
                 frame.add(head, self.canvas)
                 story[:1] = tail
 
-    def picture(
-        self,
-        x: float,
-        y: float,
-        cmyk: NDArray[np.uint8],
-        *,
-        what: str = "photograph",
-        covered: tuple[Box, ...] = (),
-    ) -> None:
-        """Place a picture with its top-left corner at (x, y), a pixel every ``PIXEL_MM``.
-
-        ``covered`` is drawn over later.
-        """
+    def picture(self, x: float, y: float, cmyk: NDArray[np.uint8]) -> None:
+        """Place a picture with its top-left corner at (x, y), a pixel every ``PIXEL_MM``."""
         rows, columns = cmyk.shape[:2]
         width, height = columns * PIXEL_MM, rows * PIXEL_MM
         self.canvas.saveState()
@@ -276,19 +209,6 @@ class Sheet:
         self.canvas.scale((width - 2 * _NUDGE_MM) * mm, (height - 2 * _NUDGE_MM) * mm)
         self.canvas.doForm(self._embed(cmyk))
         self.canvas.restoreState()
-        cmyk.setflags(write=False)
-        self.references.append(
-            ReferencePicture(
-                page=self.number,
-                x_mm=x,
-                y_mm=y,
-                width_mm=width,
-                height_mm=height,
-                cmyk=cmyk,
-                what=what,
-                covered=covered,
-            )
-        )
 
     def _embed(self, cmyk: NDArray[np.uint8]) -> str:
         """Put an image into the file, compressed as PNG does, and return its name.

@@ -1,7 +1,8 @@
-"""Test form pages: step wedges, gradients, grey balance, two blacks, overprint and the spot colour."""
+"""Test form pages: step wedges, gradients, grey balance, two blacks, overprint and the spot colour; and a poster."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,10 @@ _WEDGES: tuple[tuple[str, tuple[float, float, float, float]], ...] = (
     ("Three inks", (1, 1, 1, 0)),
 )
 _STEPS_PERCENT = (2, 5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
+_SKY = inks.percent(0, 8, 90, 0)
+_SUN = inks.percent(0, 100, 92, 0)
+_SEAS = (inks.percent(100, 0, 20, 0), inks.percent(100, 40, 0, 0), inks.percent(100, 85, 0, 10))
+_SAND = inks.percent(0, 55, 100, 0)
 
 
 def _head(sheet: Sheet, title: str, lead: str) -> None:
@@ -46,7 +51,7 @@ def wedges(sheet: Sheet) -> None:
         sheet.text(LEFT_MM, y + 7.8, name, faces.SANS, 7.4)
         for place, step in enumerate(_STEPS_PERCENT):
             ink = inks.percent(*(step * weight for weight in weights))
-            sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink, reference=True)
+            sheet.rect(LEFT_MM + 26 + pitch * place, y, pitch, tall, ink)
     for place, step in enumerate(_STEPS_PERCENT):
         middle = LEFT_MM + 26 + pitch * (place + 0.5)
         sheet.text(middle, 62.6, f"{step}", faces.SANS, 6, ink=inks.GREY, align="centre")
@@ -104,7 +109,7 @@ def gradients(sheet: Sheet) -> None:
     y = 64.0
     for name, start, end in ramps:
         sheet.text(LEFT_MM, y + 6.4, name, faces.SANS, 7.4)
-        sheet.picture(x, y, ramp(start, end, rows=100, columns=columns), what="gradient")
+        sheet.picture(x, y, ramp(start, end, rows=100, columns=columns))
         y += 12.5
     sheet.text(LEFT_MM, y + 6.4, "Shading", faces.SANS, 7.4)
     _shading(sheet, x, y, width, 10)
@@ -138,14 +143,13 @@ def _grey_balance(sheet: Sheet, y: float) -> None:
     x, width = column(1, 5)
     ground = inks.percent(0, 0, 0, 40)
     sheet.rect(x, y + 5, width, 82, ground)
-    sheet.know(x, y + 5, width, 4, ground)
     pitch_x, pitch_y = 27.8, 15.2
     for row, yellow in enumerate(steps):
         down = y + 10.0 + pitch_y * row
         sheet.text(x - 3, down + 7.4, f"Y {yellow}", faces.SANS, 6.4, ink=inks.GREY, align="right")
         for place, magenta in enumerate(steps):
             across = round(x + 5 + pitch_x * place, 1)
-            sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0), reference=True)
+            sheet.rect(across, round(down, 1), 22, 12, inks.percent(50, magenta, yellow, 0))
     for place, magenta in enumerate(steps):
         middle = x + 16 + pitch_x * place
         sheet.text(middle, y + 91, f"M {magenta}", faces.SANS, 6.4, ink=inks.GREY, align="centre")
@@ -155,12 +159,8 @@ def two_blacks(sheet: Sheet) -> None:
     """Draw a page of rich black with a panel of black ink alone."""
     sheet.begin("Rich black")
     sheet.rect(0, 0, 210, 297, inks.RICH_BLACK)
-    sheet.know(0, 0, 210, 20, inks.RICH_BLACK)
-    sheet.know(0, 20, 18, 277, inks.RICH_BLACK)
     x, width = column(3, 3)
     sheet.rect(x, 36, 210 - x, 150, inks.BLACK)
-    sheet.know(x, 36, 210 - x, 14, inks.BLACK)
-    sheet.know(x + 2, 130, 210 - x - 2, 56, inks.BLACK)
     sheet.text(LEFT_MM, 70, "Two", faces.SERIF, 72, ink=inks.PAPER)
     sheet.text(x + 8, 70, "blacks", faces.SERIF, 72, ink=inks.PAPER)
     rich = faces.style(size_pt=10.6, leading_pt=15.4, ink=inks.SAND)
@@ -170,8 +170,78 @@ def two_blacks(sheet: Sheet) -> None:
     for place, grey in enumerate((100, 98, 95, 92, 88, 84)):
         left = LEFT_MM + 29 * place
         ink = inks.percent(60, 40, 40, grey)
-        sheet.rect(left, 214, 25, 30, ink, reference=True)
+        sheet.rect(left, 214, 25, 30, ink)
         sheet.text(left, 249, f"60/40/40/{grey}", faces.SANS, 6, ink=inks.HAIRLINE)
     sheet.text(LEFT_MM, 206, "How deep is deep enough?", faces.ITALIC, 13, ink=inks.STRAW)
     sheet.rule(LEFT_MM, 262, RIGHT_MM, 262, inks.PAPER, 0.25)
     sheet.text(LEFT_MM, 268, "The line above is a quarter of a point.", faces.SERIF, 7, ink=inks.PAPER)
+
+
+def spot_page(sheet: Sheet) -> None:
+    """Draw the spot colour solid and in tints, with black overprinting it and knocked out of it."""
+    sheet.begin("Spot colour and overprint")
+    sheet.spot(0, 0, 210, 150, 5)
+    with sheet.overprinting():
+        sheet.text(LEFT_MM, 62, "Lantern", faces.SERIF, 84)
+        sheet.text(LEFT_MM, 92, "Orange", faces.SERIF, 84)
+        style = faces.style(size_pt=11.4, leading_pt=16)
+        sheet.paragraph(LEFT_MM, 106, column(0, 4)[1], copy_text.SPOT, style)
+    for place in range(5):
+        sheet.spot(LEFT_MM + 34 * place, 158, 34, 22, place + 1)
+        sheet.text(LEFT_MM + 34 * place, 185, f"{20 * (place + 1)} %", faces.SANS, 6.8, ink=inks.GREY)
+    _pair(sheet, 0, copy_text.OVERPRINTED, "overprint")
+    _pair(sheet, 3, copy_text.KNOCKED_OUT, "knock-out")
+
+
+def _pair(sheet: Sheet, first: int, text: str, name: str) -> None:
+    """Draw black bars and type over the spot colour and over process blue, overprinting or knocking out."""
+    x, width = column(first, 3)
+    half = width / 2
+    blue = inks.percent(100, 60, 0, 0)
+    sheet.label(x, 200, name, ink=inks.BLACK)
+    sheet.spot(x, 203, half, 46, 5)
+    sheet.rect(x + half, 203, half, 46, blue)
+    if name == "overprint":
+        with sheet.overprinting():
+            _black(sheet, x, half)
+    else:
+        _black(sheet, x, half)
+    sheet.paragraph(x, 252, width, text, faces.style(faces.ITALIC, 10.4, 14))
+
+
+def _black(sheet: Sheet, x: float, half: float) -> None:
+    for left in (x, x + half):
+        sheet.rect(left + 5, 208, half - 10, 8, inks.BLACK)
+        sheet.text(left + half / 2, 232, "Black", faces.BOLD, 26, align="centre")
+
+
+def poster(sheet: Sheet) -> None:
+    """Draw a flat, saturated, full-bleed poster of a regatta."""
+    sheet.begin("Poster in flat colours")
+    sheet.rect(0, 0, 210, 297, _SKY)
+    sheet.circle(140, 118, 52, _SUN)
+    for place, ink in enumerate(_SEAS):
+        _wave(sheet, 150 + 26 * place, 8.0 + 3 * place, 0.9 * place, ink)
+    _boat(sheet, 62, 172, 1.0, inks.PAPER, inks.percent(0, 100, 40, 0))
+    _boat(sheet, 164, 196, 0.72, _SAND, inks.PAPER)
+    for place, text in enumerate(("Harrowick", "Sound")):
+        sheet.text(LEFT_MM - 1, 52 + 25 * place, text, faces.BOLD, 68, ink=_SEAS[2])
+    sheet.text(LEFT_MM, 266, "Regatta", faces.BOLD, 40, ink=_SKY)
+    sheet.text(RIGHT_MM, 258, "Saturday 21 June", faces.BOLD, 15, ink=inks.PAPER, align="right")
+    start = "first gun at ten, off the Customs House"
+    sheet.text(RIGHT_MM, 266, start, faces.ITALIC, 13, ink=inks.PAPER, align="right")
+
+
+def _wave(sheet: Sheet, y: float, swell: float, phase: float, ink: Ink) -> None:
+    crest = [(2.0 * step, y + swell * math.sin(2 * math.pi * step / 46 + phase)) for step in range(-1, 108)]
+    sheet.polygon([*crest, (214, 297), (-2, 297)], ink)
+
+
+def _boat(sheet: Sheet, x: float, y: float, scale: float, sail: Ink, jib: Ink) -> None:
+    def at(*points: tuple[float, float]) -> list[tuple[float, float]]:
+        return [(x + scale * across, y + scale * down) for across, down in points]
+
+    sheet.polygon(at((2, -62), (2, -8), (34, -8)), sail)
+    sheet.polygon(at((-2, -54), (-2, -8), (-24, -8)), jib)
+    sheet.polygon(at((-28, -4), (38, -4), (26, 8), (-18, 8)), inks.BLACK)
+    sheet.rect(x - 0.8 * scale, y - 64 * scale, 1.6 * scale, 60 * scale, inks.BLACK)

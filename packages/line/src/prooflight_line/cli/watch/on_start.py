@@ -69,7 +69,8 @@ def run_on_start(
         Another process waits for starts of this journal, or nothing can be written beside it.
     """
     control, signals, runs = control_of(journal), list[int](), list[subprocess.Popen[bytes]]()
-    waiting = Starter(folder=str(HotFolder.open(folder).path.resolve()))
+    jobs = HotFolder.open(folder)
+    waiting = Starter(folder=str(jobs.path.resolve()))
 
     def pass_on(number: int, _frame: object) -> None:
         signals.append(number)
@@ -79,6 +80,7 @@ def run_on_start(
     before = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         with control.starting(waiting):
+            jobs.put_back()  # of a run that was killed, so that it can be started again
             say("waiting until an operator starts the next job in the console")
             while not signals:
                 request = control.start_request()
@@ -96,6 +98,7 @@ def run_on_start(
                 runs.clear()
                 noted = control.starter
                 trouble = "" if code in OF_RUNS or noted is None else noted.trouble or _ended(code)
+                jobs.put_back()
                 control.write_starter(replace(waiting, trouble=trouble))
     finally:
         for number, handler in before.items():

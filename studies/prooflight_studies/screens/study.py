@@ -108,13 +108,13 @@ SCREENS: Final = (
         name="incident",
         title="An incident",
         path=f"/runs/{GOING}/incidents/4",
-        whole="#viewers[data-ready] [data-layer=difference]",
+        whole="#viewers[data-ready]:has([data-layer=difference])",
     ),
     Screen(
         name="sheet",
         title="A sheet",
         path=f"/runs/{GOING}/sheets/241",
-        whole="#viewers[data-ready] [data-layer=difference]",
+        whole="#viewers[data-ready]:has([data-layer=difference])",
     ),
     Screen(name="problem", title="A page that is not there", path="/nowhere", whole=".code"),
 )

@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from prooflight.cmyk import INK_NAMES
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from prooflight_console.pages.language import Language
     from prooflight_console.quality.pareto import Group
     from prooflight_console.quality.trends import Drift
 
@@ -163,3 +166,15 @@ def drift_lines(drifts: Sequence[Drift], chart: str) -> DriftChart | None:
     return DriftChart(
         lines=tuple(lines), zero=height(0.0), least=least, greatest=greatest, unit=chosen[0].unit
     )
+
+
+def channel_colour(channel: str, at: int) -> str:
+    """Return the class of a channel's colour: that of its ink, or one of six by its place in the chart."""
+    ink = next((part for part in channel.split("-") if part in INK_NAMES), None)
+    return f"ink-{ink}" if ink else f"line-{at % 6}"
+
+
+def channel_name(t: Language, channel: str) -> str:
+    """Return the name of a channel within its chart."""
+    group, part, *_ = channel.split("-")
+    return f"{t('chart.wave')} {part}" if group == "lamp" else t.named("chart", part)

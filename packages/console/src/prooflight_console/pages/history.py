@@ -9,6 +9,7 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from prooflight_console.api.common import console
+from prooflight_console.pages.drawings import channel_colour, channel_name
 from prooflight_console.pages.search import day_s
 from prooflight_console.pages.shell import OperatorPage, ViewerPage, page
 from prooflight_console.problems import Problem
@@ -44,6 +45,8 @@ def history_charts(request: Request, who: ViewerPage) -> Response:
         notes=notes,
         width=WIDTH,
         height=HEIGHT,
+        colour=channel_colour,
+        channel_name=channel_name,
     )
 
 

@@ -8,9 +8,8 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request
 
-from prooflight.cmyk import INK_NAMES
 from prooflight_console.api.common import console
-from prooflight_console.pages.drawings import drift_lines, shares
+from prooflight_console.pages.drawings import channel_colour, channel_name, drift_lines, shares
 from prooflight_console.pages.search import Day, Text, day_s
 from prooflight_console.pages.shell import ViewerPage, page
 from prooflight_console.problems import Problem
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.cost import RunningCosts
     from prooflight_console.console import Console
-    from prooflight_console.pages.language import Language
     from prooflight_console.quality.trends import Period, Step
 
 router = APIRouter(include_in_schema=False)
@@ -109,8 +107,8 @@ def quality_page(
             "not_inspected": of_period(verdict="not-inspected"),
             "false_alarms": of_period(label="good"),
         },
-        colour=_colour,
-        channel_name=_channel_name,
+        colour=channel_colour,
+        channel_name=channel_name,
         drifts=[(name, drift_lines(trends.drifts, name)) for name, _ in GROUPS],
         rows=rows,
         indexing=state.index.progress,
@@ -119,18 +117,6 @@ def quality_page(
 
 def _percent(number: int, total: int) -> float:
     return 100 * number / total if total else 0.0
-
-
-def _colour(channel: str, at: int) -> str:
-    """Return the class of a channel's colour: that of its ink, or one of six."""
-    ink = next((part for part in channel.split("-") if part in INK_NAMES), None)
-    return f"ink-{ink}" if ink else f"line-{at % 6}"
-
-
-def _channel_name(t: Language, channel: str) -> str:
-    """Return the name of a channel within its chart."""
-    group, part, *_ = channel.split("-")
-    return f"{t('chart.wave')} {part}" if group == "lamp" else t.named("chart", part)
 
 
 def _since(state: Console, step: Step, until: str) -> str:

@@ -125,14 +125,14 @@ def misprint(
         page=page or good.verdict.page,
     )
     if expected is None:
-        cut, box = _made_up_cut(kind, box_mm, rng)
+        cut, box = _synthetic_cut(kind, box_mm, rng)
     else:
         cut, box = _cut(expected(number % JOB_PAGES + 1), region, rng)
     evidence = {"cut0": cut, "cut0_mm": np.array(box), "wrong_page": np.array(False)}
     return replace(good, verdict=verdict, evidence=evidence)
 
 
-def _made_up_cut(
+def _synthetic_cut(
     kind: str, box_mm: tuple[float, float, float, float], rng: np.random.Generator
 ) -> tuple[NDArray[np.uint16], tuple[float, float, float, float]]:
     """Return paper with some lines of text and a defect, and its rectangle on the page. [DN, mm]"""

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from prooflight.press.press_file import PressFile
     from prooflight_studies.cluster.tasks import Task
 
-WORKERS: Final = (1, 2, 4)
-KILLED_OF: Final = 2
-"""Number of workers of the runs in which some are killed."""
 SPECIMEN_SEED: Final = 1
 
 
@@ -36,11 +33,11 @@ class ClusterPlan:
     """Numbers of pages."""
 
     seed: int
-    pages: int = 16
+    pages: int = 12
     """Pages that are prepared and inspected in all ways."""
     labels: int = 2000
     """Small pages by which the memory of the head is judged."""
-    full: int = 8
+    full: int = 6
     """Pages at the press's own resolution, by which a plant is computed."""
     quick: bool = False
 
@@ -84,10 +81,11 @@ def run_cluster_study(
             progress(f"{task.name}, without a cluster")
             rows.append(done(task))
         every = (prepare, inspect, build)
-        for number in WORKERS:
-            rows += _shared(every, number, kill=False, progress=progress)
-        rows += _shared(every, KILLED_OF, kill=True, progress=progress)
-        streamed, of_full = _shared((prepare_labels, prepare_full), KILLED_OF, kill=False, progress=progress)
+        *of_two, streamed, of_full = _shared((*every, prepare_labels, prepare_full), 2, progress=progress)
+        rows += _shared(every[:2], 1, progress=progress)
+        rows += of_two
+        rows += _shared(every[:2], 4, progress=progress)
+        rows += _shared(every, 2, kill=True, progress=progress)
         one = Measured(
             design_s=(of_full.worker_s or 0.0) / plan.full,
             head_s=of_full.head_s / plan.full,
@@ -123,7 +121,7 @@ def run_cluster_study(
 
 
 def _shared(
-    every: Sequence[Task], workers: int, *, kill: bool, progress: Callable[[str], None]
+    every: Sequence[Task], workers: int, *, kill: bool = False, progress: Callable[[str], None]
 ) -> list[Done]:
     """Do all tasks by so many workers."""
     rows = []

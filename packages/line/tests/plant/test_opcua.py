@@ -198,7 +198,7 @@ def test_corrections_are_offered_and_nobody_can_write_them(server: tuple[OpcUa, 
         with pytest.raises(ua.UaStatusCodeError):
             await node.write_value(1.0)
         stream.started(FACTS)
-        stream.observe(outcome(0, printed(0)))
+        stream.observe(outcome(30, printed(0)))
         await client.next()
         assert (await offer("gain-black"))["Sheets"] == 0  # a run begins without an offer
 

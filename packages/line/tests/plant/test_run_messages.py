@@ -98,6 +98,7 @@ def test_the_unit_is_the_sheet_and_its_worst_side_counts() -> None:
     sides = [("a", "good"), ("b", "misprint"), ("c", "good"), ("d", "good"), ("a", "good"), ("b", "good")]
     root = result(run_row(layout=plan.facts), pages(sides))
     assert amounts(root) == {"s0001": ("1", "1", {"Misprint": "1"}), "s0002": ("1", "0", {})}
+    assert root.find(".//x:JobPhase", NS).get("TotalAmount") == "4"  # sheets, not sides
 
 
 @pytest.mark.parametrize("layout", ["", "sides=2,pages-a-set=4,gutter=4"])

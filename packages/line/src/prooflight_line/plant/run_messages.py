@@ -72,8 +72,10 @@ def run_result(run: RunRow, pages: Iterable[PageRecord]) -> bytes:
         Status=ENDS[run.state],
         **_amounts(total),
     )
-    if facts.sheets is not None:
-        phase.set("TotalAmount", str(facts.sheets))
+    plan = facts_plan(facts.settings)
+    needed = facts.sheets if plan is None else plan.sheets
+    if needed is not None:
+        phase.set("TotalAmount", str(needed))
     signal = element(root, "SignalResource")
     header_of(signal, facts.press, ended_s, identifier=f"S-{key}-sheets")
     info = element(signal, "ResourceInfo", JobID=job, JobPartID=key, Scope="Job")

@@ -154,7 +154,7 @@ def test_other_costs_make_another_press_that_scores_alike(press: Press, tmp_path
     loaded = Press.load(tmp_path / "x.press")
     assert loaded.digest == second.digest not in (first.digest, press.digest)
     assert {press.digest, first.digest, second.digest} <= loaded.scored_alike
-    assert press.scored_alike == press.digests
+    assert press.scored_alike == {press.digest}
     assert loaded.costs.misprint_rate == press.costs.misprint_rate
     statistics = np.random.default_rng(4).standard_normal((80, 3))
     network = BayesianNetwork.learn(statistics, ["correct", "misprint"] * 40, misprint_rate=0.01, bins=8)

@@ -67,7 +67,7 @@ def audited(client: TestClient) -> list[str]:
 def test_a_recalibration_is_replayed_put_to_use_and_taken_back(console: Served, trained_press: Press) -> None:
     engineer, path = console.client(Role.ENGINEER), console.console.settings.presses[0]
     before = path.read_bytes()
-    assert "No version was made here yet" in engineer.get("/press/engineering").text
+    assert "No version has been made yet" in engineer.get("/press/engineering").text
     answer = engineer.post("/press/engineering/work", data={"step": "recalibrate", "guaranteed_pages": "10"})
     assert answer.status_code == 200, answer.text
     task = ended(console)
@@ -123,7 +123,7 @@ def test_good_pages_are_learned_in_four_clicks_from_the_page_of_the_press(
     assert task.facts["pages"] == PAGES
     # No sheet of the run has evidence: nothing is known of what this version would have done, and the page says so.
     assert task.facts["effect"]["unknown"] == task.facts["effect"]["sheets"] == SHEETS
-    assert "there is no evidence" in engineer.get("/press/engineering/work").text
+    assert f"{SHEETS} sheets have no stored evidence" in engineer.get("/press/engineering/work").text
     used = {"digest": task.digest, "seen": trained_press.digest}
     assert engineer.post("/press/engineering/use", data=used).status_code == 204
     assert model_of(Press.load(press)).real == PAGES
@@ -173,12 +173,12 @@ def test_only_an_engineer_changes_the_press(console: Served) -> None:
 def test_thresholds_show_what_they_would_have_done(console: Served, trained_press: Press) -> None:
     engineer = console.client(Role.ENGINEER)
     text = engineer.get("/press/engineering/thresholds?at=3").text
-    assert "The labels so far give the threshold" in text
+    assert "The present labels result in the threshold" in text
     effects = text.count("<tr")
     assert effects == 14
     assert engineer.get("/press/engineering/thresholds?at=7").status_code == 422
     german = engineer.get("/press/engineering/thresholds", headers={"Accept-Language": "de"}).text
-    assert "Die Bewertungen bisher ergeben die Schwelle" in german
+    assert "Die bisherigen Bewertungen ergeben die Schwelle" in german
 
 
 def test_a_higher_threshold_never_alarms_more(console: Served, trained_press: Press) -> None:
@@ -239,7 +239,7 @@ def test_costs_change_like_a_threshold_and_labels_keep_counting(
     assert model_of(changed).threshold == model_of(trained_press).threshold
     assert "2 cents for a false alarm, 50 for" in engineer.get("/press/engineering").text
     assert engineer.get("/press/engineering/thresholds").text.count("<tr") == 14
-    assert "The labels so far give" in engineer.get("/press/engineering/calibration").text
+    assert "The present labels result in" in engineer.get("/press/engineering/calibration").text
     assert "they are those in use" in step(**given).why
     # The runs of the press before it have its scores: their labels set its threshold.
     assert step(step="recalibrate", guaranteed_pages="10").facts["effect"]["fewer"] == 31

@@ -196,7 +196,7 @@ def test_the_page_gets_its_parts_as_html_and_the_word_of_somebody_else(console: 
     ):
         kind, _, told = next(events)
         assert kind == "parts"
-        assert set(told["parts"]) == {"state", "todo", "incidents", "health"}
+        assert set(told["parts"]) == {"state", "todo", "incidents", "health", "control"}
         assert "Fehlstellen" in told["parts"]["incidents"]
         assert "hx-post" not in told["parts"]["incidents"], "a viewer has nothing to tap"
         operator.post("/api/v1/runs/1/incidents/1/labels", json={"label": "false-alarm"}).raise_for_status()

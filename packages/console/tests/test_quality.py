@@ -332,7 +332,7 @@ def test_the_page_of_charts_leads_to_rows_and_states_what_is_missing(console: Se
     client = console.client(Role.VIEWER)
     shown = client.get("/quality").text
     assert "Streak" in shown
-    assert "8 sheets without: start the console with --press" in shown
+    assert "8 sheets without a cost: start the console with --press" in shown
     for address in set(re.findall(r'href="(/search[^"]*)"', shown)):
         assert client.get(address.replace("&amp;", "&")).status_code == 200, address
     both = client.get("/quality?run=1&run=2").text

@@ -47,7 +47,7 @@ def test_a_job_and_its_ticket_are_sent_and_queued(console: Served, filling: Fill
     page = operator.get("/queue").text
     assert "menu.pdf" in page
     assert "250 copies" in page
-    assert "No process takes jobs in" in page
+    assert "No process adds files to the queue" in page
     sent = next(one for one in console.accounts.audited() if one.what == "queue.send")
     assert (sent.who, sent.target) == ("operator", "menu.pdf")
 

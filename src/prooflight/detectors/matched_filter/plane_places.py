@@ -118,8 +118,8 @@ def _moved(image: NDArray[np.float32], by: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(cv2.warpAffine(image, shift, image.shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
-def of_most(planes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return displacements (4, 2) from where most of the known planes (4, 2) lie; 0 for those that are not known.
+def of_most(planes: NDArray[np.float64], sure: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return displacements (4, 2) from where most of the sure planes (4, 2) lie; 0 for those that are not sure.
 
     That is the plane to which the others are nearest. Of two planes it is the one that registration followed more.
 
@@ -128,8 +128,8 @@ def of_most(planes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np
     """
     relative = np.zeros_like(planes)
     for axis in range(2):
-        own = planes[known[:, axis], axis]
+        own = planes[sure[:, axis], axis]
         if own.size:
             far = np.abs(own[:, None] - own).sum(axis=0) + 0.01 * np.abs(own)
-            relative[known[:, axis], axis] = own - own[int(far.argmin())]
+            relative[sure[:, axis], axis] = own - own[int(far.argmin())]
     return relative

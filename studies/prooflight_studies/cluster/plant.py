@@ -38,7 +38,7 @@ class Measured:
     """Memory of the head at the end of a long job."""
     growth_bytes: float
     """Growth of the head's memory from one design to the next of a long job; 0: none was seen."""
-    look_s: float
+    search_s: float
     """Time for which one design is looked for among those that are stored."""
     shipped_rows_per_s: float
     """Rows that shippers brought into the database while presses ran; more were not tried."""
@@ -97,10 +97,10 @@ def needs(one: Measured) -> list[Need]:
         ),
         Need(
             what="the search for designs that are stored, before the first",
-            need=DESIGNS * one.look_s / 60,
+            need=DESIGNS * one.search_s / 60,
             has=NIGHT_H * 60,
             unit="min",
-            basis=f"{1e6 * one.look_s:.0f} us a design, of the night",
+            basis=f"{1e6 * one.search_s:.0f} us a design, of the night",
         ),
         Need(
             what="rows into the database while all print",

@@ -92,7 +92,7 @@ def run_cluster_study(
             design_bytes=sum(file.stat().st_size for file in full_store.folder.iterdir()) / plan.full,
             head_bytes=streamed.head_mib[-1] * 2**20,
             growth_bytes=max(streamed.head_mib[-1] - streamed.head_mib[1], 0) * 2**20 / (plan.labels / 2),
-            look_s=_look_s(label_store, plan.labels),
+            search_s=_search_s(label_store, plan.labels),
             shipped_rows_per_s=rows_per_s,
         )
     figures = {
@@ -140,7 +140,7 @@ def _efficiency(row: Done, rows: Sequence[Done]) -> float | None:
     return None if row.worker_s is None else without.head_s / (row.head_s + row.worker_s)
 
 
-def _look_s(store: PreparedStore, pages: int) -> float:
+def _search_s(store: PreparedStore, pages: int) -> float:
     """Return the time of looking for one design among those that are stored, as `job prepare` does at its start."""
     began = time.perf_counter()
     for number in range(1, pages + 1):

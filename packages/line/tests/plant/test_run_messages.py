@@ -69,7 +69,13 @@ def amounts(root: Any) -> dict[str, tuple[str, str, dict[str, str]]]:
 
 
 def test_a_result_counts_each_sheet_once_and_calls_nothing_good_that_was_not_inspected() -> None:
-    judged = [("p1", "good"), ("p<2>", "good"), ("p1", "misprint"), ("p<2>", "not-inspected"), ("p1", "good")]
+    judged: list[tuple[str, VerdictName]] = [
+        ("p1", "good"),
+        ("p<2>", "good"),
+        ("p1", "misprint"),
+        ("p<2>", "not-inspected"),
+        ("p1", "good"),
+    ]
     rows = pages(judged)
     rows[4] = replace(rows[4], gate="divert")
     absent = replace(rows[3], sheet=9, faults=("missing",))  # it did not come, and is no waste
@@ -95,7 +101,14 @@ def test_a_result_counts_each_sheet_once_and_calls_nothing_good_that_was_not_ins
 
 def test_the_unit_is_the_sheet_and_its_worst_side_counts() -> None:
     plan = SheetPlan(layout=Layout.parse("sides=2"), sides=4, sheets=4)
-    sides = [("a", "good"), ("b", "misprint"), ("c", "good"), ("d", "good"), ("a", "good"), ("b", "good")]
+    sides: list[tuple[str, VerdictName]] = [
+        ("a", "good"),
+        ("b", "misprint"),
+        ("c", "good"),
+        ("d", "good"),
+        ("a", "good"),
+        ("b", "good"),
+    ]
     root = result(run_row(layout=plan.facts), pages(sides))
     assert amounts(root) == {"s0001": ("1", "1", {"Misprint": "1"}), "s0002": ("1", "0", {})}
     assert root.find(".//x:JobPhase", NS).get("TotalAmount") == "4"  # sheets, not sides

@@ -107,7 +107,8 @@ def _solved(
     pull: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the step of the planes, (4, 2), with priors of standard deviations ``own`` that pull them back."""
-    return np.linalg.solve(normal + np.diag(1 / own**2), right - pull)[: 2 * INKS].reshape(INKS, 2)
+    step = np.linalg.solve(normal + np.diag(1 / own**2), right - pull)
+    return np.asarray(step[: 2 * INKS].reshape(INKS, 2), np.float64)
 
 
 def _darkening(

@@ -70,7 +70,7 @@ def planes_by_edges(
     )
     weight = TEMPER * (seen & used[:, None]) / variance
     part = np.arange(rows.size) // (BAND + 2 * MARGIN) % PARTS
-    # No more is known beforehand than that planes lie within millimetres, and inks within tenths.
+    # Beforehand, planes are taken to lie within millimetres, and inks within tenths.
     own = np.concatenate([np.full(2 * INKS, FREE), np.full(INKS + len(white), 0.3)])
     planes, by_part, step = np.zeros((INKS, 2)), np.zeros((PARTS, INKS, 2)), np.zeros((INKS, 2))
     for blur in BLURS:
@@ -140,8 +140,8 @@ def _moved(image: NDArray[np.float32], by: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(cv2.warpAffine(image, shift, image.shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
-def of_most(planes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return displacements (4, 2) from where most of the known planes (4, 2) lie; 0 for those that are not known.
+def of_most(planes: NDArray[np.float64], located: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return displacements (4, 2) from where most of the located planes (4, 2) lie; 0 for those that are not located.
 
     That is the plane to which the others are nearest. Of two planes it is the one that registration followed more.
 
@@ -150,8 +150,8 @@ def of_most(planes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np
     """
     relative = np.zeros_like(planes)
     for axis in range(2):
-        own = planes[known[:, axis], axis]
+        own = planes[located[:, axis], axis]
         if own.size:
             far = np.abs(own[:, None] - own).sum(axis=0) + 0.01 * np.abs(own)
-            relative[known[:, axis], axis] = own - own[int(far.argmin())]
+            relative[located[:, axis], axis] = own - own[int(far.argmin())]
     return relative

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, ResidualVariance
 
 SURE_MM: Final = 0.03
-"""Greatest standard deviation of the place of a plane that counts as located. assumed: three of them are a good plane's most."""
+"""Greatest standard deviation of the place of a located plane. assumed: three of them are a good plane's most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from prooflight.detectors.matched_filter.fit.modes import STRETCH
 from prooflight.detectors.matched_filter.statistics.local_evidence import segment_lines
+from prooflight.kernels.residuals.moving import STRETCH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -463,7 +463,9 @@ class MatchedFilterPage:
         places, kinds = _ordered(strongest, kind)
         sums, fit = analysis.sums, analysis.fit
         if kind in MODES_OF_EXTENT and not careful:
-            box_of = partial(self._streak_box, analysis) if kind == "streak" else attrgetter("box")
+            box_of: Callable[[Extent], Box] = attrgetter("box")
+            if kind == "streak":
+                box_of = partial(self._streak_box, analysis)
             places, kinds = extended(kind, places, sums, fit.gain, box_of=box_of), [kind] * len(places)
         distinct = distinct_inks(self.detector.press_context.sensors)
 

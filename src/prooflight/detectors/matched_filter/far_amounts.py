@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, ResidualVariance
 
 SURE_MM: Final = 0.03
-"""Greatest standard deviation of a plane's place that is sure. Assumed: three of them are a good plane's most."""
+"""Greatest standard deviation of the place of a located plane. assumed: three of them are a good plane's most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,9 +34,9 @@ class FarAmounts:
     planes: NDArray[np.float64]
     """(4, 2) place of each plane in register. [pixels]"""
     further_mm: NDArray[np.float64]
-    """(4, 2) displacements from where most planes lie; 0 where they are not sure."""
-    sure: NDArray[np.bool_]
-    """(4, 2) whether the place of a plane is sure."""
+    """(4, 2) displacements from where most planes lie; 0 where they are not located."""
+    located: NDArray[np.bool_]
+    """(4, 2) which are located."""
     blocks: FitBlocks
     sums: NDArray[np.float32]
     """Sums of ``blocks`` over the scan."""
@@ -53,12 +53,12 @@ class FarAmounts:
         """Take what is needed of the scan's images, before these are forgotten."""
         blocks, pitch = FitBlocks.of(placed.seen_by_all()), prepared.binned_geometry.pixel_pitch_mm
         off, sd = planes_by_edges(placed)
-        sure, planes_mm = pitch * sd < SURE_MM, analysis.registration.planes_mm
+        located, planes_mm = pitch * sd < SURE_MM, analysis.registration.planes_mm
         return cls(
             prepared=prepared,
             planes=planes_mm / pitch,
-            further_mm=of_most(planes_mm + pitch * off, sure),
-            sure=sure,
+            further_mm=of_most(planes_mm + pitch * off, located),
+            located=located,
             blocks=blocks,
             sums=summed_blocks(placed, blocks, threads=1),
             residual_variance=residual_variance,
@@ -73,7 +73,7 @@ class FarAmounts:
         if np.abs(self.further_mm).max() > prior.most_plane_mm:
             return {
                 f"register-{INK_NAMES[ink]}-{'xy'[axis]}": float(self.further_mm[ink, axis])
-                for ink, axis in np.argwhere(self.sure).tolist()
+                for ink, axis in np.argwhere(self.located).tolist()
             }
         gains = free_gains(
             self.blocks,

@@ -34,10 +34,14 @@ SHARE: Final = 0.02
 """Standard deviation of the light beside its noise, as a share of it: tables and paper. assumed."""
 TEMPER: Final = 1 / 64
 """Weight of a pixel: neighbours share what the model lacks. assumed: as the blocks of the fit, of 8 x 8 pixels."""
+RIDGE: Final = 0.01
+"""Weight of a scale of 1 beside what the page says of it. assumed."""
 SCALES: Final = (0.5, 4.0)
 """Bounds of the darkening by an ink over its mode of gain. assumed: solid black has 2."""
-FREE: Final = 5.0
-"""Standard deviation of displacements a priori. assumed: a millimetre. [pixels]"""
+PARTS: Final = 4
+"""Parts of the bands whose places are compared."""
+FREE: Final = 2.0
+"""Standard deviation of displacements a priori. assumed: 0.4 mm, a quarter of the most in ``worlds.toml``. [pixels]"""
 
 
 def planes_by_edges(
@@ -45,7 +49,8 @@ def planes_by_edges(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the displacement of each plane right and down of its place in the prediction, and its standard deviation.
 
-    (4, 2) each. [pixels]
+    (4, 2) each; the latter is of noise, of what the mean of parts of the page differs by, and of the last step, which
+    is large where no place was reached. [pixels]
     """
     lines = placed.where.inside.shape[0]
     starts = np.arange(0, max(lines - BAND - 2 * MARGIN, 0) + 1, STEP)
@@ -64,11 +69,14 @@ def planes_by_edges(
         + (SHARE * np.maximum(light, 0.02 * np.array(white)[:, None, None])) ** 2
     )
     weight = TEMPER * (seen & used[:, None]) / variance
-    planes, precision = np.zeros((INKS, 2)), np.eye(2 * INKS)
+    part = np.arange(rows.size) // (BAND + 2 * MARGIN) % PARTS
+    # Beforehand, planes are taken to lie within millimetres, and inks within tenths.
+    own = np.concatenate([np.full(2 * INKS, FREE), np.full(INKS + len(white), 0.3)])
+    planes, by_part, step = np.zeros((INKS, 2)), np.zeros((PARTS, INKS, 2)), np.zeros((INKS, 2))
     for blur in BLURS:
-        normal, right = np.zeros((3 * INKS + len(white),) * 2), np.zeros(3 * INKS + len(white))
+        normal, right = np.zeros((PARTS, own.size, own.size)), np.zeros((PARTS, own.size))
         for at in sensors:
-            here = np.stack([cv2.GaussianBlur(np.asarray(one, np.float32), (0, 0), blur) for one in inks[at]])
+            here = np.stack([cv2.GaussianBlur(one, (0, 0), blur) for one in inks[at]])
             there = [_moved(one, place) for one, place in zip(here, planes, strict=True)]
             left = cv2.GaussianBlur(off[at], (0, 0), blur) - (here - there).sum(axis=0)
             slopes = [
@@ -77,19 +85,30 @@ def planes_by_edges(
                 for way in ((1, 0), (0, 1))
             ]
             level = [light[at] if other == at else np.zeros_like(left) for other in sensors]
-            x = np.stack([*slopes, *(-one for one in there), *level])[:, weight[at] > 0].astype(np.float64)
-            weighted = x * weight[at][weight[at] > 0]
-            normal += weighted @ x.T
-            right += weighted @ left[weight[at] > 0]
-        # No more is known beforehand than that planes lie within millimetres, and inks within tenths.
-        own = np.concatenate([np.full(2 * INKS, FREE), np.full(INKS + len(white), 0.3)])
-        normal += np.diag(1 / own**2)
-        right[: 2 * INKS] -= planes.ravel() / FREE**2
-        step = np.linalg.solve(normal, right)[: 2 * INKS].reshape(INKS, 2)
-        planes = planes + step.clip(-MOST_STEP, MOST_STEP)
-        precision = normal
-    sd = np.sqrt(np.diag(np.linalg.inv(precision)))[: 2 * INKS].reshape(INKS, 2)
-    return planes.clip(-MARGIN, MARGIN), sd
+            effects = np.stack([*slopes, *(-one for one in there), *level])
+            for k in range(PARTS):
+                of_part = weight[at] * (part == k)[:, None] > 0
+                x, w = effects[:, of_part].astype(np.float64), weight[at][of_part]
+                normal[k] += (x * w) @ x.T
+                right[k] += (x * w) @ left[of_part]
+        pull = np.concatenate([planes.ravel(), np.zeros(INKS + len(white))]) / own**2
+        step = _solved(normal.sum(axis=0), right.sum(axis=0), own, pull).clip(-MOST_STEP, MOST_STEP)
+        by_part = np.array([_solved(*one, own, pull) for one in zip(normal, right, strict=True)]) - step
+        planes = planes + step
+    of_noise = np.linalg.inv(normal.sum(axis=0) + np.diag(1 / own**2)).diagonal()[: 2 * INKS].reshape(INKS, 2)
+    of_parts = (by_part**2).sum(axis=0) / (PARTS * (PARTS - 1))
+    return planes.clip(-MARGIN, MARGIN), np.sqrt(of_noise + of_parts + step**2)
+
+
+def _solved(
+    normal: NDArray[np.float64],
+    right: NDArray[np.float64],
+    own: NDArray[np.float64],
+    pull: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the step of the planes, (4, 2), with priors of standard deviations ``own`` that pull them back."""
+    step = np.linalg.solve(normal + np.diag(1 / own**2), right - pull)
+    return np.asarray(step[: 2 * INKS].reshape(INKS, 2), np.float64)
 
 
 def _darkening(
@@ -108,7 +127,10 @@ def _darkening(
     dark = np.where(seen, placed.sensors[sensor].white_dn - light, 0)
     flat = modes.reshape(INKS, -1)
     normal = flat @ flat.T
-    scale = np.linalg.solve(normal + np.eye(INKS) * (1e-3 * normal.trace() + 1e-9), flat @ dark.ravel())
+    own = np.diag(
+        RIDGE * normal.diagonal() + 1e-9
+    )  # of inks that always print together each has the same scale
+    scale = np.linalg.solve(normal + own, flat @ dark.ravel() + own.sum(axis=1))
     return (modes * scale.clip(*SCALES)[:, None, None]).astype(np.float32)
 
 
@@ -118,8 +140,8 @@ def _moved(image: NDArray[np.float32], by: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(cv2.warpAffine(image, shift, image.shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
-def of_most(planes: NDArray[np.float64], sure: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return displacements (4, 2) from where most of the sure planes (4, 2) lie; 0 for those that are not sure.
+def of_most(planes: NDArray[np.float64], located: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return displacements (4, 2) from where most of the located planes (4, 2) lie; 0 for those that are not located.
 
     That is the plane to which the others are nearest. Of two planes it is the one that registration followed more.
 
@@ -128,8 +150,8 @@ def of_most(planes: NDArray[np.float64], sure: NDArray[np.bool_]) -> NDArray[np.
     """
     relative = np.zeros_like(planes)
     for axis in range(2):
-        own = planes[sure[:, axis], axis]
+        own = planes[located[:, axis], axis]
         if own.size:
             far = np.abs(own[:, None] - own).sum(axis=0) + 0.01 * np.abs(own)
-            relative[sure[:, axis], axis] = own - own[int(far.argmin())]
+            relative[located[:, axis], axis] = own - own[int(far.argmin())]
     return relative

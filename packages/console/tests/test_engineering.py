@@ -83,7 +83,7 @@ def test_a_recalibration_is_replayed_put_to_use_and_taken_back(console: Served, 
     )
     assert (effect["more"], effect["unknown"], effect["misprints"], effect["missed"]) == (0, 0, 0, 0)
     part = engineer.get("/press/engineering/work").text
-    assert "31 fewer that alarmed" in part
+    assert "31 alarms fewer" in part
     assert "Use this version" in part
     used = {"digest": task.digest, "seen": trained_press.digest}
     answer = engineer.post("/press/engineering/use", data=used)

@@ -86,6 +86,12 @@ def run_pieces(
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
+def stored(pieces: Sequence[Piece], folder: Path, *, digest: str) -> list[Piece]:
+    """Return the pieces whose rows are in ``folder``, in their order."""
+    paths = _paths(pieces, folder, digest)
+    return [piece for path, piece in zip(paths, pieces, strict=True) if _whole(path)]
+
+
 def minutes_spent(pieces: Sequence[Any], folder: Path, *, digest: str) -> float:
     """Return the minutes of one process that the pieces took when they were computed, over all runs."""
     seconds = 0.0

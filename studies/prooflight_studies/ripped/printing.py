@@ -21,7 +21,7 @@ from prooflight.pages.pdf.rip import PdfJob
 from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.pages.screen import Screen, screened
 from prooflight.press.artefact import Press
-from prooflight.press.pages import open_job
+from prooflight.press.pages import job_source
 from prooflight.rng import stream
 from prooflight.simulation.halftone import averaged, dot_gain_factor
 from prooflight.simulation.misprints.kinds import KINDS
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from prooflight.detectors.base import Inspection
     from prooflight.inspection.inspector import Prepared
+    from prooflight.pages.job import JobSource
     from prooflight.pages.raster import Page
     from prooflight.simulation.worlds import World
     from prooflight_studies.harness.result_cache import Rows
@@ -77,14 +78,15 @@ RIPS: Final = (
         dpi=1200.0,
         screen=Screen(kind="am", dpi=1200.0, lpi=175.0),
     ),
-    OwnRip(name="contone-600", title="Ghostscript, 600 dpi, continuous tone", dpi=600.0),
     OwnRip(
         name="diffusion-1200",
         title="Ghostscript, 1200 dpi, 1-bit error diffusion",
         dpi=1200.0,
         screen=Screen(kind="error-diffusion", dpi=1200.0),
     ),
+    OwnRip(name="contone-600", title="Ghostscript, 600 dpi, continuous tone", dpi=600.0),
 )
+"""In this order, so that those of one resolution share its raster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,7 +272,13 @@ def _ready(
 
 
 def _expected(pdf: Path, press: Press) -> Page:
-    with open_job(pdf, press) as job:
+    return press.geometry.lay(_drawn(job_source(pdf, press)))
+
+
+@lru_cache(maxsize=2)
+def _drawn(source: JobSource) -> Page:
+    """Return the first page of a job, which presses that differ by their screens share."""
+    with source.open() as job:
         return job.page(1)
 
 

@@ -6,7 +6,7 @@ the press has learned good prints of other pages.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -22,7 +22,7 @@ from prooflight.press.artefact import Press
 from prooflight.simulation.worlds import measured_digest, worlds_digest
 from prooflight_studies.harness.operating import share_with_interval
 from prooflight_studies.harness.page import write_page
-from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces, stored
 from prooflight_studies.harness.versions import ALGORITHMS
 from prooflight_studies.ripped.printing import (
     COPIES_A_PIECE,
@@ -152,8 +152,9 @@ def run_false_alarm_study(
 ) -> FalseAlarmResults:
     """Print and judge the pages of a folder, and write ripped.md.
 
-    Pages of odd numbers are judged; those of even numbers are of development, and learned. RequestError: the press has
-    no detector of ours, or too few pages fit it.
+    Pages of odd numbers are judged; those of even numbers are of development, and learned. The page also has the rows
+    that other runs with this cache, seed and press have made, with as many copies as are made of every page.
+    RequestError: the press has no detector of ours, or too few pages fit it.
     """
     loaded = Press.load(press)
     if "matched_filter" not in loaded.detectors:
@@ -184,14 +185,18 @@ def run_false_alarm_study(
             "algorithms": ALGORITHMS,
         }
     )
-    rows = run_pieces(
-        PrintWork(press=press, pages=pages, folder=folder, seed=plan.seed),
+    work = PrintWork(press=press, pages=pages, folder=folder, seed=plan.seed)
+    run_pieces(
+        work,
         pieces,
         cache,
         digest=digest,
         processes=processes,
-        progress=lambda done, total: progress(f"{done} of {total} pages printed and judged"),
+        progress=lambda done, total: progress(f"{done} of {total} parts printed and judged"),
     )
+    known = replace(plan, rips=tuple(rip.name for rip in RIPS), worlds=WORLDS).pieces(judged, learned_from)
+    pieces = whole_rows(known, stored(known, cache, digest=digest))
+    rows = run_pieces(work, pieces, cache, digest=digest, processes=1)
     results = FalseAlarmResults(
         build=__version__,
         seed=plan.seed,
@@ -203,16 +208,28 @@ def run_false_alarm_study(
         minutes=minutes_spent(pieces, cache, digest=digest),
         worlds_sha256=worlds_digest(),
         measured_sha256=measured_digest(),
-        rows=tuple(counts(rows, loaded, plan)),
+        rows=tuple(counts(rows, loaded)),
     )
     write_page(out / f"{PAGE}.md", PAGE, results)
     return results
 
 
-def counts(rows: Rows, press: Press, plan: FalseAlarmPlan) -> list[FalseAlarmRow]:
+def whole_rows(pieces: Sequence[PrintPiece], made: Sequence[PrintPiece]) -> list[PrintPiece]:
+    """Return the pieces whose copies are made of every page of their row; those learned, where others are judged."""
+    lacking = {_copies(piece) for piece in set(pieces) - set(made)}
+    whole = [piece for piece in pieces if _copies(piece) not in lacking]
+    judged = {(piece.rip, piece.world) for piece in whole if piece.judged}
+    return [piece for piece in whole if (piece.rip, piece.world) in judged]
+
+
+def _copies(piece: PrintPiece) -> tuple[object, ...]:
+    return piece.rip, piece.world, piece.judged, piece.good
+
+
+def counts(rows: Rows, press: Press) -> list[FalseAlarmRow]:
     """Return the counts of every RIP, world and statement, as built and after learning."""
     table = []
-    for world in plan.worlds:
+    for world in WORLDS:
         for rip in RIPS:
             for statement in STATEMENTS:
                 of_row = (
@@ -222,8 +239,8 @@ def counts(rows: Rows, press: Press, plan: FalseAlarmPlan) -> list[FalseAlarmRow
                 if not judged.any():
                     continue
                 verdicts = [(0, rows["alarm"][judged])]
-                if plan.learned:
-                    learned, count = _learned(rows, of_row & ~rows["judged"], judged, press)
+                if (of_learned := of_row & ~rows["judged"]).any():
+                    learned, count = _learned(rows, of_learned, judged, press)
                     verdicts.append((count, learned))
                 for count, alarm in verdicts:
                     facts = {"world": world, "rip": rip.name, "title": rip.title, "statement": statement}

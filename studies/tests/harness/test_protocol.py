@@ -26,7 +26,7 @@ from prooflight_studies.harness.protocol import (
     noisier_tables,
     variation_models,
 )
-from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces
+from prooflight_studies.harness.result_cache import digest_of, minutes_spent, run_pieces, stored
 from prooflight_studies.harness.versions import ALGORITHMS
 
 if TYPE_CHECKING:
@@ -238,6 +238,7 @@ def test_a_study_that_grows_makes_only_what_is_new(tmp_path: Path) -> None:
     run_pieces(work, [3, 1], tmp_path / "kept", digest=digest, processes=1)
     grown = run_pieces(work, [2, 3, 1, 4], tmp_path / "kept", digest=digest, processes=1)
     assert grown["names"].tolist() == ["p2", "p3", "p1", "p4"]
+    assert stored([5, 2, 4], tmp_path / "kept", digest=digest) == [2, 4]
     assert sorted(path.name[0] for path in (tmp_path / "made").iterdir()) == ["1", "2", "3", "4"]
     # What it took is said of the pieces that are asked for.
     few, all_of_them = (

@@ -15,7 +15,14 @@ from prooflight.pages.pdf.rip_model import UNSTATED, RipModel
 from prooflight.press.artefact import Press
 from prooflight_studies.rip.cases import CASES, case_pdf
 from prooflight_studies.ripped.printing import RIPS, as_printed, device_cmyk, fits, rip_of, statements
-from prooflight_studies.ripped.study import FalseAlarmPlan, counts, run_false_alarm_study, spread
+from prooflight_studies.ripped.study import (
+    WORLDS,
+    FalseAlarmPlan,
+    counts,
+    run_false_alarm_study,
+    spread,
+    whole_rows,
+)
 
 needs_ghostscript = pytest.mark.skipif(shutil.which("gs") is None, reason="Ghostscript is not installed")
 
@@ -36,7 +43,7 @@ def rows_of(alarms: list[bool], kinds: list[str], *, rip: str = "am-1200") -> di
 
 def test_counts_are_those_of_rows(trained_press: Press) -> None:
     rows = rows_of([True, False, False, True, True], ["", "", "", "streak", "scum"])
-    (row,) = counts(rows, trained_press, FalseAlarmPlan(seed=1, learned=0))
+    (row,) = counts(rows, trained_press)
     assert (row.good, row.alarms, row.misprints, row.caught, row.learned) == (3, 1, 2, 2, 0)
     assert row.pages_with_alarms == ("d000",)
     assert row.false_alarms.startswith("1 of 3")
@@ -59,6 +66,36 @@ def test_every_page_is_printed_equally_often_by_every_rip() -> None:
     assert pieces[0] in FalseAlarmPlan(seed=1, prints=160).pieces(
         judged, taught_by
     )  # more prints: the same first
+
+
+def test_a_row_has_as_many_copies_as_every_page_of_it() -> None:
+    pieces = FalseAlarmPlan(seed=1, prints=16).pieces(["d001", "d003"], [f"d{n:03}" for n in range(0, 90, 2)])
+    missing = [
+        next(one for one in pieces if (one.page, one.rip, one.world, one.good[0]) == which)
+        for which in (
+            ("d003", "own", "press", 4),
+            ("d001", "contone-1200", "press", 0),
+            ("d003", "contone-1200", "press", 4),
+            ("d002", "am-1200", "press", 0),
+        )
+    ]
+    kept = whole_rows(pieces, [piece for piece in pieces if piece not in missing])
+
+    def copies(rip: str) -> set[tuple[str, int]]:
+        return {
+            (one.page, copy)
+            for one in kept
+            if (one.rip, one.world) == (rip, "press") and one.judged
+            for copy in one.good
+        }
+
+    assert copies("own") == {(page, copy) for page in ("d001", "d003") for copy in range(4)}
+    assert copies("diffusion-1200") == {(page, copy) for page in ("d001", "d003") for copy in range(8)}
+    learned = {(one.rip, one.world) for one in kept if not one.judged}
+    every = {(rip.name, world) for rip in RIPS for world in WORLDS}
+    # Nothing is judged by continuous tone, and a page that am-1200 was to learn is missing.
+    assert every - learned == {("contone-1200", "press"), ("am-1200", "press")}
+    assert all((one.rip, one.world) != ("contone-1200", "press") for one in kept)
 
 
 def test_few_pages_are_spread_over_all() -> None:

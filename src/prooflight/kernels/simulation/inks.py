@@ -88,8 +88,8 @@ def fields_of_row(inks, row, of_row):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel()
-def place_inks(packed_inks, column, u, v, inks, of_row, places):  # type: ignore[no-untyped-def]
-    """Compute the positions in the true tables of the four inks of a pixel, from its four bytes (float32, (4,)).
+def gains_at(column, u, v, inks, of_row, gains):  # type: ignore[no-untyped-def]
+    """Compute gain and dot gain of each ink at a place, gains (2, 4).
 
     u, v: position on the page, -1 to 1; of_row: of ``fields_of_row``.
     """
@@ -100,7 +100,16 @@ def place_inks(packed_inks, column, u, v, inks, of_row, places):  # type: ignore
         gain = inks.gains[ink, 0] + inks.gains[ink, 1] * u + inks.gains[ink, 2] * v
         gain += of_row[0, ink, cell] + share * (of_row[0, ink, cell + 1] - of_row[0, ink, cell])
         dots = of_row[1, ink, cell] + share * (of_row[1, ink, cell + 1] - of_row[1, ink, cell])
-        places[ink] = node_place(packed_inks[ink], gain, inks.dot_gains[ink] + dots)
+        gains[0, ink] = gain
+        gains[1, ink] = inks.dot_gains[ink] + dots
+
+
+@inner_kernel()
+def place_inks(packed_inks, gains, places):  # type: ignore[no-untyped-def]
+    """Compute the positions in the true tables of the four inks of a pixel, given their gains (``gains_at``)."""
+    for ink in range(4):
+        byte = np.float32((packed_inks >> np.uint32(8 * ink)) & np.uint32(255))
+        places[ink] = node_place(byte, gains[0, ink], gains[1, ink])
 
 
 @inner_kernel()
@@ -165,7 +174,7 @@ def lookup_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: 
     nodes, bends, paper = table.nodes, table.bends, table.white
     columns = upper.size
     places = np.empty(4, np.float32)
-    printed = np.empty(4, np.float32)
+    gains = np.empty((2, 4), np.float32)
     last = np.uint32(0)
     longest = max(columns // (2 * RUNS), 1)
     run = longest
@@ -178,13 +187,12 @@ def lookup_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: 
         if same and one == last and run < longest:
             run += 1
         elif same or alike(one, two, three, four):
-            u = np.float32((2 * left + 2) / columns - 1)
+            gains_at(left, np.float32((2 * left + 2) / columns - 1), v, inks, of_row, gains)
             for ink in range(4):
                 s = np.uint32(8 * ink)
                 total = ((one >> s) & np.uint32(255)) + ((two >> s) & np.uint32(255))
                 total += ((three >> s) & np.uint32(255)) + ((four >> s) & np.uint32(255))
-                printed[ink] = np.float32(total) * np.float32(0.25)
-            place_inks(printed, left, u, v, inks, of_row, places)
+                places[ink] = node_place(np.float32(total) * np.float32(0.25), gains[0, ink], gains[1, ink])
             square_light, square_texture = lookup(nodes, bends, places)
             square_light *= paper
             square_texture *= paper * paper
@@ -192,19 +200,22 @@ def lookup_rows(upper, lower, v, inks, of_row, table, light, texture):  # type: 
             run = 1 if same else longest
         else:
             run = longest
-            u = np.float32((2 * left + 2) / columns - 1)
+            gains_at(left, np.float32((2 * left + 2) / columns - 1), v, inks, of_row, gains)
+            before = one
             for corner in range(4):
                 packed_inks = (
                     (one if corner == 0 else two) if corner < 2 else (three if corner == 2 else four)
                 )
+                # A square at a letter's edge has two colours.
+                if corner == 0 or packed_inks != before:
+                    place_inks(packed_inks, gains, places)
+                    square_light, square_texture = lookup(nodes, bends, places)
+                    square_light *= paper
+                    square_texture = square_texture * paper * paper
+                    before = packed_inks
                 at = right if corner & 1 else left
-                # A square at a letter's edge has two colours, and often the last but one is repeated.
-                for ink in range(4):
-                    printed[ink] = np.float32((packed_inks >> np.uint32(8 * ink)) & np.uint32(255))
-                place_inks(printed, left, u, v, inks, of_row, places)
-                corner_light, corner_texture = lookup(nodes, bends, places)
-                light[corner >> 1, at] = corner_light * paper
-                texture[corner >> 1, at] = corner_texture * paper * paper
+                light[corner >> 1, at] = square_light
+                texture[corner >> 1, at] = square_texture
             continue
         for row in range(2):
             light[row, left] = square_light
@@ -222,15 +233,14 @@ def add_specks(inks, top, v, of_row, table, lights, textures):  # type: ignore[n
     places, packed = inks.speck_places, inks.packed_specks
     nodes, bends, paper = table.nodes, table.bends, table.white
     place = np.empty(4, np.float32)
-    printed = np.empty(4, np.float32)
+    gains = np.empty((2, 4), np.float32)
     columns = lights.shape[1]
     for n in range(packed.size):
         row = places[n, 0] - top
         if row == 0 or row == 1:
             u = np.float32((2 * places[n, 1] + 1) / columns - 1)
-            for ink in range(4):
-                printed[ink] = np.float32((packed[n] >> np.uint32(8 * ink)) & np.uint32(255))
-            place_inks(printed, places[n, 1], u, v, inks, of_row, place)
+            gains_at(places[n, 1], u, v, inks, of_row, gains)
+            place_inks(packed[n], gains, place)
             light, texture = lookup(nodes, bends, place)
             lights[row, places[n, 1]] = light * paper
             textures[row, places[n, 1]] = texture * paper * paper

@@ -152,8 +152,8 @@ def test_zones_are_in_force_on_the_press_and_as_they_were_priced_alone() -> None
         (JobZones.create([entry(name="y")], [A5]).priced(price(zones)), "changed after"),
     ):
         with pytest.raises(RequestError, match=told):
-            unfit.refuse_unpriced({"abc"}, "matched_filter", where="job.zones.json")
-    zones.priced(price(zones)).refuse_unpriced({"abc"}, "matched_filter", where="job.zones.json")
+            unfit.refuse_unpriced("abc", "matched_filter", where="job.zones.json")
+    zones.priced(price(zones)).refuse_unpriced("abc", "matched_filter", where="job.zones.json")
     assert zones.page(Page(cmyk=np.zeros((210, 148, 4), np.uint8), dpi=25.4, name="p", number=1)) is not None
 
 

@@ -1,37 +1,29 @@
-"""``prooflight job check``: the content of each page of a job, and deviations of its print from the file.
-
-Spot inks whose spectra the file states (CxF/X-4) are shown beside what the inks of a press print of them.
-"""
+"""``prooflight job check``: the content of each page of a job, and deviations of its print from the file."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-import numpy as np
 import typer
 from rich.text import Text
 
 from prooflight.cli import faults, show
 from prooflight.cli.exit_codes import EXIT_MISPRINT, NOT_ALL_INSPECTED
 from prooflight.cli.options import JobPath, Json, Pages, Profile
-from prooflight.commissioning.inks import inks_of
-from prooflight.errors import ChartError, visible
-from prooflight.inks.cxf import read_spot_ink
-from prooflight.pages.warnings import WHOLE_FILE, PageWarning
+from prooflight.errors import visible
 from prooflight.reporting.wording import count
-from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
-    from prooflight.inks.cxf import SpotInk
-    from prooflight.inks.reflectance import ReflectanceModel
+    from prooflight.cli.jobs.stated_spots import StatedSpots
     from prooflight.pages.check import CheckedPage, EarlyWarnings
     from prooflight.pages.job import Job
     from prooflight.pages.pdf.facts import PlacedImage
     from prooflight.pages.raster import Page
+    from prooflight.pages.warnings import PageWarning
     from prooflight.press.artefact import Press
 
 ANY_DPI: Final = 75.0
@@ -39,8 +31,6 @@ ANY_DPI: Final = 75.0
 PICTURE_PX: Final = 1200
 NAMED: Final = 12
 """Most layers, fonts and spot colours of a page that are named for people; JSON has all."""
-KIND: Final = "spot-spectrum"
-"""Kind of the warning that spectra of an ink cannot be read."""
 
 
 def check(
@@ -61,7 +51,7 @@ def check(
 
     Exits 1 if there is a warning, 3 if a page cannot be used and would not be inspected.
     """
-    from prooflight.cli.jobs.check import StatedSpots
+    from prooflight.cli.jobs.stated_spots import StatedSpots
     from prooflight.pages.check import checked_page
     from prooflight.pages.job import JobSource, parse_pages
     from prooflight.press.artefact import Press
@@ -335,39 +325,3 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None, stated: Stated
         shown = "yes" if painted else "no"
         table.add_row(visible(name), *inks, *swatch, shown, _few([page.name for page in pages]), *spectral)
     show.people.print(table)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedSpots:
-    """Spot inks of a job, and the process inks of a press."""
-
-    inks: Mapping[str, SpotInk]
-    """By their names; empty: the file states none, or there is no press."""
-    process: ReflectanceModel | None
-    """Ink model of the press; None: there is no press, or it carries none."""
-    warnings: tuple[PageWarning, ...] = ()
-
-    @classmethod
-    def of(cls, job: Job, press: Press | None) -> Self:
-        """Read the spectra that a job states; what cannot be read is a warning. JobError: the file is damaged."""
-        facts = None if press is None else job.document_facts()
-        if press is None or facts is None or not facts.spectra or not press.ink_facts:
-            return cls(inks={}, process=None)
-        inks, warnings = dict[str, SpotInk](), list[PageWarning]()
-        for name, text in facts.spectra.items():
-            try:
-                inks[name] = read_spot_ink(text, name)
-            except ChartError as error:
-                warnings.append(PageWarning(page=WHOLE_FILE, kind=KIND, message=str(error), object_name=name))
-        return cls(inks=inks, process=inks_of(press), warnings=tuple(warnings))
-
-    def delta_e00(self, name: str, cmyk: Sequence[int] | None) -> float | None:
-        """Return how far the print of a full spot ink lies from its spectrum, by CIEDE2000 (D50, 2 degrees).
-
-        cmyk: what is printed for it, 0 to 255. None: the file states no spectrum, or nothing is printed.
-        """
-        ink = self.inks.get(name)
-        if ink is None or cmyk is None or self.process is None:
-            return None
-        printed = self.process.reflectance(np.array(cmyk) / 255)
-        return round(float(delta_e00(lab(ink.solid), lab(printed))), 2)

@@ -11,7 +11,6 @@ import numpy as np
 from prooflight.detectors.base import PlannedPage
 from prooflight.inspection.codes.profiles import grey, paper_light, profiles
 from prooflight.inspection.codes.symbols import symbols, tried
-from prooflight.pages.zones.rules import entry_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,6 +115,9 @@ def code_zones(job: Job, number: int, press: Press) -> list[ZoneEntry]:
 
     Errors as ``Job.page`` and ``ScanGeometry.lay``.
     """
+    # Files of zones load what reads pictures, which no inspection needs.
+    from prooflight.pages.zones.rules import entry_of
+
     size_mm = job.page_size_mm(number)
     own = job.page(number)
     page = press.geometry.lay(own)

@@ -33,7 +33,7 @@ def test_nobody_is_asked_to_sign_in_and_a_viewer_is_refused(
     page.fill("[name=name]", "viewer")
     page.fill("[name=password]", "correct horse battery")
     page.click("button.main")
-    page.wait_for_selector("text=Not allowed")
+    page.wait_for_selector("text=Higher role required")
     assert page.request.get(console.address + "/setup/audit").status == 403
     assert page.request.get(console.address + "/api/v1/people").status == 403
     visitor.goto("/setup")
@@ -49,7 +49,7 @@ def test_a_change_without_the_sessions_token_is_refused(
     page = visitor.signed_in("operator").goto("/")
     visitor.expected.append("403")
     ask = """async ([path, headers]) => (await fetch(path, {method: "POST", headers,
-        body: new URLSearchParams({word: "misprint"})})).status"""
+        body: new URLSearchParams({label: "misprint"})})).status"""
     path = "/runs/1/incidents/1/label"
     assert page.evaluate(ask, [path, {}]) == 403
     assert page.evaluate(ask, [path, {"X-CSRF-Token": "guessed"}]) == 403

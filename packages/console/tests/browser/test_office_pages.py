@@ -125,7 +125,7 @@ def test_the_audit_says_whether_it_is_whole(admin: Visitor) -> None:
     page.get_by_role("button", name="Verify").click()
     page.wait_for_selector(".outcome.good")
     head = page.inner_text("#chain code")
-    page.fill("[name=held]", head)
+    page.fill("[name=noted]", head)
     page.get_by_role("button", name="Verify").click()
     page.wait_for_selector(".outcome.good")
     with sqlite3.connect(console.accounts.path) as connection:

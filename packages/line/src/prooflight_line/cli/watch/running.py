@@ -203,12 +203,16 @@ def _stoppable(recorder: Recorder | None, console: Watching) -> Iterator[None]:
     if recorder is None:
         yield
         return
+    from prooflight.errors import JournalError
     from prooflight_line.journal.labels import run_key
     from prooflight_line.journal.run_control import RunControl
 
     control = RunControl(journal=recorder.journal.path)
     with control.stoppable():
-        key = run_key(recorder.journal.run(recorder.run_id))
+        try:
+            key = run_key(recorder.journal.run(recorder.run_id))
+        except JournalError:  # the disk is full, and the run is not in the journal yet
+            key = console.log.key or ""
         console.stop_request = partial(control.stop_request, key)
         yield
 

@@ -40,15 +40,25 @@ def until(process: subprocess.Popen[str], true: Callable[[], object]) -> None:
         time.sleep(0.05)
 
 
+def feed(camera: int, lines: bytes, process: subprocess.Popen[str]) -> None:
+    """Write lines into a pipe that a process reads; a process that has ended reads nothing."""
+    os.set_blocking(camera, False)
+    data = memoryview(lines)
+    while data:
+        try:
+            data = data[os.write(camera, data) :]
+        except BlockingIOError:
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.01)
+
+
 def test_a_stop_from_another_process_ends_a_run_as_ctrl_c_does(folder: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     camera = os.open(tmp_path / "pipe", os.O_RDWR)
     journal = tmp_path / "runs.sqlite"
     process = started(arguments(folder, "job", f"raw:{tmp_path / 'pipe'}", journal), None)
     try:
-        data = memoryview(lines_of(folder, 3))
-        while data:
-            data = data[os.write(camera, data) :]
+        feed(camera, lines_of(folder, 3), process)
         rows: list[dict[str, Any]] = []
         while sum("verdict" in row for row in rows) < 2:  # the end of the third is not known yet
             rows.append(next_row(process))

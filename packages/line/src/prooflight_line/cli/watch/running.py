@@ -203,9 +203,9 @@ def _stoppable(recorder: Recorder | None, console: Watching) -> Iterator[None]:
     if recorder is None:
         yield
         return
-    from prooflight.errors import JournalError
     from prooflight_line.journal.labels import run_key
     from prooflight_line.journal.run_control import RunControl
+    from prooflight_line.journal.schema import JournalError
 
     control = RunControl(journal=recorder.journal.path)
     with control.stoppable():

@@ -37,7 +37,9 @@ freeze: $(VENV)/.installed-dev
 # Compiled code that looks whether each index lies within its array, which takes several times as long; what is compiled
 # otherwise is kept apart. The tests of what calls kernels: rooms, and of rooms that hardly do the files that do. Commands,
 # reports and studies call no others. Slow tests are left out, for time.
-CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tests/inspection tests/prediction \
+CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tests/prediction \
+	tests/inspection/codes tests/inspection/test_inspector.py tests/inspection/test_lost_lines.py \
+	tests/inspection/test_packed_design.py \
 	tests/properties tests/simulation packages/line/tests/journal/test_damaged.py packages/line/tests/journal/test_replay.py \
 	packages/line/tests/run/test_pager.py packages/line/tests/run/test_runner_parts.py packages/line/tests/run/test_working_memory.py \
 	tests/pages/test_taking_together.py

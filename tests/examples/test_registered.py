@@ -37,7 +37,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the example's package, and one that is broken."""
     site = tmp_path_factory.mktemp("site")
     install(site, "my_package", "squares = my_package:detector", EXAMPLE.read_text(encoding="utf-8"))
-    install(site, "other_package", "broken = other_package:gone\nours = other_package:gone", "")
+    install(site, "other_package", "broken = other_package:gone\nmatched_filter = other_package:gone", "")
     return site
 
 

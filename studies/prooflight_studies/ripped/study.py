@@ -65,14 +65,14 @@ class FalseAlarmPlan:
         if 0 < self.learned < FEWEST_REAL:
             what = f"a press cannot learn from {self.learned} pages"
             raise RequestError("learned", what, remedy=f"give 0, or {FEWEST_REAL} or more")
-        for given, known, of in (
+        for given, choices, of in (
             (self.rips, [rip.name for rip in RIPS], "rip"),
             (self.worlds, WORLDS, "world"),
             (self.statements, STATEMENTS, "statement"),
         ):
             for name in given:
-                if name not in known:
-                    raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(known)}")
+                if name not in choices:
+                    raise RequestError(of, f"there is no {name!r}", remedy=f"choose of {', '.join(choices)}")
 
     def pieces(self, judged: Sequence[str], learned_from: Sequence[str]) -> list[PrintPiece]:
         """Return the pieces, those that are judged first; what one page shares follows one another."""
@@ -194,8 +194,8 @@ def run_false_alarm_study(
         processes=processes,
         progress=lambda done, total: progress(f"{done} of {total} parts printed and judged"),
     )
-    known = replace(plan, rips=tuple(rip.name for rip in RIPS), worlds=WORLDS).pieces(judged, learned_from)
-    pieces = whole_rows(known, stored(known, cache, digest=digest))
+    possible = replace(plan, rips=tuple(rip.name for rip in RIPS), worlds=WORLDS).pieces(judged, learned_from)
+    pieces = whole_rows(possible, stored(possible, cache, digest=digest))
     rows = run_pieces(work, pieces, cache, digest=digest, processes=1)
     results = FalseAlarmResults(
         build=__version__,

@@ -8,7 +8,7 @@ BOUNDS_CACHE := $(CURDIR)/.bounds_cache
 # Two cores have room for a third, since tests wait for cameras, gates and browsers.
 ON_TWO_CORES := -n 3 --dist worksteal
 
-.PHONY: demo console test test-all test-bounds durations freeze check fuzz bench docs site changelog format lock deb clean
+.PHONY: demo console test test-all test-bounds test-rest durations freeze check fuzz bench docs site changelog format lock deb clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -45,6 +45,10 @@ CALL_KERNELS := tests/kernels tests/scans tests/registration tests/detectors tes
 	tests/pages/test_taking_together.py
 test-bounds: $(VENV)/.installed-dev
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(BOUNDS_CACHE) $(BIN)/pytest $(ON_TWO_CORES) -m "not slow" $(CALL_KERNELS)
+
+# All tests but those that test-bounds runs.
+test-rest: $(VENV)/.installed-dev
+	$(BIN)/pytest $(ON_TWO_CORES) --no-quick-of $(CALL_KERNELS)
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

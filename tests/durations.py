@@ -30,6 +30,9 @@ PROPERTY = "processor_s"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-durations", type=Path, metavar="FILE", help="record how long tests take")
+    parser.addoption(
+        "--no-quick-of", nargs="+", default=[], metavar="PATH", help="leave out quick tests of files"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -41,12 +44,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark slow tests before they are selected by their marks."""
-    slow = _recorded()["slow"]
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark slow tests before they are selected by their marks; leave out quick ones that ran with bounds checked."""
+    slow, elsewhere = _recorded()["slow"], tuple(config.getoption("--no-quick-of"))
     for item in items:
         if item.nodeid in slow:
             item.add_marker(pytest.mark.slow)
+    if elsewhere:
+        left_out = [one for one in items if one.nodeid.startswith(elsewhere) and one.nodeid not in slow]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [one for one in items if not (one.nodeid.startswith(elsewhere) and one.nodeid not in slow)]
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:

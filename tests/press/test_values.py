@@ -238,10 +238,10 @@ def test_nobody_judges_by_a_press_in_which_any_number_is_not_finite(whole: Press
 def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
     artefact: bytes, tmp_path: Path, ruined: tuple[Page, np.ndarray]
 ) -> None:
-    """Seeds (11, 0) to (11, 199). Of those that load, a few judge: ours takes four seconds for a new press."""
+    """Seeds (11, 0) to (11, 99). Of those that load, a few judge: ours takes four seconds for a new press."""
     page, scan = ruined
     path, judged, refused = tmp_path / "mutant.press", 0, []
-    for index in range(200):
+    for index in range(100):
         path.write_bytes(mutants(artefact, np.random.default_rng([11, index])))
         try:
             press = Press.load(path)
@@ -250,14 +250,14 @@ def test_spoilt_presses_are_refused_in_one_line_or_judge_by_finite_numbers(
             continue
         judged += 1
         names = [name for name in DETECTORS if name == "chi-square" or name in press.detectors]
-        for name in names if judged == 1 else names[:2] if judged <= 6 else ():
+        for name in names if judged == 1 else names[:2] if judged <= 3 else ():
             inspector = Inspector.of(press, name)
             with np.errstate(all="ignore"):
                 verdict = inspector.inspect(inspector.prepare(page), scan, scan_name="ruined").verdict
             if verdict.verdict == "good":
                 assert np.isfinite([verdict.score, verdict.threshold, verdict.probability]).all()
-    assert judged > 3
-    assert len(refused) > 150
+    assert judged > 1
+    assert len(refused) > 75
     assert all(text.startswith(f"{path}: ") for text in refused)
 
 

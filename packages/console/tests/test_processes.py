@@ -17,8 +17,7 @@ from packages.console.tests.consoles import served
 from packages.console.tests.test_zones import job_of
 
 from prooflight_console.accounts.roles import Role
-from prooflight_console.zones import pricing
-from prooflight_console.zones.pricing import FAULT, FULL, PriceRequest, Refused
+from prooflight_console.child_process import FAULT, FULL, result_or_refusal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,26 +88,21 @@ def test_a_picture_that_fails_without_words_of_ours_names_its_page(
     assert "is not in list" in caplog.text
 
 
-def asked() -> PriceRequest:
-    return PriceRequest(job=Path("a.pdf"), press=Path("b.press"), zones=None, prints=3, trials=0)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ("error", "told"),
     [
         (MemoryError(), FULL),
         (KeyError("tables"), FAULT),
-        (OSError(errno.EIO, os.strerror(errno.EIO)), "cannot be read or written (Input/output error)"),
+        (
+            OSError(errno.EIO, os.strerror(errno.EIO), "a.press"),
+            "cannot be read or written (Input/output error: a.press)",
+        ),
     ],
 )
-def test_why_a_price_fails_is_told_in_words(
-    monkeypatch: pytest.MonkeyPatch, error: Exception, told: str
-) -> None:
-    def fails(_path: object) -> None:
+def test_why_a_computation_fails_is_stated_in_words(error: Exception, told: str) -> None:
+    def fails() -> str:
         raise error
 
-    monkeypatch.setattr(pricing.Press, "load", fails)
-    found = pricing._priced(asked(), None)  # type: ignore[arg-type]
-    assert isinstance(found, Refused)
-    assert told in found.why
-    assert type(error).__name__ not in found.why
+    why = result_or_refusal(fails, lambda reason: reason, what="a price")
+    assert told in why
+    assert type(error).__name__ not in why

@@ -88,5 +88,12 @@ def test_the_slow_are_marked_and_no_other(monkeypatch: pytest.MonkeyPatch, tmp_p
         SimpleNamespace(nodeid=name, add_marker=lambda mark, name=name: marked.append(f"{name} {mark.name}"))
         for name in ("tests/cli/test_a.py::test_b", "tests/cli/test_a.py::test_f")
     ]
-    durations.pytest_collection_modifyitems(items)
+    left_out: list[Any] = []
+    config: Any = SimpleNamespace(
+        getoption=lambda _: ["tests/cli"],
+        hook=SimpleNamespace(pytest_deselected=lambda items: left_out.extend(items)),
+    )
+    durations.pytest_collection_modifyitems(config, items)
     assert marked == ["tests/cli/test_a.py::test_b slow"]
+    assert [one.nodeid for one in items] == ["tests/cli/test_a.py::test_b"]
+    assert [one.nodeid for one in left_out] == ["tests/cli/test_a.py::test_f"]

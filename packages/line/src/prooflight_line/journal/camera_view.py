@@ -6,14 +6,12 @@ is fresh. If nobody requests the view, nothing is computed or written.
 
 from __future__ import annotations
 
-import contextlib
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from prooflight.files.atomic import whole_file
+from prooflight_line.journal.side_files import SideFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +31,7 @@ class CameraExchange:
 
     def ask(self) -> None:
         """Request the view. OSError."""
-        self._side_file(ASKED).touch()
+        self._side_file(ASKED).path.touch()
 
     def is_requested(self) -> bool:
         """Return whether the view is requested."""
@@ -41,31 +39,27 @@ class CameraExchange:
 
     def write(self, view: dict[str, Any]) -> None:
         """Write the view, which JSON must be able to represent. OSError."""
-        with whole_file(self._side_file(SHOWN)) as unfinished:
-            unfinished.write_text(json.dumps(view, allow_nan=False), encoding="utf-8")
+        self._side_file(SHOWN).write(view)
 
     def read(self) -> dict[str, Any] | None:
         """Return the present view; None: nobody watches, or the file is not a view."""
         if not self._fresh(SHOWN):
             return None
         try:
-            with self._side_file(SHOWN).open("rb") as file:
-                view = json.loads(file.read(MOST_BYTES))
+            return self._side_file(SHOWN).read()
         except (OSError, ValueError):
             return None
-        return view if isinstance(view, dict) else None
 
     def clear(self) -> None:
         """Remove the files, as nobody watches any more."""
         for name in (SHOWN, ASKED):
-            with contextlib.suppress(OSError):
-                self._side_file(name).unlink(missing_ok=True)
+            self._side_file(name).remove()
 
-    def _side_file(self, suffix: str) -> Path:
-        return self.journal.with_name(self.journal.name + suffix)
+    def _side_file(self, suffix: str) -> SideFile:
+        return SideFile.of(self.journal, suffix, most_bytes=MOST_BYTES)
 
     def _fresh(self, suffix: str) -> bool:
         try:
-            return abs(self.clock() - self._side_file(suffix).stat().st_mtime) <= FRESH_S
+            return abs(self.clock() - self._side_file(suffix).path.stat().st_mtime) <= FRESH_S
         except OSError:
             return False

@@ -13,22 +13,20 @@ process left stops and starts nothing.
 from __future__ import annotations
 
 import contextlib
-import json
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
 
 from prooflight.errors import ProoflightError, RequestError
-from prooflight.files.atomic import whole_file
 from prooflight.files.lock import WriterLock, writer_lives
+from prooflight_line.journal.side_files import SideFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
 STOP, START, STARTER = ".stop.json", ".start-job.json", ".starter.json"
-MOST_BYTES: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,19 +64,19 @@ class RunControl:
 
     def stop(self, run: str, *, by: str) -> None:
         """Ask for the end of a run. OSError."""
-        self._write(STOP, asdict(Request(of=run, by=by, at_s=self.clock())))
+        self._file(STOP).write(asdict(Request(of=run, by=by, at_s=self.clock())))
 
     def start(self, job: str, *, by: str) -> None:
         """Ask for the start of a job. OSError."""
-        self._write(START, asdict(Request(of=job, by=by, at_s=self.clock())))
+        self._file(START).write(asdict(Request(of=job, by=by, at_s=self.clock())))
 
     @property
     def starter(self) -> Starter | None:
         """What starts jobs when people ask for it; None: nothing does."""
-        if not writer_lives(self._file(STARTER)):
+        if not writer_lives(self._file(STARTER).path):
             return None
         with contextlib.suppress(OSError, ValueError, TypeError):
-            starter = Starter(**self._read(STARTER))
+            starter = Starter(**self._file(STARTER).read())
             if all(isinstance(text, str) for text in asdict(starter).values()):
                 return starter
         return None
@@ -94,38 +92,38 @@ class RunControl:
         """Take the request to start a job, which is removed; None: nobody asked for it."""
         request = self._request(START)
         if request is not None:
-            self._remove(START)
+            self._file(START).remove()
         return request
 
     @contextmanager
     def stoppable(self) -> Iterator[None]:
         """Remove requests for an end before a run, and after it."""
-        self._remove(STOP)
+        self._file(STOP).remove()
         try:
             yield
         finally:
-            self._remove(STOP)
+            self._file(STOP).remove()
 
     @contextmanager
     def starting(self, starter: Starter) -> Iterator[None]:
         """Be the one process that waits for a start. RequestError: another does, or nothing can be written."""
         lock = WriterLock.take(
-            self._file(STARTER),
+            self._file(STARTER).path,
             error=RequestError,
             wait="end the other `prooflight watch --on-start` of this journal",
             elsewhere="let this user write beside the journal",
         )
         try:
-            self._remove(START)
+            self._file(START).remove()
             self.write_starter(starter)
             yield
         finally:
-            self._remove(STARTER)
+            self._file(STARTER).remove()
             lock.release()
 
     def write_starter(self, starter: Starter) -> None:
         """Write what starts jobs. OSError."""
-        self._write(STARTER, asdict(starter))
+        self._file(STARTER).write(asdict(starter))
 
     @contextmanager
     def trouble_noted(self, starter: Starter) -> Iterator[None]:
@@ -139,23 +137,10 @@ class RunControl:
 
     def _request(self, suffix: str) -> Request | None:
         with contextlib.suppress(OSError, ValueError, TypeError):
-            request = Request(**self._read(suffix))
+            request = Request(**self._file(suffix).read())
             if isinstance(request.of, str) and isinstance(request.by, str):
                 return request
         return None
 
-    def _read(self, suffix: str) -> dict[str, Any]:
-        with self._file(suffix).open("rb") as file:
-            facts: dict[str, Any] = json.loads(file.read(MOST_BYTES))
-        return facts
-
-    def _write(self, suffix: str, facts: dict[str, Any]) -> None:
-        with whole_file(self._file(suffix)) as unfinished:
-            unfinished.write_text(json.dumps(facts), encoding="utf-8")
-
-    def _remove(self, suffix: str) -> None:
-        with contextlib.suppress(OSError):
-            self._file(suffix).unlink(missing_ok=True)
-
-    def _file(self, suffix: str) -> Path:
-        return self.journal.with_name(self.journal.name + suffix)
+    def _file(self, suffix: str) -> SideFile:
+        return SideFile.of(self.journal, suffix)

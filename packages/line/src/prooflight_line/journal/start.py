@@ -7,7 +7,6 @@ does so writes its stage, and removes the file with the first line that it inspe
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import time
@@ -15,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from prooflight.files.atomic import whole_file
+from prooflight_line.journal.side_files import SideFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -29,7 +28,6 @@ MOST_AGE_S: Final = 3600.0
 """Age after which a file is that of a process that died elsewhere. Assumed: no step takes longer, even on a busy
 machine. [s]"""
 EVERY_S: Final = 0.5
-MOST_BYTES: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +54,11 @@ class StartFile:
     @property
     def path(self) -> Path:
         """The file."""
-        return self.journal.with_name(self.journal.name + SUFFIX)
+        return self._file.path
+
+    @property
+    def _file(self) -> SideFile:
+        return SideFile.of(self.journal, SUFFIX)
 
     def write(self, start: Start) -> None:
         """Write a stage; a folder that cannot be written is no reason not to start."""
@@ -64,8 +66,7 @@ class StartFile:
         facts = {name: getattr(start, name) for name in ("stage", "done", "total", "left_s")}
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(self.path) as unfinished:
-                unfinished.write_text(json.dumps(facts | {"pid": os.getpid()}), encoding="utf-8")
+            self._file.write(facts | {"pid": os.getpid()})
 
     def write_at_times(self, start: Start) -> None:
         """Write a stage, unless one was written just before."""
@@ -87,13 +88,12 @@ class StartFile:
         try:
             if abs(time.time() - self.path.stat().st_mtime) > MOST_AGE_S:
                 return None
-            with self.path.open("rb") as file:
-                facts = json.loads(file.read(MOST_BYTES))
+            facts = self._file.read()
             os.kill(int(facts.pop("pid")), 0)
             start = Start(**facts)
         except PermissionError:  # of another user, and alive
             start = Start(**facts)
-        except (OSError, ValueError, TypeError, AttributeError, KeyError, OverflowError):
+        except (OSError, ValueError, TypeError, KeyError, OverflowError):
             return None
         numbers = (start.done, start.total, start.left_s or 0.0)
         sound = start.stage in STAGES and all(isinstance(n, int | float) and 0 <= n < 1e9 for n in numbers)
@@ -101,5 +101,4 @@ class StartFile:
 
     def clear(self) -> None:
         """Remove the file, as the run has started or ended."""
-        with contextlib.suppress(OSError):
-            self.path.unlink(missing_ok=True)
+        self._file.remove()

@@ -59,7 +59,7 @@ def watched(
         false_alarms=false_alarms,
     )
     workers = worker_count(settings.inspectors, inspector, source_waits=settings.source_waits)
-    threads = max(settings.inspectors // workers, 1) if workers else threads_a_sheet(settings)
+    threads = settings.inspectors // workers if workers else threads_a_sheet(settings)
     if workers:
         settings = replace(settings, inspectors=workers)
     watch = RunWatch(

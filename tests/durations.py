@@ -47,13 +47,16 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark slow tests before they are selected by their marks; leave out quick ones that ran with bounds checked."""
     slow, elsewhere = _recorded()["slow"], tuple(config.getoption("--no-quick-of"))
+
+    def left_out(item: pytest.Item) -> bool:
+        return item.nodeid.startswith(elsewhere) and item.nodeid not in slow
+
     for item in items:
         if item.nodeid in slow:
             item.add_marker(pytest.mark.slow)
     if elsewhere:
-        left_out = [one for one in items if one.nodeid.startswith(elsewhere) and one.nodeid not in slow]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [one for one in items if not (one.nodeid.startswith(elsewhere) and one.nodeid not in slow)]
+        config.hook.pytest_deselected(items=[one for one in items if left_out(one)])
+        items[:] = [one for one in items if not left_out(one)]
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:

@@ -10,6 +10,7 @@ import signal
 import socket
 import ssl
 import threading
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -203,7 +204,8 @@ def _serve_aside(
         os.nice(NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the terminal's Ctrl-C
     _end_with_parent()
-    with faults.logged(["serve"]):
+    # A terminal's Ctrl-C comes to this process too, by the server's own handler; the parent reports the end.
+    with faults.logged(["serve"]), suppress(KeyboardInterrupt):
         event_log.begin(log)
         serve(settings, listening, ready=ready)
 

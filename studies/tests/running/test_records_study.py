@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 pytest.importorskip("psycopg", reason='needs pip install "prooflight-line[records]"')
 pytest.importorskip("alembic", reason='needs pip install "prooflight-line[records]"')
 
 from prooflight_line.testing.postgres import server_programs
+from prooflight_studies.records.backlog import LEAST_RUN, MOST_RUN, _runs, measure_backlog
 from prooflight_studies.records.migrating import REVISIONS, measure_migrations
 from prooflight_studies.records.presses import sheet
 from prooflight_studies.records.searching import RUNS, measure_searches
@@ -42,3 +47,27 @@ def test_lags_near_a_fault_are_stated_apart() -> None:
 
 def test_one_sheet_in_fifty_is_a_misprint() -> None:
     assert sum(sheet(number, 0.0).verdict.verdict == "misprint" for number in range(500)) == 10
+
+
+@pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")
+def test_a_backlog_is_shipped_whole_while_the_press_goes_on() -> None:
+    with tempfile.TemporaryDirectory(prefix="prooflight-backlog-") as folder:  # a socket's path must be short
+        Path(folder).chmod(0o755)
+        figures = measure_backlog(
+            Path(folder),
+            sheets=3 * LEAST_RUN,
+            tried_s=0.0,
+            followed_s=1.0,
+            rng=np.random.default_rng(31),
+            progress=lambda line: None,
+        )
+    assert (figures["lost"], figures["doubled"], figures["other_runs"]) == (0, 0, 0)
+    assert figures["recorded"] > figures["sheets"] == 3 * LEAST_RUN
+    assert figures["shipped"] > figures["sheets"]
+    assert figures["peak_bytes"] >= figures["waiting_bytes"] > 0
+
+
+def test_runs_of_a_week_have_all_its_sheets() -> None:
+    runs = _runs(100_000, np.random.default_rng(31))
+    assert sum(runs) == 100_000
+    assert all(LEAST_RUN <= one < MOST_RUN for one in runs[:-1])

@@ -176,7 +176,7 @@ class Stack:
             return answer.read().decode()
 
     def _healthy(self) -> bool:
-        return subprocess.run(health_here(self.ports), capture_output=True).returncode == 0
+        return subprocess.run(health_here("console", self.ports), capture_output=True).returncode == 0
 
     def close(self) -> None:
         for one in self._running.values():

@@ -234,11 +234,14 @@ def _head(journal: Path) -> int:
         return int(raw.execute("SELECT max(rowid) FROM pages").fetchone()[0])
 
 
-def _compared(journal: Path, url: str) -> dict[str, Any]:
-    """Compare the rows of each run in the database with those of the journal, when nothing is written any more."""
+def _compared(journal: Path, url: str, *, within_s: float = SETTLED_S) -> dict[str, Any]:
+    """Compare the rows of each run in the database with those of the journal, when nothing is written any more.
+
+    within_s: time for which the last rows are waited for. [s]
+    """
     with closing(sqlite3.connect(f"file:{journal}?mode=ro", uri=True)) as raw:
         written = {run: tuple(map(int, rest)) for run, *rest in raw.execute(_OF_JOURNAL)}
-    ends_s = time.time() + SETTLED_S
+    ends_s = time.time() + within_s
     while True:
         with connect(url) as connection:
             stored = {run: tuple(map(int, rest)) for run, *rest in connection.execute(_OF_DATABASE)}

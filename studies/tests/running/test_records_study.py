@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ import pytest
 pytest.importorskip("psycopg", reason='needs pip install "prooflight-line[records]"')
 pytest.importorskip("alembic", reason='needs pip install "prooflight-line[records]"')
 
-from prooflight_line.testing.postgres import server_programs
-from prooflight_studies.records.backlog import LEAST_RUN, MOST_RUN, _runs, measure_backlog
+from prooflight_line.records.database import connect, upgrade
+from prooflight_line.records.service import ShippingService
+from prooflight_line.testing.postgres import local_postgres, server_programs
+from prooflight_studies.records.backlog import LEAST_RUN, MOST_RUN, _compared, _runs
+from prooflight_studies.records.journals import write_journal
 from prooflight_studies.records.migrating import REVISIONS, measure_migrations
 from prooflight_studies.records.presses import sheet
 from prooflight_studies.records.searching import RUNS, measure_searches
@@ -50,21 +54,30 @@ def test_one_sheet_in_fifty_is_a_misprint() -> None:
 
 
 @pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")
-def test_a_backlog_is_shipped_whole_while_the_press_goes_on() -> None:
-    with tempfile.TemporaryDirectory(prefix="prooflight-backlog-") as folder:  # a socket's path must be short
-        Path(folder).chmod(0o755)
-        figures = measure_backlog(
-            Path(folder),
-            sheets=3 * LEAST_RUN,
-            tried_s=0.0,
-            followed_s=1.0,
-            rng=np.random.default_rng(31),
-            progress=lambda line: None,
+def test_what_is_missing_or_twice_in_a_backlog_is_counted(tmp_path: Path) -> None:
+    journal = tmp_path / "journal.sqlite"
+    write_journal(journal, [3000, 500], begun_s=1e9, progress=lambda line: None)
+    with local_postgres("fsync=off") as server:
+        upgrade(server.url)
+        service = ShippingService(
+            url=server.url, press="p", plant="p", journal=journal, pictures=None, announce=pytest.fail
         )
-    assert (figures["lost"], figures["doubled"], figures["other_runs"]) == (0, 0, 0)
-    assert figures["recorded"] > figures["sheets"] == 3 * LEAST_RUN
-    assert figures["shipped"] > figures["sheets"]
-    assert figures["peak_bytes"] >= figures["waiting_bytes"] > 0
+        while service.once():
+            pass
+        service.close()
+        assert _compared(journal, server.url, within_s=0.0) == {
+            "recorded": 3500,
+            "lost": 0,
+            "doubled": 0,
+            "other_runs": 0,
+        }
+        with connect(server.url) as connection:
+            connection.execute("DELETE FROM sheets WHERE run_id = 1 AND sheet < 3")
+            connection.execute("UPDATE sheets SET sheet = 9999 WHERE run_id = 2 AND sheet = 0")
+        with closing(sqlite3.connect(journal)) as raw, raw:
+            raw.execute("DELETE FROM pages WHERE run_id = 1 AND sheet >= 2995")
+        changed = _compared(journal, server.url, within_s=0.0)
+        assert (changed["lost"], changed["doubled"], changed["other_runs"]) == (0, 2, 2)
 
 
 def test_runs_of_a_week_have_all_its_sheets() -> None:

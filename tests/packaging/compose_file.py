@@ -25,7 +25,6 @@ class Image:
 
     entrypoint: tuple[str, ...]
     command: tuple[str, ...]
-    health: tuple[str, ...]
     environment: dict[str, str]
 
     @classmethod
@@ -38,12 +37,10 @@ class Image:
             (line,) = [one for one in stage if re.match(rf"\s*{word} ", one)]
             return line.split(word + " ", 1)[1]
 
-        health = after("HEALTHCHECK").partition("CMD ")[2]
         environment = dict(pair.split("=", 1) for pair in after("ENV").split())
         return cls(
             entrypoint=tuple(json.loads(after("ENTRYPOINT"))),
             command=tuple(json.loads(after("CMD"))),
-            health=tuple(json.loads(health)),
             environment=environment,
         )
 
@@ -101,9 +98,11 @@ def environment_here(service: Service) -> dict[str, str]:
     return {**mine, **own, "PATH": path}
 
 
-def health_here(ports: dict[int, int]) -> tuple[str, ...]:
-    """Return the command by which the image's health is checked."""
-    return tuple(_here(part, {}, ports) for part in Image.read().health)
+def health_here(name: str, ports: dict[int, int]) -> tuple[str, ...]:
+    """Return the command by which a service's health is checked."""
+    how, *command = document()["services"][name]["healthcheck"]["test"]
+    assert how == "CMD"
+    return tuple(_here(part, {}, ports) for part in command)
 
 
 def _places(volumes: Any, folder: Path, ports: dict[int, int]) -> dict[str, str]:

@@ -39,6 +39,12 @@ if TYPE_CHECKING:
 DASHBOARD = ROOT / "packages" / "console" / "deploy" / "grafana-dashboard.json"
 MM = 72 / 25.4
 SHEETS = 5
+WITHOUT = {
+    "prooflight_queue_jobs",  # of a console with a hot folder
+    "prooflight_false_alarm_rate_nominal",  # of a press that was trained
+    "prooflight_false_alarm_rate_realised",  # of a run with a good sheet
+}
+"""Metrics that a press need not have."""
 PATIENCE_S = 600.0
 """Only a test that fails waits so long."""
 
@@ -176,7 +182,7 @@ class Stack:
             return answer.read().decode()
 
     def _healthy(self) -> bool:
-        return subprocess.run(health_here(self.ports), capture_output=True).returncode == 0
+        return subprocess.run(health_here("console", self.ports), capture_output=True).returncode == 0
 
     def close(self) -> None:
         for one in self._running.values():
@@ -211,12 +217,7 @@ def test_the_dashboard_asks_for_metrics_that_a_running_press_has(started: Stack)
     # A series without a value yet, as misprints of no kind, is declared all the same.
     there = set(re.findall(r"^(?:# TYPE )?(prooflight_\w+)", text, re.MULTILINE))
     asked = {name for expression in expressions() for name in re.findall(r"\bprooflight_[a-z_]+", expression)}
-    without = {
-        "prooflight_queue_jobs",  # of a console with a hot folder
-        "prooflight_false_alarm_rate_nominal",  # of a press that was trained
-        "prooflight_false_alarm_rate_realised",  # of a run with a good sheet
-    }
-    assert asked - there <= without
+    assert asked - there <= WITHOUT
     assert len(asked & there) > 10
 
 
@@ -236,8 +237,12 @@ def test_prometheus_scrapes_the_console_and_answers_every_panel(started: Stack) 
         return False
 
     started.wait("Prometheus has scraped the console", scraped)
-    for expression in expressions():  # some have no value, as rates of a press that stands
-        asked(expression)
+    empty = WITHOUT | {"prooflight_incidents", "prooflight_misprints_total"}  # until there is one
+    for expression in expressions():
+        if empty.isdisjoint(re.findall(r"\bprooflight_[a-z_]+", expression)):
+            started.wait(f"a value of {expression}", lambda one=expression: asked(one))
+        else:
+            asked(expression)
     started.wait("all sheets are counted", lambda: asked(f"sum(prooflight_sheets_total) == {SHEETS}"))
     assert asked("prooflight_state == 1")
     assert asked("prooflight_journal_readable == 1")

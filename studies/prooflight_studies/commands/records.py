@@ -15,13 +15,13 @@ from prooflight_studies.commands.study import Json, Quick, Results, report_resul
 def records(
     out: Results = Path("docs/results/running"),
     part: Annotated[
-        str, typer.Option(help="shipping, search or migration; the others stay as measured.")
+        str, typer.Option(help="shipping, backlog, search or migration; the others stay as measured.")
     ] = "shipping",
-    seed: Annotated[int, typer.Option(help="Of searches.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Of searches, and of the jobs of a week.", min=0)] = 1,
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Ship 40 journals into one server while all parts fail in turn; search 10 million sheets; upgrade a million.
+    """Ship 40 journals while all parts fail in turn, and one of a week; search 10 million sheets; upgrade a million.
 
     Writes records.md.
     """

@@ -17,11 +17,10 @@ from sqlalchemy import create_engine, text
 from prooflight import __version__
 from prooflight_line.journal.following import follow
 from prooflight_line.journal.journal import Journal
-from prooflight_line.journal.records import RunEnd, RunFacts
 from prooflight_line.journal.schema import PREVIOUS, SCHEMA
 from prooflight_line.records.database import upgrade
 from prooflight_line.testing.postgres import local_postgres
-from prooflight_studies.records.presses import sheet
+from prooflight_studies.records.journals import write_journal
 from prooflight_studies.records.searching import RUNS, fill
 
 if TYPE_CHECKING:
@@ -48,9 +47,6 @@ def upgrade():
     for one in {statements}:
         op.execute(one)
 """
-FIRST_SHEETS: Final = 2000
-"""Sheets of the journal that are recorded as a run does it."""
-SHEET_S: Final = 0.2
 
 
 def measure_migrations(*, sheets: int, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -111,7 +107,7 @@ def _rehearsed(url: str, folder: Path, revision: str) -> dict[str, float]:
 
 
 def _of_journal(path: Path, sheets: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    _write(path, sheets, progress)
+    write_journal(path, [sheets], begun_s=1e9, progress=progress)
     size = path.stat().st_size
     _make_earlier(path)
     rows = [_timed("read as it is", lambda: _count(path, sheets))]
@@ -119,37 +115,6 @@ def _of_journal(path: Path, sheets: int, progress: Callable[[str], None]) -> lis
     rows.append(_timed("nothing: it is up to date", lambda: _open(path)))
     rows.append(_timed("read after that", lambda: _count(path, sheets)))
     return [row | {"bytes": size} for row in rows]
-
-
-def _write(path: Path, sheets: int, progress: Callable[[str], None]) -> None:
-    """Write a journal: its first sheets as a run does, and the others as copies of these, which is faster."""
-    first = min(FIRST_SHEETS, sheets)
-    facts = RunFacts(
-        job="made-up",
-        job_digest="",
-        press="made-up",
-        press_digest="0" * 64,
-        detector="matched_filter",
-        source="made-up",
-        started_s=1e9,
-        sheets=sheets,
-    )
-    progress("writing a journal")
-    with Journal.open(str(path)) as journal:
-        run = journal.begin_run(facts)
-        for number in range(first):
-            journal.record(run, sheet(number, SHEET_S * number))
-        journal.commit()
-        journal.end_run(run, RunEnd(ended_s=1e9 + SHEET_S * sheets, ending="finished"))
-    with closing(sqlite3.connect(path)) as raw, raw:
-        columns = [row[1] for row in raw.execute("PRAGMA table_info(pages)")]
-        moved = {"sheet": "sheet + :by", "job_page": "job_page + :by", "time_s": f"time_s + {SHEET_S} * :by"}
-        copied = ", ".join(moved.get(name, name) for name in columns)
-        for by in range(first, sheets, first):
-            raw.execute(
-                f"INSERT INTO pages ({', '.join(columns)}) SELECT {copied} FROM pages WHERE rowid <= :rest",
-                {"by": by, "rest": min(first, sheets - by)},
-            )
 
 
 def _make_earlier(path: Path) -> None:

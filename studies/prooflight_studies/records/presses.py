@@ -15,6 +15,7 @@ from prooflight_line.records.service import ShippingService
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
+    from multiprocessing.synchronize import Event
     from pathlib import Path
 
 ALARM_EVERY: Final = 50
@@ -36,6 +37,11 @@ class PressPlan:
     def name(self) -> str:
         """Name of the press."""
         return f"press {self.number:02}"
+
+    @property
+    def sheets(self) -> int:
+        """Number of sheets that it records."""
+        return int(self.seconds * self.sheets_per_s)
 
     @property
     def plant(self) -> str:
@@ -62,19 +68,22 @@ def record_sheets(plans: list[PressPlan], begun_s: float) -> None:
     A sheet's time is that at which it was recorded, so that its row says when it could have been shipped at first.
     """
     journals = [Journal.open(str(plan.journal), announce=lambda line: None) for plan in plans]
-    runs = [journal.begin_run(_facts(plan, begun_s)) for plan, journal in zip(plans, journals, strict=True)]
+    runs = [
+        journal.begin_run(run_facts(plan.name, sheets=plan.sheets, started_s=begun_s))
+        for plan, journal in zip(plans, journals, strict=True)
+    ]
     recorded = [0] * len(plans)
     ends_s = begun_s + plans[0].seconds
     while (now_s := time.time()) < ends_s:
         for at, (plan, journal, run) in enumerate(zip(plans, journals, runs, strict=True)):
-            due = min(int((now_s - begun_s) * plan.sheets_per_s), int(plan.seconds * plan.sheets_per_s))
+            due = min(int((now_s - begun_s) * plan.sheets_per_s), plan.sheets)
             for number in range(recorded[at], due):
                 journal.record(run, sheet(number, number / plan.sheets_per_s))
             recorded[at] = max(recorded[at], due)
             journal.commit()
         time.sleep(max(0.0, now_s + COMMIT_S - time.time()))
     for plan, journal, run, count in zip(plans, journals, runs, recorded, strict=True):
-        for number in range(count, int(plan.seconds * plan.sheets_per_s)):
+        for number in range(count, plan.sheets):
             journal.record(run, sheet(number, number / plan.sheets_per_s))
         journal.end_run(run, RunEnd(ended_s=time.time(), ending="finished"))
         for _ in range(100):  # a disk that was full a moment ago
@@ -84,8 +93,8 @@ def record_sheets(plans: list[PressPlan], begun_s: float) -> None:
         journal.close()
 
 
-def ship(plans: list[PressPlan], url: str) -> None:
-    """Ship the journals of several presses, in one process, until it is terminated."""
+def ship(plans: list[PressPlan], url: str, down: Event | None = None) -> None:
+    """Ship the journals of several presses, in one process, until it is terminated. down: set at the first failure."""
     threads, ended = [], threading.Event()
     for plan in plans:
         service = ShippingService(
@@ -94,7 +103,7 @@ def ship(plans: list[PressPlan], url: str) -> None:
             plant=plan.plant,
             journal=plan.journal,
             pictures=None,
-            announce=lambda line: None,
+            announce=lambda line: None if down is None else down.set(),
         )
         threads.append(threading.Thread(target=service.run, args=(ended,), daemon=True))
     for thread in threads:
@@ -110,14 +119,15 @@ def started(target: object, *arguments: object) -> BaseProcess:
     return process
 
 
-def _facts(plan: PressPlan, begun_s: float) -> RunFacts:
+def run_facts(press: str, *, sheets: int, started_s: float) -> RunFacts:
+    """Return what a journal states of a run of this press. started_s: Unix time. [s]"""
     return RunFacts(
         job="made-up",
         job_digest="",
-        press=plan.name,
+        press=press,
         press_digest="0" * 64,
         detector="matched_filter",
         source="made-up",
-        started_s=begun_s,
-        sheets=int(plan.seconds * plan.sheets_per_s),
+        started_s=started_s,
+        sheets=sheets,
     )

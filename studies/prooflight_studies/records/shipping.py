@@ -73,15 +73,20 @@ class Rig:
             self.shippers[at % GROUPS].join()
             self.shippers[at % GROUPS] = self.start_shipper(at % GROUPS)
         elif fault == "link cut":
-            with connect(self.server.url) as connection:
-                connection.execute(
-                    "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
-                    " AND backend_type = 'client backend'"
-                )
+            cut_link(self.server.url)
         else:
             disk = (self.disks or ())[fault == "journals' disk full"]
             with _full(disk):
                 time.sleep(LASTS_S)
+
+
+def cut_link(url: str) -> None:
+    """End all connections to the server."""
+    with connect(url) as connection:
+        connection.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+            " AND backend_type = 'client backend'"
+        )
 
 
 def measure_shipping(

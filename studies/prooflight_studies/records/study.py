@@ -1,4 +1,6 @@
-"""The records of many presses measured, in parts that are stored apart: shipping through faults, searches, upgrades."""
+"""The records of many presses measured, in parts that are stored apart: shipping through faults, after a week,
+searches, upgrades.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +8,12 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from prooflight import __version__
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.parts import stored_results
+from prooflight_studies.records.backlog import measure_backlog
 from prooflight_studies.records.migrating import measure_migrations
 from prooflight_studies.records.searching import measure_searches
 from prooflight_studies.records.shipping import measure_shipping
@@ -16,7 +21,7 @@ from prooflight_studies.records.shipping import measure_shipping
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PARTS: Final = ("shipping", "search", "migration")
+PARTS: Final = ("shipping", "backlog", "search", "migration")
 
 
 def run_records_study(
@@ -31,6 +36,18 @@ def run_records_study(
                 presses=4 if quick else 40,
                 sheets_per_s=5.0,
                 minutes=1.0 if quick else 10.0,
+                progress=progress,
+            )
+    elif part == "backlog":
+        # 3,024,000 sheets: all hours of a week, which is more than any press prints.
+        with tempfile.TemporaryDirectory(prefix="prooflight-backlog-") as folder:
+            Path(folder).chmod(0o755)
+            figures = measure_backlog(
+                Path(folder),
+                sheets=60_000 if quick else int(5.0 * 7 * 24 * 3600),
+                tried_s=2.0 if quick else 70.0,
+                followed_s=5.0 if quick else 60.0,
+                rng=np.random.default_rng(seed),
                 progress=progress,
             )
     elif part == "migration":

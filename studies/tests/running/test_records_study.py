@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 pytest.importorskip("psycopg", reason='needs pip install "prooflight-line[records]"')
 pytest.importorskip("alembic", reason='needs pip install "prooflight-line[records]"')
 
-from prooflight_line.testing.postgres import server_programs
+from prooflight_line.records.database import connect, upgrade
+from prooflight_line.records.service import ShippingService
+from prooflight_line.testing.postgres import local_postgres, server_programs
+from prooflight_studies.records.backlog import LEAST_RUN, MOST_RUN, _compared, _runs
+from prooflight_studies.records.journals import write_journal
 from prooflight_studies.records.migrating import REVISIONS, measure_migrations
 from prooflight_studies.records.presses import sheet
 from prooflight_studies.records.searching import RUNS, measure_searches
@@ -42,3 +51,36 @@ def test_lags_near_a_fault_are_stated_apart() -> None:
 
 def test_one_sheet_in_fifty_is_a_misprint() -> None:
     assert sum(sheet(number, 0.0).verdict.verdict == "misprint" for number in range(500)) == 10
+
+
+@pytest.mark.skipif(server_programs() is None, reason="PostgreSQL is not installed")
+def test_what_is_missing_or_twice_in_a_backlog_is_counted(tmp_path: Path) -> None:
+    journal = tmp_path / "journal.sqlite"
+    write_journal(journal, [3000, 500], begun_s=1e9, progress=lambda line: None)
+    with local_postgres("fsync=off") as server:
+        upgrade(server.url)
+        service = ShippingService(
+            url=server.url, press="p", plant="p", journal=journal, pictures=None, announce=pytest.fail
+        )
+        while service.once():
+            pass
+        service.close()
+        assert _compared(journal, server.url, within_s=0.0) == {
+            "recorded": 3500,
+            "lost": 0,
+            "doubled": 0,
+            "other_runs": 0,
+        }
+        with connect(server.url) as connection:
+            connection.execute("DELETE FROM sheets WHERE run_id = 1 AND sheet < 3")
+            connection.execute("UPDATE sheets SET sheet = 9999 WHERE run_id = 2 AND sheet = 0")
+        with closing(sqlite3.connect(journal)) as raw, raw:
+            raw.execute("DELETE FROM pages WHERE run_id = 1 AND sheet >= 2995")
+        changed = _compared(journal, server.url, within_s=0.0)
+        assert (changed["lost"], changed["doubled"], changed["other_runs"]) == (0, 2, 2)
+
+
+def test_runs_of_a_week_have_all_its_sheets() -> None:
+    runs = _runs(100_000, np.random.default_rng(31))
+    assert sum(runs) == 100_000
+    assert all(LEAST_RUN <= one < MOST_RUN for one in runs[:-1])

@@ -13,6 +13,8 @@ from tests.cli.calls import call
 
 from prooflight.cli import show
 from prooflight_line.journal.journal import Journal
+from prooflight_line.records.database import RecordsError, connect, upgrade
+from prooflight_line.testing.postgres import LocalPostgres
 
 
 def test_from_an_empty_database_to_a_hit(
@@ -61,3 +63,10 @@ def test_the_log_for_programs_names_the_sheets_that_were_shipped(
     assert [(one["event"], one["press"], one["id"]) for one in events] == [
         ("shipped", "one", f"{number}@1000000000/{sheet}") for sheet in range(2)
     ]
+
+
+def test_a_database_of_another_encoding_is_refused_in_one_line(server: LocalPostgres) -> None:
+    with connect(server.url, upgraded=False) as connection:
+        connection.execute("CREATE DATABASE plain ENCODING 'SQL_ASCII' LOCALE 'C' TEMPLATE template0")
+    with pytest.raises(RecordsError, match="encoding SQL_ASCII, not UTF8"):
+        upgrade(server.url.replace("/postgres?", "/plain?"))

@@ -55,7 +55,7 @@ def connect(url: str, *, upgraded: bool = True) -> psycopg.Connection[Any]:
     """Open a connection in which each statement is a transaction unless one is begun.
 
     upgraded: whether the tables must be of ``SCHEMA``. RecordsError: psycopg is missing, the URL is none, the server
-    does not answer or refuses, or the tables are of another schema.
+    does not answer or refuses, the database's texts are not in UTF-8, or the tables are of another schema.
     """
     try:
         import psycopg
@@ -70,12 +70,13 @@ def connect(url: str, *, upgraded: bool = True) -> psycopg.Connection[Any]:
         raise UnreachableError(
             shown(url), f"cannot be reached ({first_line(error)})", remedy=remedy
         ) from error
-    if upgraded:
-        try:
+    try:
+        _check_encoding(connection, url)
+        if upgraded:
             _check_schema(connection, url)
-        except BaseException:
-            connection.close()
-            raise
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 
@@ -135,6 +136,14 @@ def allow(url: str, role: str, plant: str) -> None:
         connection.execute(
             "INSERT INTO members (role, plant) VALUES (%s, %s) ON CONFLICT DO NOTHING", (role, plant)
         )
+
+
+def _check_encoding(connection: psycopg.Connection[Any], url: str) -> None:
+    """Refuse a database of another encoding, as of a server that was set up without a locale: it returns bytes."""
+    encoding = connection.info.parameter_status("server_encoding")
+    if encoding != "UTF8":
+        remedy = "make one by `createdb --encoding UTF8 --template template0 NAME`"
+        raise RecordsError(shown(url), f"is a database of encoding {encoding}, not UTF8", remedy=remedy)
 
 
 def _check_schema(connection: psycopg.Connection[Any], url: str) -> None:

@@ -13,7 +13,7 @@ import prooflight_console
 import prooflight_line
 import prooflight_studies
 from prooflight import rng
-from prooflight.rng import FREE, PURPOSES, stream
+from prooflight.rng import FREE, PURPOSES, seed_sequence, stream
 
 PACKAGES = (prooflight, prooflight_line, prooflight_console, prooflight_studies)
 ROOMS = [Path(package.__file__).parent for package in PACKAGES]
@@ -224,18 +224,16 @@ def test_streams_of_neighbours_differ() -> None:
 
 def test_only_known_purposes_share_a_stream() -> None:
     of_streams = defaultdict(set)
-    for purpose, generator in _small_streams():
-        of_streams[_state(generator)].add(purpose)
-        if purpose in SPAWNING:
-            for child in generator.spawn(3):
-                of_streams[_state(child)].add(purpose)
+    for purpose, begun in _small_streams():
+        for one in (begun, *(begun.spawn(3) if purpose in SPAWNING else ())):
+            of_streams[tuple(one.generate_state(4).tolist())].add(purpose)
     found = {pair for sharing in of_streams.values() for pair in _pairs(sharing)}
     known = {pair for sharing in KNOWN_SHARED.values() for pair in _pairs(sharing) if not _of_two_seeds(pair)}
     assert found - known == set()
     assert known - found == set()
 
 
-def _small_streams() -> Iterator[tuple[str, np.random.Generator]]:
+def _small_streams() -> Iterator[tuple[str, np.random.SeedSequence]]:
     """Over every number that is fixed somewhere, and those that come before it where an index counts from 1 or 2."""
     words = {word for each in PURPOSES.values() for word in each.layout[1:] if isinstance(word, int)}
     fixed = {word for word in words if word < FREE}
@@ -244,11 +242,7 @@ def _small_streams() -> Iterator[tuple[str, np.random.Generator]]:
     for name, purpose in PURPOSES.items():
         for seed in seeds if purpose.seeded else [None]:
             for indices in product(numbers, repeat=len(purpose.indices)):
-                yield name, stream(seed, name, *indices)
-
-
-def _state(generator: np.random.Generator) -> tuple[int, ...]:
-    return tuple(generator.bit_generator.seed_seq.generate_state(4).tolist())
+                yield name, np.random.SeedSequence(seed_sequence(seed, name, *indices))
 
 
 def _pairs(purposes: Iterable[str]) -> Iterator[tuple[str, str]]:

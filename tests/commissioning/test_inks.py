@@ -76,10 +76,10 @@ def _assert_wrong_values_are_refused(press: Press) -> None:
         array = press.ink_arrays[name].copy()
         array.reshape(-1)[7] = value
         with pytest.raises(PressError, match=name):
-            replace(press, ink_arrays=press.ink_arrays | {name: array}).check()
+            replace(press, ink_arrays={**press.ink_arrays, name: array}).check()
     score = press.ink_facts["score"].replace(": ", ": -", 1)
     with pytest.raises(PressError, match=r"ink_facts\.score"):
-        replace(press, ink_facts=press.ink_facts | {"score": score}).check()
+        replace(press, ink_facts={**press.ink_facts, "score": score}).check()
 
 
 def test_the_digest_covers_the_inks_and_a_press_travels_with_them(press: Press) -> None:

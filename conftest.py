@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from _pytest.doctest import DoctestModule  # pytest has no public name for it
 from hypothesis import settings
 from tests import durations
 from tests.stand_ins import SHARED
@@ -30,7 +31,7 @@ from prooflight.press.artefact import Press
 from prooflight.press.press_file import PressFile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
 # The same examples on every machine; `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("same everywhere", deadline=None, derandomize=True)
@@ -41,6 +42,21 @@ settings.load_profile("same everywhere")
 def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginManager) -> None:
     """Slow tests are marked wherever they lie; a conftest's own hooks would see its folder's alone."""
     pluginmanager.register(durations)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Look for doctests only where a prompt stands: for these alone each process would import all 1,200 files."""
+    collectors = yield
+    if any(isinstance(one, DoctestModule) for one in collectors) and b">>> " not in file_path.read_bytes():
+        return [one for one in collectors if not isinstance(one, DoctestModule)]
+    return collectors
+
+
+def pytest_collection_finish() -> None:
+    """Exclude all tests and modules from garbage collection: each full one would visit them, for a second or two."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
@@ -58,11 +74,19 @@ def caches_of_the_tests(session_folder: Path) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def runs_collect_no_garbage() -> Iterator[None]:
-    """Let runs begin at once: to collect garbage among all objects of all tests takes 2 s, before each of 100 runs."""
-    spared = SimpleNamespace(collect=lambda: 0, freeze=gc.freeze, unfreeze=gc.unfreeze)
+    """Let runs begin at once, and leave what was frozen after collection so; a run freezes and collects all objects."""
+    spared = SimpleNamespace(collect=lambda: 0, freeze=lambda: None, unfreeze=lambda: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "gc", spared)
         yield
+
+
+def built_once(path: Path, build: Callable[[], Press]) -> Press:
+    """Return the press of a file of the test run; the process that needs it first makes it, and the others read it."""
+    with in_turn(path):
+        if not path.exists():
+            build().save(path)
+    return Press.load(path)
 
 
 @pytest.fixture(scope="session")
@@ -71,9 +95,9 @@ def prototype() -> PressFile:
 
 
 @pytest.fixture(scope="session")
-def press(prototype: PressFile) -> Press:
+def press(prototype: PressFile, session_folder: Path) -> Press:
     """The paper's rig with a line of 400 pixels, 42 mm."""
-    return build_press(prototype, seed=1, pixels=400)
+    return built_once(session_folder / "rig.press", lambda: build_press(prototype, seed=1, pixels=400))
 
 
 @pytest.fixture(scope="session")
@@ -84,8 +108,8 @@ def two_sensor_file(prototype: PressFile) -> PressFile:
 
 
 @pytest.fixture(scope="session")
-def two_sensor_press(two_sensor_file: PressFile) -> Press:
-    return build_press(two_sensor_file, seed=2, pixels=400)
+def two_sensor_press(two_sensor_file: PressFile, session_folder: Path) -> Press:
+    return built_once(session_folder / "two.press", lambda: build_press(two_sensor_file, seed=2, pixels=400))
 
 
 @pytest.fixture(scope="session")
@@ -135,19 +159,18 @@ class Made:
 
 @pytest.fixture(scope="session")
 def trained_press(press: Press, make_page: Callable[..., Page], session_folder: Path) -> Press:
-    """The press with the matched filter, made fit by 18 of 24 designs, which lets one good page in ten alarm.
-
-    The process that needs it first makes it, and the others of this run read it.
-    """
-    from prooflight.commissioning.training.train import trained
-
+    """The press with the matched filter, made fit by 18 of 24 designs, which lets one good page in ten alarm."""
     often = replace(press, good_pages_per_false_alarm=10.0)
-    path = session_folder / "trained.press"
-    with in_turn(path):
-        if not path.exists():
-            designs = Made(make=make_page)
-            trained(often, designs, designs=24, seed=1, false_alarm_rate=0.1, processes=1).save(path)
-    return often.with_detector("matched_filter", model_of(Press.load(path)))
+
+    def build() -> Press:
+        from prooflight.commissioning.training.train import trained
+
+        designs = Made(make=make_page)
+        return trained(often, designs, designs=24, seed=1, false_alarm_rate=0.1, processes=1)
+
+    return often.with_detector(
+        "matched_filter", model_of(built_once(session_folder / "trained.press", build))
+    )
 
 
 @pytest.fixture(scope="session")

@@ -16,14 +16,13 @@ This matters where one run draws both with one seed, as these runs do:
 
 - ``study paper``, ``design`` and ``robustness``: a pilot's print and the drawing of its design; the resampling of
   costs and design 2;
-- ``study figures``: figure 6's misprint and figure 7's first copy of its page; figure 5's second sensor and page 1;
 - ``study calibration``: the session and the choice of colours of a job's page 1;
 - ``study ink``: the folds and the noise whose median is stated;
 - ``watch``: the faults of its drum and sheet 9;
 - the specimen of a press, which most studies draw with seed 1, and what they draw at ``[1]``: design 0 of
   ``design`` and ``robustness``, the recipes of ``press build``, ``tables`` and ``calibration``, the
-  first piece of ``worlds``, the first drifting day of ``running``, figure 5's first sensor, the pages of ``bench``, the
-  misprints and sheet 0 of ``demo``, sheet 0 of ``watch``.
+  first piece of ``worlds``, the first drifting day of ``running``, the pages of ``bench``, the misprints and sheet 0 of
+  ``demo``, sheet 0 of ``watch``.
 
 The same bits then determine two quantities, such as a layout and a noise. Whether a published figure depends
 on that has not been measured. A new purpose coincides with none if its second word is fixed, and a number
@@ -115,8 +114,6 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
             "ranks of pages that tie, and which page is forgotten", (SEED, FREE + 11)
         ),
         "feedback-weeks": Purpose("days and questions of one history of weeks", (SEED, FREE + 61, "history")),
-        "figure-exposures": Purpose("repeated exposures of colours", (SEED, "sensor")),
-        "figure-misprint": Purpose("misprint and noise of the scan whose error map is shown", (SEED, "page")),
         "gate-bootstrap": Purpose("which times resample the tail of a gate's", (SEED, FREE + 42)),
         "gate-plan": Purpose("sheets, verdicts and slips of the gate's long run", (SEED, FREE + 19)),
         "golden-bootstrap": Purpose("which pairs resample the rates of the golden detector", (SEED,)),
@@ -157,9 +154,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "running-misprint": Purpose("a misprint and its scan, for the drum", (SEED, FREE + 15, "sheet")),
         "running-print": Purpose("a print and its scan, for the drum", (SEED, "sheet", 2)),
         "sample-job": Purpose("stock, invoices and charts of the sample job, a child each", (SEED,)),
-        "sample-print": Purpose("misprint and noise of a copy of a page", (SEED, "page", "copy")),
         "sample-run": Purpose("sheets of a made-up run, for tests and pictures", (SEED, FREE + 127, "run")),
-        "sample-session": Purpose("the session of the copies of a page", (SEED, "page")),
         "scene-print": Purpose("misprint, print and noise of a copy", (SEED, "scene", "design", "copy", 3)),
         "scene-session": Purpose("the session of a press day", (SEED, "scene", "first design", 2)),
         "session": Purpose("the session of a run of prints", (SEED, 0, 1)),

@@ -14,6 +14,7 @@ from prooflight.errors import PressError
 from prooflight.inks.chart import Chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.reflectance import LogLinear
+from prooflight.inks.selection import MODELS
 from prooflight.press.artefact import Press
 from prooflight.spectra import WAVE_NM
 
@@ -33,7 +34,7 @@ def test_the_built_in_inks_come_back_from_a_file(press: Press, prototype: PressF
     np.testing.assert_array_equal(again.reflectance(RECIPES), prototype.inks().reflectance(RECIPES))
 
 
-@pytest.mark.parametrize("model", ["log-linear", "neighbours", "hybrid"])
+@pytest.mark.parametrize("model", list(MODELS))
 def test_inks_of_a_chart_come_back_from_a_file(
     press: Press, prototype: PressFile, tmp_path: Path, model: str
 ) -> None:
@@ -60,7 +61,25 @@ def test_inks_of_a_chart_come_back_from_a_file(
         inks.chart_digest,
     )
     np.testing.assert_array_equal(again.reflectance(RECIPES), inks.reflectance(RECIPES))
-    np.testing.assert_array_equal(again.standard_deviation(RECIPES), inks.standard_deviation(RECIPES))
+    np.testing.assert_array_equal(again.spread.of_root(RECIPES), inks.spread.of_root(RECIPES))
+    if model == "neighbours":
+        _assert_wrong_values_are_refused(replace(press, ink_arrays=arrays, ink_facts=facts))
+
+
+def _assert_wrong_values_are_refused(press: Press) -> None:
+    for name, value in (
+        ("model.cmyk", np.nan),
+        ("model.measured", np.inf),
+        ("spread.reach", 0.0),
+        ("spread.squared", -1.0),
+    ):
+        array = press.ink_arrays[name].copy()
+        array.reshape(-1)[7] = value
+        with pytest.raises(PressError, match=name):
+            replace(press, ink_arrays={**press.ink_arrays, name: array}).check()
+    score = press.ink_facts["score"].replace(": ", ": -", 1)
+    with pytest.raises(PressError, match=r"ink_facts\.score"):
+        replace(press, ink_facts={**press.ink_facts, "score": score}).check()
 
 
 def test_the_digest_covers_the_inks_and_a_press_travels_with_them(press: Press) -> None:

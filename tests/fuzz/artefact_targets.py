@@ -1,4 +1,4 @@
-"""Press artefacts and ink models, spoilt and digested anew."""
+"""Press artefacts, spoilt and digested anew."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from tests.fuzz.harness import Target
-from tests.fuzz.press_mutants import ink_mutants, mutants
-from tests.fuzz.text_targets import chart_samples
+from tests.fuzz.press_mutants import mutants
 
 if TYPE_CHECKING:
     from prooflight.detectors.matched_filter.calibrated import CalibratedDetector
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 PIXELS = 400
 STATISTICS = ("box/add-C+/8", "streak/void/1/full", "fit/white", "step/gain-K/across")
-INK_MODELS = ("log-linear", "neighbours")
 
 
 def press_samples() -> list[bytes]:
@@ -104,31 +102,4 @@ def _ruined(press: Press) -> np.ndarray:
     return np.full((len(press.sensors), min(lines, 4000), press.geometry.pixels), 1000, np.uint16)
 
 
-def ink_samples() -> list[bytes]:
-    """The files of two ink models of a small chart."""
-    from prooflight.inks.chart import read_chart
-    from prooflight.inks.ink_model import InkModel
-
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "chart.txt").write_bytes(chart_samples()[0])
-        chart = read_chart(folder / "chart.txt")
-        for model in INK_MODELS:
-            InkModel.fit(chart, model, folds=2).save(folder / model)
-        return [(folder / model).read_bytes() for model in INK_MODELS]
-
-
-def read_ink(path: Path) -> None:
-    """Load it, and predict."""
-    from prooflight.inks.ink_model import InkModel
-
-    model = InkModel.load(path)
-    wanted = np.random.default_rng(8).uniform(0, 1, (5, 4))
-    assert np.isfinite(model.reflectance(wanted)).all()
-    assert np.isfinite(model.standard_deviation(wanted)).all()
-
-
-TARGETS = (
-    Target(name="press", suffix=".press", samples=press_samples, mutate=mutants, read=read_press),
-    Target(name="ink-model", suffix=".ink", samples=ink_samples, mutate=ink_mutants, read=read_ink),
-)
+TARGETS = (Target(name="press", suffix=".press", samples=press_samples, mutate=mutants, read=read_press),)

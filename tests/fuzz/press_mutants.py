@@ -1,4 +1,4 @@
-"""Spoilt press artefacts and ink models, digested anew: whoever made them had the right tools and the wrong numbers."""
+"""Spoilt press artefacts, digested anew: whoever made them had the right tools and the wrong numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from safetensors.numpy import load, save
 
-from prooflight.inks import ink_model
 from prooflight.press import artefact as press
 
 if TYPE_CHECKING:
@@ -51,26 +50,6 @@ def mutants(source: bytes, rng: Rng) -> bytes:
     else:
         arrays_spoilt(arrays, rng)
     return press_of(texts, arrays)
-
-
-def ink_mutants(source: bytes, rng: Rng) -> bytes:
-    """The same of an ink model's file."""
-    texts, arrays = taken_apart(source)
-    way = int(rng.integers(6))
-    if way == 0:
-        return bytes_spoilt(source, rng)
-    if way < 3:
-        facts: dict[str, Any] = {name: texts[name] for name in ("model", "chart", "why")}
-        facts["score"] = json.loads(texts["score"])
-        document_spoilt(facts, rng)
-        given = {
-            name: value if isinstance(value, str) else json.dumps(value) for name, value in facts.items()
-        }
-        texts = {name: texts[name] for name in ("kind", "schema")} | told_in_utf8(given)
-    else:
-        arrays_spoilt(arrays, rng)
-    texts["digest"] = ink_model._digest(arrays, texts)
-    return _saved(arrays, texts)
 
 
 def press_of(texts: dict[str, str], arrays: Arrays) -> bytes:

@@ -1,4 +1,4 @@
-"""Array schema of every kind of ink model, whether in a file of its own or in a press artefact."""
+"""Array schema of every kind of ink model in a press artefact."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ import numpy as np
 from PIL import Image
 
 from prooflight.detectors.base import BLOCK_PIXELS
-from prooflight.scans.placement import IN_PLACE
 from prooflight.spectra import srgb_encoded
 
 if TYPE_CHECKING:
@@ -118,11 +117,6 @@ def appearance(cmyk: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.
             weight *= upper[:, ink] if side else lower[:, ink]
         mixed += weight[:, None] * colours[first + int(np.dot(corner, strides))]
     return np.rint(mixed).astype(np.uint8).reshape(*cmyk.shape[:2], 3)
-
-
-def page_frame(page: Page, press: Press) -> Frame:
-    """Return the area of a page at its nominal place: all but parts of a pixel along its edges."""
-    return _frame(page, press, press.geometry.on_page(page.width_mm, page.height_mm), IN_PLACE)
 
 
 def frame_of(inspection: Inspection, planned: PlannedPage) -> Frame:

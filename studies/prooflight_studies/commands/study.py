@@ -142,36 +142,6 @@ def tables(
 
 
 @app.command()
-def figures(
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where to write the pictures.")],
-    press_file: PressFileAt = None,
-    job: JobFile = None,
-    page: Annotated[int, typer.Option(metavar="N", help="Page of figures 6 to 8.", min=1)] = 1,
-    misprint: Annotated[
-        str, typer.Option(metavar="KIND[:SEVERITY]", help="What goes wrong in figure 6.")
-    ] = "missing-content:0.6",
-    seed: Annotated[int, typer.Option(help="Of specimen, noise and misprint.", min=0)] = 1,
-    json: Json = False,
-) -> None:
-    """Draw the paper's figures 3 to 8 for a press and a page: light, tables, noise, error map, statistics, cost."""
-    from prooflight.press.press_file import PressFile
-    from prooflight.simulation.scans import MisprintRequest
-    from prooflight_studies.paper.figures import Exhibit, draw_figures
-
-    press = PressFile.prototype() if press_file is None else PressFile.read(press_file)
-    request = MisprintRequest.parse(misprint)
-    tell = show.steps(quiet=json)
-    with job_or_sample(job) as job_path:
-        exhibit = Exhibit(job=job_path, page=page, misprint=request)
-        written = draw_figures(press, exhibit, out, seed=seed, progress=tell)
-    if json:
-        show.print_json([str(path) for path in written])
-        return
-    for path in written:
-        show.people.print(show.strong(path))
-
-
-@app.command()
 def page(
     results: Annotated[
         Path, typer.Argument(metavar="RESULTS.json", help="What a study kept beside its page.")

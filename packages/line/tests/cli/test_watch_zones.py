@@ -44,6 +44,7 @@ def small(tmp_path: Path, make_page: Callable[..., Page], trained_press: Press) 
 def test_zones_are_priced_saved_and_then_in_force(
     small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 1)  # more processes would load all kernels again
     at = {name: small / name for name in ("job", "my.press", "job.zones.json", "scans")}
     on_press = ["--press", at["my.press"]]
     made = [at["job"], *on_press, "--world", "press", "-o", at["scans"]]
@@ -57,7 +58,6 @@ def test_zones_are_priced_saved_and_then_in_force(
     assert prooflight(monkeypatch, *priced, "--prints", 12, "--trials", 0) == 0
     assert at["job.zones.json"].read_bytes() == before  # nothing is saved unasked
     capsys.readouterr()
-    monkeypatch.setattr("os.cpu_count", lambda: 1)  # in this process: the first call had others print
     assert prooflight(monkeypatch, *priced, "--prints", 24, "--trials", 3, "--save") == 0
     told = json.loads(capsys.readouterr().out)
     assert [(one["name"], one["kind"]) for one in told["zones"]] == [

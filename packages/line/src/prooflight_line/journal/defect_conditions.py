@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from prooflight.detectors.verdict import Region
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,20 +39,6 @@ class DefectConditions:
     def any_defect(self) -> bool:
         """Whether a defect of any ink, size and place meets them, so that a sheet's own kind suffices."""
         return self.ink is None and self.least_mm is None and self.box_mm is None
-
-    def met_by(self, region: Region) -> bool:
-        """Return whether a defect meets them."""
-        if self.kind is not None and region.kind != self.kind:
-            return False
-        if self.ink is not None and region.ink != self.ink:
-            return False
-        if self.least_mm is not None and max(region.width_mm, region.height_mm) < self.least_mm:
-            return False
-        if (box := self.box_mm) is None:
-            return True
-        x = max(region.x_mm - box[2], box[0] - (region.x_mm + region.width_mm), 0.0)
-        y = max(region.y_mm - box[3], box[1] - (region.y_mm + region.height_mm), 0.0)
-        return x * x + y * y <= self.within_mm**2
 
     def sql(
         self, *, kind: str, ink: str, box: tuple[str, str, str, str], mark: str = "?", greatest: str = "max"

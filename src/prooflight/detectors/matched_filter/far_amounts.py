@@ -8,22 +8,19 @@ the whole.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.cmyk import INK_NAMES
+from prooflight.cmyk import INK_NAMES, INKS
 from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, free_gains, summed_blocks
-from prooflight.detectors.matched_filter.plane_places import of_most, planes_by_edges
+from prooflight.registration.planes import ALONE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
     from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, ResidualVariance
-
-SURE_MM: Final = 0.03
-"""Greatest standard deviation of the place of a located plane. assumed: three of them are a good plane's most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,7 +33,7 @@ class FarAmounts:
     further_mm: NDArray[np.float64]
     """(4, 2) displacements from where most planes lie; 0 where they are not located."""
     located: NDArray[np.bool_]
-    """(4, 2) which are located."""
+    """(4,) which are located."""
     blocks: FitBlocks
     sums: NDArray[np.float32]
     """Sums of ``blocks`` over the scan."""
@@ -52,12 +49,14 @@ class FarAmounts:
     ) -> FarAmounts:
         """Take what is needed of the scan's images, before these are forgotten."""
         blocks, pitch = FitBlocks.of(placed.seen_by_all()), prepared.binned_geometry.pixel_pitch_mm
-        off, sd = planes_by_edges(placed)
-        located, planes_mm = pitch * sd < SURE_MM, analysis.registration.planes_mm
+        located, further_mm = np.zeros(INKS, bool), np.zeros((INKS, 2))
+        if (far := analysis.far_planes()) is not None:
+            planes_mm, located = far
+            further_mm = of_most(planes_mm, located)
         return cls(
             prepared=prepared,
-            planes=planes_mm / pitch,
-            further_mm=of_most(planes_mm + pitch * off, located),
+            planes=analysis.registration.planes_mm / pitch,
+            further_mm=further_mm,
             located=located,
             blocks=blocks,
             sums=summed_blocks(placed, blocks, threads=1),
@@ -70,10 +69,11 @@ class FarAmounts:
         Where planes lie elsewhere, blocks have other light as well, and would be taken for a change of ink.
         """
         prior = self.prepared.prior
-        if np.abs(self.further_mm).max() > prior.most_plane_mm:
+        if np.abs(self.further_mm).max() > ALONE * prior.most_plane_mm:
             return {
-                f"register-{INK_NAMES[ink]}-{'xy'[axis]}": float(self.further_mm[ink, axis])
-                for ink, axis in np.argwhere(self.located).tolist()
+                f"register-{INK_NAMES[ink]}-{axis}": float(mm)
+                for ink in np.flatnonzero(self.located).tolist()
+                for axis, mm in zip("xy", self.further_mm[ink], strict=True)
             }
         gains = free_gains(
             self.blocks,
@@ -86,3 +86,18 @@ class FarAmounts:
             residual_variance=self.residual_variance,
         )
         return {f"gain-{INK_NAMES[ink]}": gain for ink, gain in gains.items()}
+
+
+def of_most(planes: NDArray[np.float64], located: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return displacements (4, 2) from where most of the located planes (4,) lie; 0 for those that are not located.
+
+    That is the plane to which the others are nearest.
+
+    >>> of_most(np.array([[3.0, 0], [0, 0], [0.2, 0], [0, 0]]), np.array([True, True, True, False]))[:, 0]
+    array([ 2.8, -0.2,  0. ,  0. ])
+    """
+    relative = np.zeros_like(planes)
+    own = planes[located]
+    far = np.abs(own[:, None] - own).sum(axis=0) + 0.01 * np.abs(own)
+    relative[located] = own - np.take_along_axis(own, far.argmin(axis=0)[None], axis=0)
+    return relative

@@ -166,7 +166,7 @@ def test_what_is_in_black_lies_where_black_was_printed_below_a_title_in_colour(
 def test_a_plane_out_of_register_is_stated_and_not_followed(
     two_sensor_press: Press, ink: int, away_mm: float
 ) -> None:
-    """To the raster pixel, whichever plane the page's place follows; beyond a stroke's width of 0.4 mm, or not at all."""
+    """To the raster pixel, whichever plane the page's place follows; beyond a stroke of 0.4 mm, that or nothing."""
     page, steps = set_in(FOUR_INKS), np.zeros((4, 2), np.int64)
     steps[ink, 0] = round(away_mm / page.pixel_mm)
     landmarks, scan = (

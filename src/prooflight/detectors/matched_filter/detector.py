@@ -415,7 +415,11 @@ class MatchedFilterPage:
         if self.judge is not None and alarmed and not another:
             return self._careful_explanation(analysis, self.judge.greatest(careful))
         learned = model.kinds_of(values[None], self.prepared_page.page_features[None])[0]
-        kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.registration)
+        kind = (
+            WRONG_PAGE_KIND
+            if another
+            else supported(learned or named(strongest), analysis.registration, self.inks)
+        )
         inks, distinct = (
             measured_inks(analysis, self.inks, far),
             distinct_inks(self.detector.press_context.sensors),

@@ -59,6 +59,11 @@ def test_a_stored_design_gives_the_same_values(store: PreparedStore, known: Pack
     np.testing.assert_array_equal(one.stored_arrays["values"], other.stored_arrays["values"])
     np.testing.assert_array_equal(known.additional["light"], loaded.additional["light"])
     assert store.load(4) is None
+    # As after a cluster's press has come to a worker: the same types of numbers, in other objects.
+    light = known.additional["light"]
+    light = light.view(pickle.loads(pickle.dumps(light.dtype)))
+    assert light.dtype is not known.additional["light"].dtype
+    assert store.content(replace(known, additional={"light": light})) == store.content(known)
 
 
 def test_a_recorded_scan_is_inspected_by_what_is_stored(

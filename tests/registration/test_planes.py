@@ -15,7 +15,7 @@ from prooflight.detectors.print_prior import PrintPrior
 from prooflight.pages.raster import Page
 from prooflight.prediction.predict import predict
 from prooflight.registration.overlaps import overlaps_of
-from prooflight.registration.planes import FringeRegister, register_by_fringes
+from prooflight.registration.planes import FringeRegister, register_by_fringes, register_far_planes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 from prooflight.simulation.prints import draw_placement
@@ -163,11 +163,27 @@ def test_what_is_in_black_lies_where_black_was_printed_below_a_title_in_colour(
 
 @pytest.mark.parametrize("ink", range(4))
 @pytest.mark.parametrize("away_mm", [0.32, 0.6])
-def test_a_plane_out_of_register_is_not_followed(two_sensor_press: Press, ink: int, away_mm: float) -> None:
+def test_a_plane_out_of_register_is_stated_and_not_followed(
+    two_sensor_press: Press, ink: int, away_mm: float
+) -> None:
+    """To the raster pixel, whichever plane the page's place follows; beyond a stroke of 0.4 mm, that or nothing."""
     page, steps = set_in(FOUR_INKS), np.zeros((4, 2), np.int64)
     steps[ink, 0] = round(away_mm / page.pixel_mm)
-    _, fringes = by_fringes(page, two_sensor_press, displaced(page, steps), IN_PLACE)
+    landmarks, scan = (
+        landmarks_of(page, two_sensor_press),
+        scan_of(displaced(page, steps), two_sensor_press, IN_PLACE),
+    )
+    registration, overlaps = register(landmarks, scan), overlaps_of(page, landmarks, good_mm=GOOD_MM)
+    assert overlaps is not None
+    fringes = register_by_fringes(overlaps, landmarks, scan, registration)
     assert fringes is None or not apart(fringes.planes_mm, page).any()
+    far = register_far_planes(page, landmarks, scan, registration)
+    if far is None:
+        assert away_mm > 0.4
+    else:
+        planes_mm, located = far
+        assert located.all()
+        np.testing.assert_array_equal(apart(planes_mm, page), steps[:3] - steps[3])
 
 
 def test_planes_of_a_press_that_varies_more_are_followed_further(two_sensor_press: Press) -> None:
@@ -191,7 +207,10 @@ def test_planes_in_register_stay(two_sensor_press: Press) -> None:
 
 def test_a_page_of_one_ink_has_no_shared_edges(two_sensor_press: Press) -> None:
     page = set_in(BLACK)
-    assert overlaps_of(page, landmarks_of(page, two_sensor_press), good_mm=GOOD_MM) is None
+    landmarks = landmarks_of(page, two_sensor_press)
+    assert overlaps_of(page, landmarks, good_mm=GOOD_MM) is None
+    scan = scan_of(page, two_sensor_press, IN_PLACE)
+    assert register_far_planes(page, landmarks, scan, register(landmarks, scan)) is None
 
 
 @pytest.mark.parametrize("ink", [BLACK, FOUR_INKS], ids=["one ink", "four inks"])

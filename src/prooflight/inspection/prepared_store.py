@@ -43,6 +43,8 @@ ALIGNED: Final = 64
 """Arrays begin at multiples of it, as processors read them fastest. [bytes]"""
 MOST_BYTES: Final = 10_000_000_000
 """Size of all prepared jobs of a user; assumed: some 300 to 5,000 designs."""
+OF_NUMBERS: Final = "numbers"
+"""Kind of a reference to a type of numbers, by its name in numpy's array interface."""
 OF_NUMPY: Final = frozenset(
     {
         ("numpy", "dtype"),
@@ -229,8 +231,14 @@ class _Pickler(pickle.Pickler):
         super().__init__(file, protocol=5, buffer_callback=lambda one: arrays.append(one.raw()))
         self._shared = {id(one): (kind, at) for kind, each in shared.items() for at, one in enumerate(each)}
 
-    def persistent_id(self, one: Any) -> tuple[str, int] | None:
-        """Return which of the press's parts an object is; None: none."""
+    def persistent_id(self, one: Any) -> tuple[str, int | str] | None:
+        """Return which of the press's parts an object is, or which type of numbers; None: neither.
+
+        Types of numbers that came from another process are objects of their own, so that the same design would be
+        other bytes there.
+        """
+        if isinstance(one, np.dtype) and one.names is None:
+            return OF_NUMBERS, one.str
         if id(one) in self._shared:
             return self._shared[id(one)]
         if isinstance(one, SensorModel):
@@ -251,9 +259,14 @@ class _Unpickler(pickle.Unpickler):
         super().__init__(file, buffers=arrays)
         self._parts, self._packages = parts, {"prooflight", package}
 
-    def persistent_load(self, name: Any) -> SensorModel:
-        """Return a part of the press."""
+    def persistent_load(self, name: Any) -> SensorModel | np.dtype[Any]:
+        """Return a part of the press, or a type of numbers; UnpicklingError: it is a type of objects."""
         kind, index = name
+        if kind == OF_NUMBERS:
+            numbers = np.dtype(str(index))
+            if numbers.hasobject:
+                raise pickle.UnpicklingError("objects are no part of a design")
+            return numbers
         return self._parts[kind][index]
 
     def find_class(self, module: str, name: str) -> Any:

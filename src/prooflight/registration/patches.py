@@ -85,6 +85,8 @@ class Patches:
     """Inverse variance with planes in register, in the shape of light. [1/DN^2]"""
     most: float = np.inf
     """Cost at which a patch counts half."""
+    plane_sd_mm: float = PLANE_SD_MM
+    """Standard deviation of each plane a priori."""
     threads: int = 1
     """Number of threads that render patches."""
     scale: float = 1.0
@@ -105,6 +107,7 @@ class Patches:
         registration: Registration,
         *,
         lost: NDArray[np.bool_] | None = None,
+        plane_sd_mm: float = PLANE_SD_MM,
         threads: int = 1,
     ) -> Self | None:
         """Return the patches that a scan shows of a page registered there, or None if they are too few.
@@ -112,6 +115,7 @@ class Patches:
         Parameters
         ----------
         lost : (sensors, lines) missing lines; a patch on one of them is left out
+        plane_sd_mm : standard deviation of each plane a priori
         threads : number of threads that render patches
         """
         moves = _moves(overlaps, landmarks, registration.placement, scan.shape[1])
@@ -140,6 +144,7 @@ class Patches:
             light=np.stack(light).astype(np.float32),
             moves=(moves - whole)[seen] * landmarks.ratio,
             base=np.empty(np.shape(light), np.float32),
+            plane_sd_mm=plane_sd_mm,
             threads=threads,
         )
         self.sharpen(IN_REGISTER)
@@ -171,7 +176,7 @@ class Patches:
             self.left.update(zip(new, self._rendered(new), strict=True))
         if new := [steps for steps in dict.fromkeys(many) if steps not in self.cached_costs]:
             shared, _ = self._shared(new)
-            off = np.array(new) * (self.overlaps.pixel_mm / PLANE_SD_MM)
+            off = np.array(new) * (self.overlaps.pixel_mm / self.plane_sd_mm)
             costs = shared[:, 0] / self.scale + np.square(off).sum(axis=1) / 2
             moves = shared[:, 1:].tolist()
             self.cached_costs.update(

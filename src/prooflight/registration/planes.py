@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import INKS
+from prooflight.registration.overlaps import overlaps_of
 from prooflight.registration.patches import IN_REGISTER, Patches, Steps
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from prooflight.pages.raster import Page
     from prooflight.registration.landmarks import Landmarks
     from prooflight.registration.overlaps import Overlaps
     from prooflight.registration.register import PlacedTiles, Registration
@@ -39,6 +41,14 @@ TRIED: Final = 4
 FURTHER: Final = 10.0
 """Logarithm of the odds above which a plane lies further off than those of good prints, a misprint; below it,
 fringes leave its place undecided."""
+
+FAR_MM: Final = 0.7
+"""Greatest displacement of a plane of a misprint that is looked for. Assumed: a little more than a letter's stroke and
+the space beside it, beyond which other planes explain the same fringes."""
+FAR_SD_MM: Final = 0.35
+"""Standard deviation of the planes of a misprint a priori. Assumed: half of that."""
+FAR_STEPS: Final = 3
+"""Distance of places from which a plane of a misprint is looked for: strokes are wider. [raster pixels]"""
 
 
 PAIRS_OF: Final = {count: np.array([*combinations(range(count), 2)]).T for count in (3, 4)}
@@ -92,6 +102,61 @@ def register_by_fringes(
     further_mm = patches.further_pixels(steps, placement) * landmarks.pitch_mm
     placement, planes_mm = registration.tiles.corrected(further_mm).placed(planes_mm, overlaps.has_edges)
     return FringeRegister(placement=placement, planes_mm=planes_mm)
+
+
+def register_far_planes(
+    page: Page,
+    landmarks: Landmarks,
+    scan: NDArray[np.uint16],
+    registration: Registration,
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    threads: int = 1,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
+    """Return the displacements of planes that may lie further off than those of good prints, as a misprint's do.
+
+    Parameters
+    ----------
+    page, landmarks : of the design
+    scan : (sensors, lines, pixels) [DN]
+    registration : of the page in the scan
+    lost : (sensors, lines) missing lines
+    threads : number of threads that render patches
+
+    Returns
+    -------
+    planes_mm : (4, 2) displacements to the right and down, to the raster pixel, about a place that all have in common
+    located : (4,) the planes that have edges beside other planes' [-]
+        None where fringes do not tell: the page was not located, its planes share too few edges, or it does not look
+        as designed wherever they lie.
+    """
+    overlaps = overlaps_of(page, landmarks, good_mm=FAR_MM)
+    if registration.tiles is None or overlaps is None:
+        return None
+    patches = Patches.of(
+        overlaps, landmarks, scan, registration, lost=lost, plane_sd_mm=FAR_SD_MM, threads=threads
+    )
+    if patches is None:
+        return None
+    start = _rounded(overlaps, registration.planes_mm)
+    starts = [start, *_jumps(patches, start)]
+    near = [starts[place] for place in np.argsort(patches.costs(starts), kind="stable")[:TRIED]]
+    steps = _searched(patches, patches.most_likely([_descended(patches, one) for one in near]))
+    steps = _resolved_by_tiles(patches, registration.tiles, steps)
+    if patches.misfit > MOST_MISFIT or _goes_further(patches, steps):
+        return None
+    return overlaps.planes_mm(steps), overlaps.has_edges
+
+
+def _jumps(patches: Patches, steps: Steps) -> list[Steps]:
+    """Return all displacements of one plane by multiples of ``FAR_STEPS`` along an axis, within its reach."""
+    reach = patches.overlaps.reach
+    return [
+        _stepped(steps, axis, {ink: place - steps[INKS * axis + ink]})
+        for axis in range(2)
+        for ink in patches.overlaps.inks
+        for place in range(-reach + 1, reach, FAR_STEPS)
+    ]
 
 
 def _resolved_by_tiles(patches: Patches, tiles: PlacedTiles, best: Steps) -> Steps:

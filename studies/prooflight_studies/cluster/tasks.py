@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -111,7 +111,8 @@ def inspect(press: Press, job: Path, scans: Path) -> Task:
     def run(processes: Processes, ended: Callable[[], None]) -> str:
         verdicts = []
         for judged in in_order(work, pairs, processes=processes, files=work.files):
-            verdicts.append(repr(judged.verdict).encode())  # every figure to its last digit
+            timeless = replace(judged.verdict, milliseconds=0.0)
+            verdicts.append(repr(timeless).encode())  # every figure to its last digit
             ended()
         return _digest(verdicts)
 

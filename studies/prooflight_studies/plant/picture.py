@@ -28,7 +28,7 @@ def draw_causes(path: Path, confusion: Mapping[str, Counter[str]], causes: Seque
             left.text(column, row, str(number), ha="center", va="center", fontsize=8, color=colour)
     left.set_xticks(range(len(answers)), answers, rotation=45, ha="right", fontsize=8)
     left.set_yticks(range(len(confusion)), list(confusion), fontsize=8)
-    left.set(xlabel="said", ylabel="true")
+    left.set(xlabel="named", ylabel="true")
     for label, damping, colour in (
         ("as it drifts", None, "#999999"),
         ("corrected as offered", 0.5, "#1f77b4"),

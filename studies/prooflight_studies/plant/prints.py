@@ -39,6 +39,8 @@ SPOTS_MM: Final = (0.8, 3.0)
 """Diameters of marks of rollers and of spots. assumed: clearly visible, and not yet a patch."""
 CLOUDS: Final = 12.0
 """Factor on the clouds of good paper (``worlds.toml``) for paper of bad formation. assumed."""
+BESIDE: Final = 0.001
+"""Share of a page that a second ink must print for its planes to have a register."""
 INKED_SHARE: Final = 0.3
 """Share of a column that must have a quarter of full ink for its nozzle to fail there."""
 COPIES: Final = {"spot": 3, "nozzle": 5, "scratch": 1, "density": 1, "register": 1, "paper": 1, "good": 2}
@@ -119,7 +121,7 @@ def defect_prints(
     """Print designs with defects at known places, on a press day each, and inspect them.
 
     press: of the press artefact. cache: where the prints of each design are stored. Designs without a column of much
-    ink have no missing lines.
+    ink have no missing lines, and those of one ink no register.
     """
     facts = {
         "press": Press.load(press).digest,
@@ -147,6 +149,8 @@ def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, str, t
     x, most = (float(column) + rng.random()) * page.pixel_mm, int(inked.mean(axis=0).argmax())
     for what, copies in COPIES.items():
         if what in ("nozzle", "scratch") and not len(places):
+            continue
+        if what == "register" and (inked.mean(axis=0) > BESIDE).sum() < 2:
             continue
         for _ in range(copies):
             at, letter, printed = (0.0, 0.0), "", page

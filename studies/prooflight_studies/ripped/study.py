@@ -7,7 +7,7 @@ the press has learned good prints of other pages.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -111,6 +111,8 @@ class FalseAlarmRow:
     statement: str
     learned: int
     """Good pages that were learned; 0: as built."""
+    promise: float
+    """Share of good pages that may alarm, by the press's own promise. [-]"""
     good: int
     alarms: int
     uninspected: int
@@ -202,7 +204,7 @@ def run_false_alarm_study(
         seed=plan.seed,
         press=loaded.name,
         press_digest=loaded.digest,
-        promise=model_of(loaded).guarantee.rate,
+        promise=_promise(loaded),
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
         minutes=minutes_spent(pieces, cache, digest=digest),
@@ -238,25 +240,32 @@ def counts(rows: Rows, press: Press) -> list[FalseAlarmRow]:
                 judged = of_row & rows["judged"]
                 if not judged.any():
                     continue
-                verdicts = [(0, rows["alarm"][judged])]
+                facts: dict[str, Any] = {
+                    "world": world,
+                    "rip": rip.name,
+                    "title": rip.title,
+                    "statement": statement,
+                }
+                facts |= {"learned": 0, "promise": _promise(press)}
+                table.append(_counted(rows, judged, rows["alarm"][judged], facts=facts))
                 if (of_learned := of_row & ~rows["judged"]).any():
-                    learned, count = _learned(rows, of_learned, judged, press)
-                    verdicts.append((count, learned))
-                for count, alarm in verdicts:
-                    facts = {"world": world, "rip": rip.name, "title": rip.title, "statement": statement}
-                    table.append(_counted(rows, judged, alarm, learned=count, facts=facts))
+                    alarm, learned = _learned(rows, of_learned, judged, press)
+                    table.append(_counted(rows, judged, alarm, facts=facts | learned))
     return table
 
 
+def _promise(press: Press) -> float:
+    return model_of(press).guarantee.rate
+
+
 def _counted(
-    rows: Rows, judged: NDArray[np.bool_], alarm: NDArray[np.bool_], *, learned: int, facts: dict[str, str]
+    rows: Rows, judged: NDArray[np.bool_], alarm: NDArray[np.bool_], *, facts: dict[str, Any]
 ) -> FalseAlarmRow:
     good = rows["kind"][judged] == ""
     alarms, count = int((alarm & good).sum()), int(good.sum())
     caught, misprints = int((alarm & ~good).sum()), int((~good).sum())
     return FalseAlarmRow(
         **facts,
-        learned=learned,
         good=count,
         alarms=alarms,
         uninspected=int((rows["uninspected"][judged] & good).sum()),
@@ -270,15 +279,16 @@ def _counted(
 
 def _learned(
     rows: Rows, learned_from: NDArray[np.bool_], judged: NDArray[np.bool_], press: Press
-) -> tuple[NDArray[np.bool_], int]:
-    """Return whether each judged print alarms once the press has learned others, and how many those are.
+) -> tuple[NDArray[np.bool_], dict[str, Any]]:
+    """Return whether each judged print alarms once the press has learned others, how many those are and its promise.
 
     What was not inspected before stays so, and prints of another page are not learned, as `press learn` does.
     """
     places = np.flatnonzero(learned_from & ~rows["another"] & ~rows["uninspected"])
     good = [_scanned(rows, int(place)) for place in places]
-    nominal = 0.0 if "matched_filter" not in press.detectors else model_of(press).guarantee.rate
-    learned = recalibrated(press, good, {one.name: one.digest for one in good}, false_alarm_rate=nominal)
+    learned = recalibrated(
+        press, good, {one.name: one.digest for one in good}, false_alarm_rate=_promise(press)
+    )
     detector = model_of(learned)
     alarms = []
     for place in np.flatnonzero(judged):
@@ -288,7 +298,7 @@ def _learned(
             score, *(float(scanned.evidence[name]) for name in ("glyphs", "floor_mm2"))
         )
         alarms.append(decision.misprint and not rows["uninspected"][place])
-    return np.array(alarms, bool), len(good)
+    return np.array(alarms, bool), {"learned": len(good), "promise": _promise(learned)}
 
 
 def _scanned(rows: Rows, place: int) -> ScannedPage:

@@ -171,8 +171,12 @@ def test_without_a_place_it_is_the_page_as_a_whole() -> None:
 
 def test_a_lost_place_alone_is_no_other_page() -> None:
     lost, placed = registration(located=False), registration()
-    assert supported("wrong-page", lost) == "unknown"
-    assert supported("wrong-page", placed) == "wrong-page"
-    assert supported("streak", lost) == "streak"
+    assert supported("wrong-page", lost, "CMYK") == "unknown"
+    assert supported("wrong-page", placed, "CMYK") == "wrong-page"
+    assert supported("streak", lost, "CMYK") == "streak"
+    assert [supported("swapped-planes", placed, inks) for inks in ("K", "CK")] == [
+        "density",
+        "swapped-planes",
+    ]
     why = "where the page lies cannot be told: too little is printed to tell where"
     assert reason_for("unknown", None, None, {}, lost, distinct=()) == why

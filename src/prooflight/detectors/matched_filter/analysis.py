@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
@@ -48,7 +49,7 @@ from prooflight.prediction.predict import Prediction, repeats_of
 from prooflight.prediction.printed import PrintedPage
 from prooflight.registration.landmarks import HALFTONE
 from prooflight.registration.overlaps import overlaps_of
-from prooflight.registration.planes import register_by_fringes
+from prooflight.registration.planes import register_by_fringes, register_far_planes
 from prooflight.registration.register import prepare, register
 from prooflight.scans.placement import IN_PLACE
 
@@ -302,6 +303,8 @@ class ScanAnalysis:
     """Function that returns the sums of given modes of ``MODES``."""
     placed: Callable[[], PlacedScan]
     """Function that returns the scan and its modes at the page's placement."""
+    far_planes: Callable[[], tuple[NDArray[np.float64], NDArray[np.bool_]] | None]
+    """Function that returns ``register_far_planes``."""
     glyphs: ScoredPage = NOTHING
     """Result of the glyph tests."""
     blind_columns: tuple[int, ...] = ()
@@ -313,7 +316,7 @@ class ScanAnalysis:
 
     def settled(self) -> ScanAnalysis:
         """Return the analysis with the sums that it has and no others, so that the scan's images may be forgotten."""
-        return replace(self, summed=_forgotten, placed=_forgotten)
+        return replace(self, summed=_forgotten, placed=_forgotten, far_planes=_forgotten)
 
 
 def _forgotten(*_: object) -> NoReturn:
@@ -456,6 +459,9 @@ def analyse_registered(
         careful=careful,
         summed=images.summed,
         placed=images.placed,
+        far_planes=partial(
+            register_far_planes, page, prepared.landmarks, scan, registration, lost=lost, threads=threads
+        ),
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )

@@ -284,11 +284,11 @@ class MatchedFilterPage:
                 calibrated.decide(score, glyphs.score, floor.area_mm2),
                 score > calibrated.threshold,
             )
-        explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
-        placed, analysis = analysis.placed, analysis.settled()
-        far: Callable[[], Mapping[str, float]] = dict
+        far: FarAmounts | None = None
         if decision.misprint and not (another or self.model.residual_variance.exact):
-            far = FarAmounts.of(prepared, analysis, placed(), calibrated.model.residual_variance)
+            far = FarAmounts.of(prepared, analysis, calibrated.model.residual_variance)
+        explanation = self._explained(analysis, strongest, values, careful, far) if by_ranking else {}
+        analysis = analysis.settled()
         if floor.alarms and not explanation:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()
@@ -305,7 +305,7 @@ class MatchedFilterPage:
             shift_mm=shift_of(analysis.registration),
             detector=calibrated.name,
             family=FAMILY if explanation.get("kind") in KINDS else strongest[0][0] if strongest else None,
-            inks=measured_inks(analysis, self.inks),
+            inks=measured_inks(analysis, self.inks, far),
             widened=round(self.widening, 2),
             **explanation,
         )
@@ -336,7 +336,7 @@ class MatchedFilterPage:
                 "glyphs": np.array(glyphs.score),
                 "floor_mm2": np.array(floor.area_mm2),
             },
-            state=partial(print_state, analysis, press_context.sensors, far),
+            state=partial(print_state, analysis, press_context.sensors, far or dict),
             variation=partial(page_variation, prepared, analysis),
             summary=None if another else self._summary(values, score, decision),
         )
@@ -405,8 +405,9 @@ class MatchedFilterPage:
         strongest: list[tuple[str, Observed]],
         values: NDArray[np.float32],
         careful: list[Observed],
+        far: FarAmounts | None,
     ) -> dict[str, Any]:
-        """Return kind, places and reason of a misprint."""
+        """Return kind, places and reason of a misprint; of one with a plane out of register, that."""
         model, another = self.model, shows_another(analysis.registration)
         alarmed = self.judge is not None and self.judge.careful_alarms(
             self.detector.calibrated, values_of(careful)
@@ -414,16 +415,27 @@ class MatchedFilterPage:
         if self.judge is not None and alarmed and not another:
             return self._careful_explanation(analysis, self.judge.greatest(careful))
         learned = model.kinds_of(values[None], self.prepared_page.page_features[None])[0]
-        kind = WRONG_PAGE_KIND if another else supported(learned or named(strongest), analysis.registration)
-        inks = measured_inks(analysis, self.inks)
-        regions = self._regions(strongest, kind, analysis, inks)
+        kind = (
+            WRONG_PAGE_KIND
+            if another
+            else supported(learned or named(strongest), analysis.registration, self.inks)
+        )
+        inks, distinct = (
+            measured_inks(analysis, self.inks, far),
+            distinct_inks(self.detector.press_context.sensors),
+        )
+        ink = ""
+        if far is not None and far.displaced.any():
+            kind, ink = "plane-register", far.displaced_ink
+        regions = self._regions(strongest, kind, analysis, inks, ink=ink)
         speaking = next(
             (statistic for _, statistic in strongest if kind_of(statistic.statistic) == kind), None
         )
         place = regions[0] if regions else None
         only_parts = kind == WRONG_PAGE_KIND and not another
-        distinct = distinct_inks(self.detector.press_context.sensors)
-        reason = reason_for(kind, speaking, place, inks, analysis.registration, distinct=distinct)
+        reason = reason_for(
+            kind, speaking, place, inks, analysis.registration, distinct={*distinct, ink}, ink=ink
+        )
         reason = PARTS if only_parts else reason
         return {"kind": kind, "regions": regions, "reason": reason}
 
@@ -453,8 +465,11 @@ class MatchedFilterPage:
         inks: dict[str, Ink],
         *,
         careful: bool = False,
+        ink: str = "",
     ) -> tuple[Region, ...]:
         """Return places, those of the verdict's kind first; a wrong page is wrong as a whole.
+
+        ink: letter of the ink that is off there; empty: its amount is looked for.
 
         careful: the values are deviations of a careful area, of which the model does not know what good pages show.
         """
@@ -470,13 +485,15 @@ class MatchedFilterPage:
         distinct = distinct_inks(self.detector.press_context.sensors)
 
         def measured(statistic: Observed) -> dict[str, Any]:
+            features = self.prepared_page.page_features
+            above_good_sd = None if careful else self.model.above_good(statistic, features)
+            if ink:
+                return {"ink": ink, "above_good_sd": above_good_sd}
             placed = analysis.placed()
             shape = placed.where.inside.shape
             rows, columns = sums.cells_of(statistic.box, shape, (sums.pixel_mm, sums.pixel_mm))
             added = self.prepared_page.added
             amount = amount_in(kind, rows, columns, placed, added, fit, distinct=distinct, inks=inks)
-            features = self.prepared_page.page_features
-            above_good_sd = None if careful else self.model.above_good(statistic, features)
             return asdict(amount) | {"above_good_sd": above_good_sd}
 
         return self._places(kind, places, kinds, analysis, measured)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
 
     from prooflight.detectors.matched_filter.analysis import ScanAnalysis
+    from prooflight.detectors.matched_filter.far_amounts import FarAmounts
     from prooflight.detectors.matched_filter.statistics.marks import FloorFinding
     from prooflight.detectors.matched_filter.statistics.statistic import Observed, Statistic
     from prooflight.prediction.tables import SensorModel
@@ -71,15 +72,17 @@ def distinct_inks(sensors: Sequence[SensorModel]) -> frozenset[str]:
     return frozenset(letter for letter, alone in zip(NAME_OF_INK, distinct, strict=True) if alone)
 
 
-def measured_inks(analysis: ScanAnalysis, present: str) -> dict[str, Ink]:
+def measured_inks(analysis: ScanAnalysis, present: str, far_off: FarAmounts | None = None) -> dict[str, Ink]:
     """Return the state of the inks of ``present``, letters of CMYK, in a print.
 
     A plane of which most is displaced further than registration follows is out of register by that
-    displacement.
+    displacement, and where ``far_off`` has one that is, all are where it has them.
     """
     fit, registration = analysis.fit, analysis.registration
     far = analysis.sums.shifts[:, 1] > MOST_OF_PLANE
     register_mm = registration.planes_mm + np.where(far[:, None], analysis.sums.shifts[:, 2:], 0)
+    if far_off is not None and far_off.displaced.any():
+        register_mm = far_off.register_mm
     return {
         letter: Ink(
             gain_percent=round(100 * float(fit.gain[ink, 0]), 2),
@@ -157,6 +160,7 @@ def reason_for(
     registration: Registration,
     *,
     distinct: Collection[str],
+    ink: str = "",
 ) -> str:
     """Return one line: what is wrong, with which ink, by how much and where.
 
@@ -170,8 +174,9 @@ def reason_for(
     inks : measured state of each ink.
     registration : of the scan.
     distinct : letters of the inks that the sensors distinguish from others.
+    ink : letter of the ink that is off; empty: that of the statistic.
     """
-    ink = _ink_of(statistic)
+    ink = ink or _ink_of(statistic)
     match kind:
         case "wrong-page":
             return place_reason(registration)

@@ -8,22 +8,19 @@ the whole.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from prooflight.cmyk import INK_NAMES
+from prooflight.cmyk import INK_LETTERS, INK_NAMES, INKS
 from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, free_gains, summed_blocks
-from prooflight.detectors.matched_filter.plane_places import of_most, planes_by_edges
+from prooflight.registration.planes import ALONE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, ResidualVariance
-
-SURE_MM: Final = 0.03
-"""Greatest standard deviation of the place of a located plane. assumed: three of them are a good plane's most."""
+    from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,10 +30,10 @@ class FarAmounts:
     prepared: PreparedPage
     planes: NDArray[np.float64]
     """(4, 2) place of each plane in register. [pixels]"""
-    further_mm: NDArray[np.float64]
-    """(4, 2) displacements from where most planes lie; 0 where they are not located."""
+    planes_mm: NDArray[np.float64]
+    """(4, 2) places of planes by the fringes of their edges, about a common one; 0 where they are not located."""
     located: NDArray[np.bool_]
-    """(4, 2) which are located."""
+    """(4,) which are located."""
     blocks: FitBlocks
     sums: NDArray[np.float32]
     """Sums of ``blocks`` over the scan."""
@@ -47,33 +44,57 @@ class FarAmounts:
         cls,
         prepared: PreparedPage,
         analysis: ScanAnalysis,
-        placed: PlacedScan,
         residual_variance: ResidualVariance,
     ) -> FarAmounts:
         """Take what is needed of the scan's images, before these are forgotten."""
+        placed = analysis.placed()
         blocks, pitch = FitBlocks.of(placed.seen_by_all()), prepared.binned_geometry.pixel_pitch_mm
-        off, sd = planes_by_edges(placed)
-        located, planes_mm = pitch * sd < SURE_MM, analysis.registration.planes_mm
+        planes_mm, located = analysis.far_planes() or (np.zeros((INKS, 2)), np.zeros(INKS, bool))
         return cls(
             prepared=prepared,
-            planes=planes_mm / pitch,
-            further_mm=of_most(planes_mm + pitch * off, located),
+            planes=analysis.registration.planes_mm / pitch,
+            planes_mm=planes_mm,
             located=located,
             blocks=blocks,
             sums=summed_blocks(placed, blocks, threads=1),
             residual_variance=residual_variance,
         )
 
+    @property
+    def displaced(self) -> NDArray[np.bool_]:
+        """Which planes (4,) lie further off all others than hardly any good print's."""
+        own = np.flatnonzero(self.located)
+        between = np.abs(self.planes_mm[own, None] - self.planes_mm[own])
+        between[np.arange(own.size), np.arange(own.size)] = np.inf
+        alone = between.min(axis=1, initial=np.inf).max(axis=1) > ALONE * self.prepared.prior.most_plane_mm
+        displaced = np.zeros(INKS, bool)
+        displaced[own[alone]] = own.size > 1
+        return displaced
+
+    @property
+    def register_mm(self) -> NDArray[np.float64]:
+        """Displacements (4, 2) from where most planes lie; 0 for those that are not located."""
+        return of_most(self.planes_mm, self.located)
+
+    @property
+    def displaced_ink(self) -> str:
+        """Letter of the one plane that is displaced; empty: there is none, or two planes do not say which of them is.
+
+        It is known by its edges, and so even where the sensors cannot distinguish its colour.
+        """
+        displaced = np.flatnonzero(self.displaced)
+        return INK_LETTERS[displaced[0]] if displaced.size == 1 and self.located.sum() > 2 else ""
+
     def __call__(self) -> dict[str, float]:
         """Return the displacements of planes, if one is far off, or else the gains of the inks that are, by channel.
 
         Where planes lie elsewhere, blocks have other light as well, and would be taken for a change of ink.
         """
-        prior = self.prepared.prior
-        if np.abs(self.further_mm).max() > prior.most_plane_mm:
+        if self.displaced.any():
             return {
-                f"register-{INK_NAMES[ink]}-{'xy'[axis]}": float(self.further_mm[ink, axis])
-                for ink, axis in np.argwhere(self.located).tolist()
+                f"register-{INK_NAMES[ink]}-{axis}": float(mm)
+                for ink in np.flatnonzero(self.located).tolist()
+                for axis, mm in zip("xy", self.register_mm[ink], strict=True)
             }
         gains = free_gains(
             self.blocks,
@@ -82,7 +103,22 @@ class FarAmounts:
             colours=self.prepared.colours,
             planes=self.planes,
             pixel_mm=self.prepared.binned_geometry.pixel_pitch_mm,
-            prior=prior,
+            prior=self.prepared.prior,
             residual_variance=self.residual_variance,
         )
         return {f"gain-{INK_NAMES[ink]}": gain for ink, gain in gains.items()}
+
+
+def of_most(planes: NDArray[np.float64], located: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return displacements (4, 2) from where most of the located planes (4,) lie; 0 for those that are not located.
+
+    That is the plane to which the others are nearest.
+
+    >>> of_most(np.array([[3.0, 0], [0, 0], [0.2, 0], [0, 0]]), np.array([True, True, True, False]))[:, 0]
+    array([ 2.8, -0.2,  0. ,  0. ])
+    """
+    relative = np.zeros_like(planes)
+    own = planes[located]
+    far = np.abs(own[:, None] - own).sum(axis=0) + 0.01 * np.abs(own)
+    relative[located] = own - np.take_along_axis(own, far.argmin(axis=0)[None], axis=0)
+    return relative

@@ -94,11 +94,14 @@ def named(strongest: Sequence[tuple[str, Observed]]) -> str:
     return next((kind for kind in specific if kind != WRONG_PAGE_KIND), specific[0] if specific else UNKNOWN)
 
 
-def supported(kind: str, registration: Registration) -> str:
-    """Return a kind.
+def supported(kind: str, registration: Registration, inks: str) -> str:
+    """Return a kind, or another one that is possible.
 
-    It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another.
+    It is unknown if it is ``wrong-page`` and the page was not found: any page then looks like another. A page of one
+    of ``inks`` has no planes to swap: ink is off.
     """
+    if kind == "swapped-planes" and len(inks) < 2:
+        return "density"
     return UNKNOWN if kind == WRONG_PAGE_KIND and not registration.located else kind
 
 

@@ -108,8 +108,9 @@ def named_causes(
     of_trends = list(map(_of_trend, trends))
     named = {cause.kind for cause in of_trends if cause.sheets}
     of_kinds = [cause for cause in _of_kinds(records) if cause.kind not in named]
-    whole = {sheet for trend in trends for sheet in trend.beyond}
-    whole |= {one.sheet for cause in of_kinds for one in records if one.verdict.kind in OF_KINDS[cause.kind]}
+    whole = {sheet for trend in trends if trend.beyond for sheet in trend.near}
+    kinds = {kind for cause in [*of_trends, *of_kinds] if cause.sheets for kind in OF_KINDS[cause.kind]}
+    whole |= {one.sheet for one in records if one.verdict.kind in kinds}
     shares = [(cause, _share(cause_sheets, whole)) for cause, cause_sheets in placed_causes]
     after = [cause for cause, share in shares if share >= OF_WHOLE]
     first = [cause for cause, share in shares if share < OF_WHOLE] + of_trends + of_kinds

@@ -26,6 +26,9 @@ LEAST_SIDE: Final = 4
 LEAST_SHARE: Final = 0.25
 """Least change that is a cause, as a share of the channel's tolerance. assumed: a smaller one explains no
 misprint."""
+NEAR: Final = 0.5
+"""Share of its tolerance beyond which a channel may be why a sheet has marks. Assumed: what is recorded of a misprint
+is a part of what it is off by, and varies by a third of a tolerance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +41,9 @@ class Trend:
     """First sheet after a step; first sheet of the run for a drift."""
     last_sheet: int
     beyond: tuple[int, ...]
-    """Sheets from then on that are beyond the channel's tolerance."""
+    """Sheets from then on that are beyond the channel's tolerance ..."""
+    near: tuple[int, ...]
+    """... and beyond half of it."""
     change: float
     """Height of a step, or change over the run, in the channel's own unit."""
     sd: float
@@ -86,12 +91,18 @@ def _trend(channel: Channel, sheets: NDArray[np.int64], values: NDArray[np.float
     else:
         span = int(sheets[-1] - sheets[0])
         shape, first, change, sd = "drift", int(sheets[0]), slope * span, slope_sd * span
+
+    def beyond(share: float) -> tuple[int, ...]:
+        off = (sheets >= first) & (np.abs(values) > share * channel.tolerance)
+        return tuple(sheets[off].tolist())
+
     return Trend(
         channel=channel,
         shape=shape,
         sheet=first,
         last_sheet=int(sheets[-1]),
-        beyond=tuple(sheets[(sheets >= first) & (np.abs(values) > channel.tolerance)].tolist()),
+        beyond=beyond(1.0),
+        near=beyond(NEAR),
         change=change,
         sd=sd,
         z=change / sd,

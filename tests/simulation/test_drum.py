@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +21,11 @@ from prooflight.simulation.drum import (
     stretched,
     turns,
 )
+from prooflight.simulation.ring import GrowingRing
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from prooflight.press.artefact import Press
 
 LINES = 120
@@ -93,6 +98,33 @@ def test_who_is_slow_gets_lines_late_but_as_of_when_they_were_read(
         assert block.time_s == pytest.approx(100.0 + block.next_line / LINES)
         clock.now_s += 10.0
     assert clock.slept == 1
+
+
+def test_a_drum_that_waits_makes_up_for_no_lost_time(press: Press, scans: list[np.ndarray]) -> None:
+    clock = FakeClock()
+    pacer = Pacer(LINES, waits=True, clock=clock, sleep=clock.sleep)
+    times = []
+    for block in Drum(scans, press=press, passing=turns(4, {}), pacer=pacer, block_lines=LINES).blocks():
+        times.append(block.time_s)
+        clock.now_s += 10.0
+    assert times == pytest.approx([101.0, 111.0, 121.0, 131.0])
+
+
+def test_scans_of_a_growing_ring_are_waited_for_and_its_error_is_raised() -> None:
+    go = threading.Event()
+
+    def rest() -> Iterator[Any]:
+        go.wait()
+        yield SimpleNamespace(dn=1)
+        raise RequestError("ring", "broke", remedy="none")
+
+    ring = GrowingRing([SimpleNamespace(dn=0)], rest(), 3)  # type: ignore[list-item]
+    assert (len(ring), ring[0]) == (3, 0)
+    go.set()
+    assert ring[1] == 1
+    with pytest.raises(RequestError, match="broke"):
+        ring[2]
+    assert ring[1] == 1
 
 
 def test_it_can_be_closed_at_any_time(press: Press, scans: list[np.ndarray]) -> None:

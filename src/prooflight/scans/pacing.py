@@ -16,25 +16,28 @@ class Pacer:
     """Delays lines until a camera would have read them.
 
     A slow reader gets lines late, but with the time at which they were read, as from a camera with a large
-    buffer.
+    buffer; or the lines wait for it.
     """
 
     def __init__(
         self,
         line_rate_hz: float | None,
         *,
+        waits: bool = False,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         """Set the rate.
 
-        line_rate_hz: None: as fast as lines are taken. sleep: by default until ``stop``. RequestError: a rate
-        that is not above 0.
+        line_rate_hz: None: as fast as lines are taken. waits: whether no line is read before it is asked for, so that
+        the time that a slow reader takes is lost, and not made up for. sleep: by default until ``stop``.
+        RequestError: a rate that is not above 0.
         """
         if line_rate_hz is not None and not line_rate_hz > 0:
             raise RequestError("source", f"a rate of {line_rate_hz} lines/s", remedy="give a rate above 0")
         self._stopped = threading.Event()
         self._rate_hz, self._clock, self._sleep = line_rate_hz, clock, sleep or self._stopped.wait
+        self._waits = waits
         self._begun_s: float | None = None
         self._lines = 0
 
@@ -49,6 +52,9 @@ class Pacer:
         left_s = due_s - self._clock()
         if left_s > 0:
             self._sleep(left_s)
+        elif self._waits:
+            self._begun_s -= left_s
+            due_s -= left_s
         return due_s
 
     def stop(self) -> None:

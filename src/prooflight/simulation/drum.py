@@ -12,7 +12,7 @@ from prooflight.scans.lines import BLOCK_LINES, LineBlock
 from prooflight.scans.pacing import Pacer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -114,17 +114,19 @@ class Drum:
         press: Press,
         passing: Iterable[Turn],
         pages_per_s: float | None = None,
-        blank: NDArray[np.uint16] | None = None,
-        foreign: NDArray[np.uint16] | None = None,
+        blank: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None = None,
+        foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None = None,
         gap_lines: int = 0,
         block_lines: int = BLOCK_LINES,
+        waits: bool = False,
         pacer: Pacer | None = None,
     ) -> None:
         """Prepare to play scans (sensors, lines, pixels); sheet i of the job shows scan i modulo their number. [DN]
 
         passing: as ``turns`` makes it, or without end. pages_per_s: None: as fast as they are read. blank,
-        foreign: scans of such sheets, for faults. gap_lines: of backing between scans, besides their own.
-        pacer: replaces the own one.
+        foreign: scans of such sheets, for faults, or functions that return them. gap_lines: of backing between scans,
+        besides their own. waits: whether the drum stands still while nobody takes lines, or while a scan is not
+        there yet. pacer: replaces the own one.
         """
         if not scans:
             raise RequestError("drum", "there are no scans", remedy="give at least one")
@@ -136,7 +138,8 @@ class Drum:
         self._gap_lines, self._block_lines, self._closed = gap_lines, block_lines, False
         self.page_lines = scans[0].shape[1] + gap_lines
         """Number of lines from page to page."""
-        self._pacer = pacer or Pacer(None if pages_per_s is None else pages_per_s * self.page_lines)
+        rate_hz = None if pages_per_s is None else pages_per_s * self.page_lines
+        self._pacer = pacer or Pacer(rate_hz, waits=waits)
 
     def blocks(self) -> Iterator[LineBlock]:
         """Yield blocks until nothing more passes."""
@@ -196,7 +199,8 @@ class Drum:
             yield 0, scan[:, cut:]
 
     def _other_sheet(self, kind: str) -> NDArray[np.uint16]:
-        scan = self._other.get(kind)
+        given = self._other.get(kind)
+        scan = given() if callable(given) else given
         if scan is None:
             what = f"a fault {kind} without a scan of such a sheet"
             raise RequestError("drum", what, remedy="give `blank` and `foreign`")

@@ -121,6 +121,27 @@ JOURNEYS: Final = (
 )
 
 
+def _next_in_flood(hand: Hand) -> None:
+    hand.click("[data-go=N]")
+    hand.wait("#viewers[data-ready]")
+    hand.wait("#said .taps")
+
+
+def _kind_in_flood(hand: Hand) -> None:
+    hand.click(".groups a")
+    hand.wait(".incident .body")
+
+
+FLOOD_ALARMS: Final = 1000
+FLOOD: Final = (
+    Journey(
+        name="of a flood of 1,000 alarms, the most urgent", most_clicks=1, most_s=5.0, walk=_next_in_flood
+    ),
+    Journey(name="all of its alarms of one kind", most_clicks=1, most_s=None, walk=_kind_in_flood),
+)
+"""Each alarm is a spot at a place of its own."""
+
+
 def _learn_again(hand: Hand) -> None:
     hand.click(".tabs a[href='/press']")
     hand.click("a[href='/press/engineering']")
@@ -155,8 +176,11 @@ def measure_journeys(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         settings = ConsoleSettings.of(folder / "runs.sqlite")
-        walk = partial(_walked, record, times=times, progress=progress)
-        rows = walk(facts, settings, JOURNEYS, role=Role.OPERATOR)
+        walk = partial(_walked, times=times, progress=progress)
+        runs = partial(_write, record=record)
+        rows = walk(partial(runs, facts=facts), settings, JOURNEYS, role=Role.OPERATOR)
+        flood = partial(_write_flood, record=record, facts=facts)
+        rows += walk(flood, ConsoleSettings.of(folder / "flood.sqlite"), FLOOD, role=Role.OPERATOR)
         learnable = Learnable.create(folder / "learned", seed=seed, progress=progress)
         settings = ConsoleSettings.of(
             folder / "press.sqlite",
@@ -165,7 +189,13 @@ def measure_journeys(
             scans=(learnable.scans,),
         )
         of_press = partial(_of_press, facts, learnable.digest)
-        rows += walk(of_press, settings, (LEARNING,), role=Role.ENGINEER, before=learnable.begin_again)
+        rows += walk(
+            partial(runs, facts=of_press),
+            settings,
+            (LEARNING,),
+            role=Role.ENGINEER,
+            before=learnable.begin_again,
+        )
         if not learnable.learned:
             raise RequestError(
                 "--part journeys", "the press in use is the one before", remedy="look at the console"
@@ -179,8 +209,7 @@ def _of_press(facts: Callable[[int], RunFacts], digest: str, sheets: int) -> Run
 
 
 def _walked(
-    record: Callable[[int, bool], PageRecord],
-    facts: Callable[[int], RunFacts],
+    write: Callable[[Journal], None],
     settings: ConsoleSettings,
     journeys: Sequence[Journey],
     *,
@@ -189,12 +218,15 @@ def _walked(
     progress: Callable[[str], None],
     before: Callable[[], None] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """Walk journeys through a console of its own, and return a row for each and each window. before: of every walk."""
+    """Walk journeys through a console of its own, and return a row for each and each window.
+
+    write: writes its runs. before: is called before every walk.
+    """
     from playwright.sync_api import sync_playwright
 
     rows: list[dict[str, Any]] = []
     with Journal.open(str(settings.journal)) as journal:  # stays open, so that the last run goes on
-        _write(journal, record, facts)
+        write(journal)
         secret, port = session(settings, role=role), free_port()
         console = spawned(settings, Listening(port=port), ready=nothing)
         address = f"http://{LOOPBACK}:{port}"
@@ -248,7 +280,7 @@ def _walk(browser: Any, address: str, secret: str, journey: Journey, width: int)
 
 
 def _write(
-    journal: Journal, record: Callable[[int, bool], PageRecord], facts: Callable[[int], RunFacts]
+    journal: Journal, *, record: Callable[[int, bool], PageRecord], facts: Callable[[int], RunFacts]
 ) -> None:
     """Write a run a day, each with streaks and spots, and one that goes on with a streak."""
     now_s = time.time()
@@ -261,6 +293,19 @@ def _write(
             journal.record(run, page)
         if ago:
             journal.end_run(run, RunEnd(ended_s=now_s - ago * DAY_S, ending="finished"))
+    journal.commit()
+
+
+def _write_flood(
+    journal: Journal, *, record: Callable[[int, bool], PageRecord], facts: Callable[[int], RunFacts]
+) -> None:
+    """Write a run that goes on, of which each sheet is a misprint at a place where none was before."""
+    run = journal.begin_run(replace(facts(FLOOD_ALARMS), started_s=time.time() - FLOOD_ALARMS / 5))
+    for sheet in range(FLOOD_ALARMS):
+        page = record(sheet, True)
+        (region,) = page.verdict.regions
+        place = replace(region, x_mm=60.0 * (sheet % 33), y_mm=60.0 * (sheet // 33))
+        journal.record(run, replace(page, verdict=replace(page.verdict, regions=(place,))))
     journal.commit()
 
 

@@ -49,7 +49,7 @@ ADMIN, OPERATOR, ENGINEER, VIEWER = "Petra Sommer", "Jan Kowalski", "Mei Lin", "
 PEOPLE: Final = {ADMIN: Role.ADMIN, OPERATOR: Role.OPERATOR, ENGINEER: Role.ENGINEER, VIEWER: Role.VIEWER}
 GOING: Final = RUNS
 """Run that goes on."""
-PICTURED: Final = (256, 241)
+PICTURED: Final = (256, 137)
 """Sheets of this run whose pages are shown beside what the camera saw."""
 TRAYS_TO: Final = 250
 """Tag up to which the controller has reported trays."""

@@ -113,7 +113,7 @@ SCREENS: Final = (
     Screen(
         name="sheet",
         title="A sheet",
-        path=f"/runs/{GOING}/sheets/241",
+        path=f"/runs/{GOING}/sheets/137",
         whole="#viewers[data-ready]:has([data-layer=difference])",
     ),
     Screen(name="problem", title="A page that is not there", path="/nowhere", whole=".code"),

@@ -14,7 +14,7 @@ from prooflight_console.reading.alarms import handover_summary
 from prooflight_line.journal.labels import FALSE_ALARM, GOOD, SEEN, run_key
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from prooflight_console.accounts.account_store import Accounts
     from prooflight_console.accounts.passwords import Tries
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from prooflight_console.quality.index import SearchIndex
     from prooflight_console.quality.saved import SavedSearches
     from prooflight_console.reading.gate import Gates
-    from prooflight_console.reading.incidents import RunIncidents
+    from prooflight_console.reading.incidents import LabelledIncident, RunIncidents
     from prooflight_console.reading.live import Live
     from prooflight_console.reading.metrics import Metrics
     from prooflight_console.reading.queue import Move, Queue
@@ -158,12 +158,22 @@ class Console:
         self.accounts.note(who.name, "words.undo", f"{len(undone)} sheets", after=after)
         return undone
 
-    def acknowledge_all(self, who: Who, run: RunRow, *, upto: int) -> list[int]:
-        """Mark all incidents as seen that opened or came back up to a sheet, and return their numbers."""
+    def acknowledge_all(
+        self,
+        who: Who,
+        run: RunRow,
+        *,
+        upto: int,
+        shown: Callable[[LabelledIncident], bool] = lambda _one: True,
+    ) -> list[int]:
+        """Mark all incidents as seen that opened or came back up to a sheet, and return their numbers.
+
+        shown: whether the person's list shows an incident; no other is marked.
+        """
         seen = {
             one.incident.number: min(upto, one.incident.last_sheet)
             for one in self.incidents.of(run)
-            if not one.seen and not one.shelved and one.incident.reopened_sheet <= upto
+            if not one.seen and not one.shelved and one.incident.reopened_sheet <= upto and shown(one)
         }
         if seen:
             at_s = self.accounts.clock()

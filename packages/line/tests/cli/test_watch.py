@@ -18,12 +18,14 @@ from prooflight.cli import run
 from prooflight.cli.show import people
 from prooflight.detectors.verdict import Verdict
 from prooflight.inspection.guarantee import GuaranteeMonitor
+from prooflight.pages import parallel
 from prooflight.pages.files import write_tiff
 from prooflight.pages.raster import Page
 from prooflight.scans.lines import LineBlock
 from prooflight.scans.raw import write_block
 from prooflight.scans.recorded import recorded_scans
 from prooflight.simulation import ring
+from prooflight_line.cli.watch import sources
 from prooflight_line.cli.watch.running import _decided_first
 from prooflight_line.journal.journal import Journal
 from prooflight_line.journal.labels import run_key
@@ -104,6 +106,28 @@ def test_the_drum_is_watched_and_journalled(
         assert facts.end is not None
         assert facts.end.counts["good"] == 9
         assert [page.sheet for page in opened.pages(facts.id)] == list(range(9))
+
+
+def test_a_drum_that_starts_at_once_prints_on_and_waits_for_designs(
+    press_file: Path,
+    job: Path,
+    trigger: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sources, "FIRST_PRINTS", 1)
+    monkeypatch.setattr(
+        parallel, "FEWEST_FOR_PROCESSES", 1
+    )  # prints all the same in a thread of this process
+    monkeypatch.setattr(sources.os, "cpu_count", lambda: 2)
+    code, rows, _ = watch(
+        capsys, job, "--press", press_file, "--source", "drum:50", "--world", "ideal", "--sheets", 6,
+        "--trigger", trigger, "--journal", "none", "--start-at-once", "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert [(row["page"], row["verdict"], row["late"]) for row in rows] == [
+        (f"p000{sheet % 3 + 1}", "good", False) for sheet in range(6)
+    ]
 
 
 def test_the_log_for_programs_names_each_sheet_and_leaves_standard_output_alone(

@@ -69,6 +69,10 @@ def test_presses_are_counted_since_a_time(records: str) -> None:
         ("north", "job_0.pdf", 12, 3),
         ("south", "job_1.pdf", 20, 5),
     ]
+    with connect(records) as connection:
+        later = presses(connection, since=datetime.fromtimestamp(9e9, UTC))
+    assert [one.last_at for one in later] == [one.last_at for one in states]
+    assert all(one.sheets == 0 and one.last_at is not None for one in later)
 
 
 @pytest.mark.usefixtures("two_presses")

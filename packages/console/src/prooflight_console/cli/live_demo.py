@@ -66,6 +66,7 @@ def _watch(job: Path, press: Path, *, sheets: int, pages_per_s: float) -> None:
         trigger=None,
         camera=None,
         threads=None,
+        start_at_once=True,
         misprint=MISPRINTS,
         every=EVERY,
         fault_every=FAULT_EVERY,

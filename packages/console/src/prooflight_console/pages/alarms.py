@@ -65,11 +65,7 @@ def alarms_page(
     everything = sorted(state.incidents.of(run_row), key=lambda one: one.urgency)
     listed = [one for one in everything if SELECTED[show](one)]
     kinds = Counter(one.incident.kind for one in listed)
-    chosen = [
-        one
-        for one in listed
-        if (kind is None or one.incident.kind == kind) and (priority is None or one.priority is priority)
-    ]
+    chosen = list(filter(_shown(show=show, kind=kind, priority=priority), everything))
     pages = max(-(-len(chosen) // AT_ONCE), 1)
     pending = [one for one in everything if SELECTED["pending"](one)]
     return page(
@@ -84,8 +80,13 @@ def alarms_page(
         found=len(chosen),
         kinds=dict(kinds.most_common()),
         counts={name: sum(map(selects, everything)) for name, selects in SELECTED.items()},
-        unseen=sum(not one.seen for one in pending),
-        upto=max((one.incident.last_sheet for one in everything), default=0),
+        unseen=sum(not one.seen and not one.shelved for one in chosen),
+        shown_by={
+            "upto": max((one.incident.last_sheet for one in everything), default=0),
+            "show": show,
+            **({} if kind is None else {"kind": kind}),
+            **({} if priority is None else {"priority": priority}),
+        },
         next=next_alarm(pending),
         at=at,
         pages=pages,
@@ -95,13 +96,27 @@ def alarms_page(
     )
 
 
+def _shown(*, show: Show, kind: str | None, priority: Priority | None) -> Callable[[LabelledIncident], bool]:
+    """Return the function that tells which alarms a list shows; kind, priority: None: of any."""
+    return lambda one: (
+        SELECTED[show](one) and kind in (None, one.incident.kind) and priority in (None, one.priority)
+    )
+
+
 @router.post("/runs/{run}/incidents/seen")
 def acknowledge_all(
-    request: Request, who: OperatorPage, run: RunId, upto: Annotated[int, Form(ge=0, lt=2**63)]
+    request: Request,
+    who: OperatorPage,
+    run: RunId,
+    upto: Annotated[int, Form(ge=0, lt=2**63)],
+    show: Annotated[Show, Form()] = "all",
+    priority: Annotated[Priority | None, Form()] = None,
+    kind: Annotated[str | None, Form(max_length=60)] = None,
 ) -> Response:
-    """Mark all incidents as seen that the page showed."""
+    """Mark all incidents as seen that the list showed, on all its pages."""
     state = console(request)
-    state.acknowledge_all(who, state.reading.run_named(run), upto=upto)
+    shown = _shown(show=show, kind=kind, priority=priority)
+    state.acknowledge_all(who, state.reading.run_named(run), upto=upto, shown=shown)
     return HTMLResponse(status_code=204)
 
 

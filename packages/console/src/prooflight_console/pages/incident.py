@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 router = APIRouter(include_in_schema=False)
 
+SAME_PLACE_MM: Final = 5
+"""Distance within which defects count as at the same place. Assumed: more than pages and regions move. [mm]"""
 A_WHILE: Final = "private, max-age=3600"
 NO_SCAN: Final = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64"><path d="M20 12h17l8 8v32H20zM37 12v8h8M26 '
@@ -238,6 +241,8 @@ def _shown(
     values = _of_sheet(state, who, run, sheet)
     record = values["record"]
     values |= {"run": run, "told": labelled, "sheet": sheet}
+    values["passed_s"] = state.reading.clock_zero_s(run) + record.time_s
+    values["same_place"] = _same_place(record)
     if labelled is not None:
         changed = _effects(state, run, labelled) if labelled.labels else None
         values |= _of_incident(state, run, labelled) | {"effects": changed}
@@ -253,6 +258,19 @@ def _shown(
         record.evidence is not None and state.stations.press(run) is not None
     )
     return page(request, who, "incident", **values)
+
+
+def _same_place(record: PageRecord) -> str:
+    """Return the address of the search for such defects at this place in all runs; empty: the sheet has none."""
+    regions = record.verdict.regions
+    if record.verdict.verdict != "misprint" or not regions:
+        return ""
+    first = regions[0]
+    box = {"x": first.x_mm, "y": first.y_mm, "width": first.width_mm, "height": first.height_mm}
+    sides = {name: f"{mm:.1f}" for name, mm in box.items()}
+    return (
+        f"/search?{urlencode({'verdict': 'misprint', 'kind': first.kind, **sides, 'within': SAME_PLACE_MM})}"
+    )
 
 
 def _next_sampled(state: Console, run: RunRow, record: PageRecord) -> int | None:

@@ -37,7 +37,7 @@ def presses_page(
 ) -> Response:
     """Return the overview of all presses, by plant."""
     over = over if over in HOURS else "day"
-    now = datetime.now(UTC)
+    now = datetime.fromtimestamp(console(request).accounts.clock(), UTC)
     with _records(request) as connection, refused("records", "presses could not be listed"):
         states = presses(connection, since=now - timedelta(hours=HOURS[over]))
     away = {

@@ -59,6 +59,10 @@ RUN_COLUMNS: Final = ("run", "job", "press", "customer", "at", "label")
 Text = Annotated[str, Query(max_length=200)]
 Short = Annotated[str, Query(max_length=20)]
 Day = Annotated[str, Query(pattern=r"^(\d{4}-\d\d-\d\d)?$", description="A day, or none.")]
+Moment = Annotated[
+    str,
+    Query(pattern=r"^(\d{4}-\d\d-\d\d(T\d\d:\d\d)?)?$", description="A day, or a minute of one, or none."),
+]
 Runs = Annotated[str, Query(max_length=2000, pattern=r"^(\d{1,18}(,\d{1,18})*)?$")]
 Skip = Annotated[int, Query(ge=0, lt=2**40)]
 Row = Annotated[int | None, Query(ge=0, lt=2**63)]
@@ -101,15 +105,18 @@ def _search(
     width: Short = "",
     height: Short = "",
     within: Short = "",
-    since: Day = "",
-    until: Day = "",
+    since: Moment = "",
+    until: Moment = "",
     runs: Runs = "",
     sort: Short = "-time",
     days: Annotated[int, Query(ge=0, le=3660, description="Until today; 0: as since and until say.")] = 0,
+    hours: Annotated[int, Query(ge=0, le=240, description="Until now; 0: as since and until say.")] = 0,
 ) -> Search:
+    now = datetime.fromtimestamp(console(request).accounts.clock())
     if days:
-        today = datetime.fromtimestamp(console(request).accounts.clock()).date()
-        since, until = (today - timedelta(days=days - 1)).isoformat(), ""
+        since, until = (now.date() - timedelta(days=days - 1)).isoformat(), ""
+    if hours:
+        since, until = (now - timedelta(hours=hours)).isoformat(timespec="minutes"), ""
     sides = {"x": x, "y": y, "width": width, "height": height, "within": within}
     defect = conditions_of(kind=kind, ink=ink, size=size, **sides)
     search = SheetSearch(
@@ -121,8 +128,8 @@ def _search(
         customer=customer.strip(),
         label=label if label in LABELS else None,
         runs=tuple(int(number) for number in runs.split(",") if number),
-        since_s=day_s(since),
-        until_s=day_s(until, days=1),
+        since_s=moment_s(since),
+        until_s=moment_s(until, days=1),
     )
     form = {"job": job, "press": press, "customer": customer, "page": page_name, "kind": kind}
     form |= {"verdict": search.verdict, "label": label, "ink": ink, "size": size, **sides}
@@ -369,6 +376,19 @@ def length_mm(text: str, name: str) -> float | None:
     if not -MOST_MM <= value <= MOST_MM or (value < 0 and name not in ("x", "y")):
         raise Problem(422, "invalid", f"{name}: {text[:20]!r} is no length in mm")
     return value
+
+
+def moment_s(text: str, *, days: int = 0) -> float | None:
+    """Return the Unix time of a minute, by the clock of the console's machine; of a day alone as ``day_s``.
+
+    Raises ``Problem`` 422 if the text is none.
+    """
+    if "T" not in text:
+        return day_s(text, days=days)
+    try:
+        return datetime.fromisoformat(text).astimezone().timestamp()
+    except (ValueError, OverflowError, OSError) as error:
+        raise Problem(422, "invalid", f"{text} is no time") from error
 
 
 def day_s(text: str, *, days: int = 0) -> float | None:

@@ -71,11 +71,7 @@ def alarm_figures(reading: Reading, incidents: RunIncidents, *, hours: float, no
         alarms += incidents.annunciations(run)
         of_run = incidents.of(run)
         labelled += of_run
-        first_s = reading.first_time_s(run)
-        started_s = run.facts.started_s
-        standing_s += [
-            until_s - (started_s + one.incident.since_s - first_s) for one in of_run if one.incident.open
-        ]
+        standing_s += [until_s - one.since_s for one in of_run if one.incident.open]
     return AlarmFigures(
         statistics=statistics(alarms, operations),
         runs=len(operations),
@@ -131,4 +127,4 @@ def _until_s(reading: Reading, run: RunRow) -> float:
     """Return when a run ended, or its last sheet came; Unix time. [s]"""
     if run.end is not None:
         return run.end.ended_s
-    return run.facts.started_s + reading.last_time_s(run) - reading.first_time_s(run)
+    return reading.clock_zero_s(run) + reading.last_time_s(run)

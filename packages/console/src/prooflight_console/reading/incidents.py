@@ -42,6 +42,18 @@ class LabelledIncident:
     """Number of its sheets among the last ones of the run, by ``alarms.priority.recent_sheets``."""
     shelving: Shelving | None = None
     """The shelving in force; None if there is none."""
+    clock_zero_s: float = 0.0
+    """Unix time at which the source's clock stood at 0. [s]"""
+
+    @property
+    def since_s(self) -> float:
+        """When its first sheet passed; Unix time. [s]"""
+        return self.clock_zero_s + self.incident.since_s
+
+    @property
+    def last_s(self) -> float:
+        """When its last sheet passed; Unix time. [s]"""
+        return self.clock_zero_s + self.incident.last_s
 
     @property
     def priority(self) -> Priority:
@@ -152,6 +164,7 @@ class RunIncidents:
             if label.incident is not None:
                 labels.setdefault(label.incident, []).append(label)
         shelvings = self._alarm_store.in_force(run_key(run))
+        zero_s = self._reading.clock_zero_s(run)
         with tracked.guard:
             incidents, newest = (
                 [tracked.incidents[number] for number in sorted(tracked.incidents)],
@@ -163,6 +176,7 @@ class RunIncidents:
                 labels=tuple(labels.get(str(one.number), ())),
                 recent=recent_sheets(one, newest) if one.open else 0,
                 shelving=shelvings.get(one.number),
+                clock_zero_s=zero_s,
             )
             for one in incidents
         ]
@@ -190,13 +204,13 @@ class RunIncidents:
         """Return each time that an alarm of the run began or returned, in order."""
         tracked = self._read(run)
         labelled = {one.incident.number: one for one in self.of(run)}
-        first_s = self._reading.first_time_s(run)
+        zero_s = self._reading.clock_zero_s(run)
         with tracked.guard:
             begun, reached = list(tracked.begun), dict(tracked.reached)
         annunciations: list[Annunciation] = []
         next_s: dict[int, float] = {}
         for number, time_s in reversed(begun):
-            at_s = run.facts.started_s + time_s - first_s
+            at_s = zero_s + time_s
             until_s, next_s[number] = next_s.get(number, math.inf), at_s
             labels_s = [label.at_s for label in labelled[number].standing if at_s <= label.at_s < until_s]
             annunciations.append(

@@ -144,6 +144,10 @@ class Reading:
         follower = self.follower
         return 0.0 if follower is None else follower.first_time_s(run.id) or 0.0
 
+    def clock_zero_s(self, run: RunRow) -> float:
+        """Return the Unix time at which the source's clock of a run stood at 0. [s]"""
+        return run.facts.started_s - self.first_time_s(run)
+
     def last_time_s(self, run: RunRow) -> float:
         """Return the time of a run's last sheet, by the source's clock; 0 if there is none. [s]"""
         follower = self.follower

@@ -132,6 +132,8 @@ class PressState:
     """Time at which its shipper was last heard of, with something to ship or without."""
     running: str | None
     """Job of its latest run, if that has not ended."""
+    last_at: datetime | None
+    """Time of its latest sheet, however long ago; None: it has none."""
     sheets: int
     misprints: int
     not_inspected: int
@@ -167,6 +169,7 @@ def presses(connection: psycopg.Connection[Any], *, since: datetime) -> list[Pre
         """SELECT p.name, p.plant, p.shipped_at,
                (SELECT CASE WHEN r.ended IS NULL THEN r.job END FROM runs r WHERE r.press_id = p.id
                 ORDER BY r.started DESC LIMIT 1),
+               (SELECT max(s.at) FROM sheets s WHERE s.press_id = p.id),
                c.sheets, c.misprints, c.uninspected, c.late
            FROM presses p CROSS JOIN LATERAL (
                SELECT count(*) AS sheets, count(*) FILTER (WHERE verdict = 'misprint') AS misprints,

@@ -132,11 +132,11 @@ def list_presses(
     if json:
         show.print_json(states)
         return
-    texts = ("plant", "press", "runs", "shipped")
+    texts = ("plant", "press", "runs", "last sheet", "shipped")
     numbers = ("sheets", "misprints", "not inspected", "late")
     table = show.table_of(f"{shown(url)}, last {hours:g} h", (*texts, *numbers), text_columns=texts)
     for one in states:
-        row = (one.plant, one.press, one.running or "", _local(one.shipped_at))
+        row = (one.plant, one.press, one.running or "", _local(one.last_at), _local(one.shipped_at))
         counts = (one.sheets, one.misprints, one.not_inspected, one.late)
         table.add_row(*(visible(value) for value in row), *(f"{value:,}" for value in counts))
     show.people.print(table)

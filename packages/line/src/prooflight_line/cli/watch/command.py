@@ -227,6 +227,7 @@ def watch(
             fed=read.plant.simulated,
             plan=read.plan,
             passed=0 if resumption is None else resumption.past.due,
+            at_once=start_at_once,
         ),
         shown=shown,
     )
@@ -245,6 +246,7 @@ def watch(
         deadline_s=None if given.waits else settings.deadline_s,
         json=json,
         at_once=start_at_once,
+        waits=given.waits,
         start_file=start_file,
         sheets=None if read.plan is None else Assembling(read.plan, patience=NEXT),
     )

@@ -91,7 +91,10 @@ StartAtOnceOption = Annotated[
     bool,
     typer.Option(
         "--start-at-once",
-        help="Read lines before all designs are ready; sheets whose design is not ready are not inspected.",
+        help=(
+            "Read lines before all designs are ready; sheets whose design is not ready are not inspected, but the "
+            "simulated drum waits for them."
+        ),
     ),
 ]
 FollowOption = Annotated[

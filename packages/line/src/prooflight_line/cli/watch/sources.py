@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -12,6 +13,9 @@ from prooflight.errors import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from prooflight.pages.job import JobSource
     from prooflight.pages.layout.plan import SheetPlan
@@ -28,6 +32,8 @@ REMEDY = (
     "write drum[:PAGES_PER_S], replay:PATH, raw:PATH (- is standard input), tcp:HOST:PORT or camera:ID[+ID]"
 )
 
+FIRST_PRINTS = 4
+"""Prints of the simulated drum before the first sheet passes, of a run that starts at once."""
 SLOWEST, FASTEST = 0.001, 1000.0
 """Slowest and fastest speed of the drum. [pages/s]"""
 
@@ -53,6 +59,8 @@ class DrumWishes:
     """Imposition of the job on sheets; its pages then are sides."""
     passed: int = 0
     """Number of sheets that have passed before, of a run that is resumed."""
+    at_once: bool = False
+    """Whether sheets pass as soon as some are printed; the drum then waits for prints and for the inspection."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +92,8 @@ def open_source(
     sensors, pixels = len(press.sensors), press.geometry.pixels
     if kind == "drum":
         rate = drum_rate(text, rest) if rest else None
-        return Opened(source=_drum(press, job, wishes, rate=rate, shown=shown), waits=rate is None)
+        waits = rate is None or (wishes.at_once and wishes.fed is None)
+        return Opened(source=_drum(press, job, wishes, rate=rate, shown=shown), waits=waits)
     if kind == "replay" and rest:
         from prooflight.scans.recorded import Replay, recorded_scans
 
@@ -213,8 +222,9 @@ def _drum(
     rate: float | None,
     shown: Callable[[Iterator[SimulatedScan], int], Iterable[SimulatedScan]],
 ) -> LineSource:
+    from prooflight.pages.parallel import FEWEST_FOR_PROCESSES
     from prooflight.simulation.drum import Drum
-    from prooflight.simulation.ring import RingPrint, rendered, ring_size
+    from prooflight.simulation.ring import STRANGERS, GrowingRing, RingPrint, rendered, ring_size
     from prooflight.simulation.scans import MisprintRequest
     from prooflight.simulation.worlds import world_named
 
@@ -227,15 +237,32 @@ def _drum(
         requests=tuple(MisprintRequest.parse(kind.strip()) for kind in kinds),
         every=wishes.every,
         seed=wishes.seed,
+        urgent=FIRST_PRINTS if wishes.at_once else None,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    drawn = list(shown(rendered(prints, count), count))
-    scans = [one.dn for one in drawn]
-    blank, foreign = prints.strangers() if wishes.fault_every else (None, None)
+    in_turn = rendered(prints, count, strangers=bool(wishes.fault_every))
+    # Whoever feeds a controller must know of each print whether it is a misprint; one processor prints in this process.
+    grows = wishes.at_once and wishes.fed is None and count >= FEWEST_FOR_PROCESSES and os.cpu_count() != 1
+    first = FIRST_PRINTS if grows else count
+    drawn = list(shown(islice(in_turn, first), first))
+    if grows:
+        scans: Sequence[NDArray[np.uint16]] = GrowingRing(drawn, in_turn, count)
+        blank, foreign = (partial(scans.__getitem__, count + at) for at in range(len(STRANGERS)))
+    else:
+        scans, others = [one.dn for one in drawn], [one.dn for one in in_turn]
+        blank, foreign = others or (None, None)
     # The drum is part of the process that watches it: it stopped when that ended.
     passing = islice(_passing(wishes), wishes.passed, None)
     if wishes.fed is None or rate is None:
-        return Drum(scans, press=press, passing=passing, pages_per_s=rate, blank=blank, foreign=foreign)
+        return Drum(
+            scans,
+            press=press,
+            passing=passing,
+            pages_per_s=rate,
+            blank=blank,
+            foreign=foreign,
+            waits=wishes.at_once,
+        )
     from prooflight_line.plant.simulator.feed import FedDrum
 
     fed = FedDrum(

@@ -49,6 +49,8 @@ class Watching:
     json: bool
     at_once: bool = False
     """Whether lines are read before all designs are ready."""
+    waits: bool = False
+    """Whether the source can be made to wait, so that sheets wait for their designs."""
     sheets: Assembling | None = None
     """Combination of sides into sheets and sets; None: the job has neither."""
     first_passed: str = ""
@@ -144,14 +146,17 @@ class Watching:
             if self.json:
                 show.print_json({"phase": str(status.phase), "detail": detail})
             else:
-                rest = "sheets of others are not inspected yet" if self.at_once else "the press may print"
+                rest = "the press may print"
+                if self.at_once:
+                    rest = f"sheets of others {'wait for theirs' if self.waits else 'are not inspected yet'}"
                 show.people.print(f"Ready after {status.elapsed_s:.0f} s, {ready}: {rest}")
 
     def note_start(self, status: Status) -> None:
         """Write how far the start has got, for consoles; once it is over, nothing."""
         if self.start_file is None:
             return
-        if status.phase not in (Phase.WAITING, Phase.PREPARING):
+        begun = status.phase not in (Phase.WAITING, Phase.PREPARING)
+        if begun and (status.pages_seen or not (self.at_once and self.waits)):
             self.start_file.clear()
             self.start_file = None
             return

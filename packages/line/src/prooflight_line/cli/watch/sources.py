@@ -245,6 +245,8 @@ def _drum(
     grows = wishes.at_once and wishes.fed is None and count >= FEWEST_FOR_PROCESSES and os.cpu_count() != 1
     first = FIRST_PRINTS if grows else count
     drawn = list(shown(islice(in_turn, first), first))
+    blank: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
+    foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     if grows:
         scans: Sequence[NDArray[np.uint16]] = GrowingRing(drawn, in_turn, count)
         blank, foreign = (partial(scans.__getitem__, count + at) for at in range(len(STRANGERS)))

@@ -9,16 +9,16 @@ import numpy as np
 
 from prooflight.commissioning.inks import inks_of
 from prooflight.errors import ChartError
-from prooflight.inks.cxf import read_spot_ink
+from prooflight.pages.spots.cxf import read_spot_ink
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from prooflight.inks.cxf import SpotInk
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.job import Job
+    from prooflight.pages.spots.spot_ink import SpotInk
     from prooflight.press.artefact import Press
 
 KIND: Final = "spot-spectrum"

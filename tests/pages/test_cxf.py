@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.errors import ChartError
-from prooflight.inks.cxf import read_spot_ink
+from prooflight.pages.spots.cxf import read_spot_ink
 from prooflight.spectra import WAVE_NM
 
 ORANGE = np.linspace(0.05, 0.8, 36)

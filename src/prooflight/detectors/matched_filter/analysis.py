@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, PlacedScan
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, FitBlocks, PlacedScan
     from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredPage
     from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
@@ -302,6 +302,8 @@ class ScanAnalysis:
     """Function that returns the sums of given modes of ``MODES``."""
     placed: Callable[[], PlacedScan]
     """Function that returns the scan and its modes at the page's placement."""
+    block_sums: Callable[[], tuple[FitBlocks, NDArray[np.float32]]]
+    """Function that returns the blocks of the fit, and their sums over the placed scan."""
     glyphs: ScoredPage = NOTHING
     """Result of the glyph tests."""
     blind_columns: tuple[int, ...] = ()
@@ -313,7 +315,7 @@ class ScanAnalysis:
 
     def settled(self) -> ScanAnalysis:
         """Return the analysis with the sums that it has and no others, so that the scan's images may be forgotten."""
-        return replace(self, summed=_forgotten, placed=_forgotten)
+        return replace(self, summed=_forgotten, placed=_forgotten, block_sums=_forgotten)
 
 
 def _forgotten(*_: object) -> NoReturn:
@@ -456,6 +458,7 @@ def analyse_registered(
         careful=careful,
         summed=images.summed,
         placed=images.placed,
+        block_sums=images.block_sums,
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )

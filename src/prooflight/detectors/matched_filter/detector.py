@@ -285,10 +285,11 @@ class MatchedFilterPage:
                 score > calibrated.threshold,
             )
         explanation = self._explained(analysis, strongest, values, careful) if by_ranking else {}
-        placed, analysis = analysis.placed, analysis.settled()
+        placed, block_sums, analysis = analysis.placed, analysis.block_sums, analysis.settled()
         far: Callable[[], Mapping[str, float]] = dict
         if decision.misprint and not (another or self.model.residual_variance.exact):
-            far = FarAmounts.of(prepared, analysis, placed(), calibrated.model.residual_variance)
+            variance = calibrated.model.residual_variance
+            far = FarAmounts.of(prepared, analysis, placed(), block_sums(), variance)
         if floor.alarms and not explanation:
             explanation = floor_explanation(floor, analysis.registration)
         wrong = calibrated.wrong_glyphs(glyphs) if decision.misprint else ()

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.cmyk import INK_NAMES
-from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, free_gains, summed_blocks
+from prooflight.detectors.matched_filter.fit.nuisance import free_gains
 from prooflight.detectors.matched_filter.plane_places import of_most, planes_by_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, ResidualVariance
+    from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, PlacedScan, ResidualVariance
 
 SURE_MM: Final = 0.03
 """Greatest standard deviation of the place of a located plane. assumed: three of them are a good plane's most."""
@@ -48,10 +48,12 @@ class FarAmounts:
         prepared: PreparedPage,
         analysis: ScanAnalysis,
         placed: PlacedScan,
+        block_sums: tuple[FitBlocks, NDArray[np.float32]],
         residual_variance: ResidualVariance,
     ) -> FarAmounts:
         """Take what is needed of the scan's images, before these are forgotten."""
-        blocks, pitch = FitBlocks.of(placed.seen_by_all()), prepared.binned_geometry.pixel_pitch_mm
+        blocks, sums = block_sums
+        pitch = prepared.binned_geometry.pixel_pitch_mm
         off, sd = planes_by_edges(placed)
         located, planes_mm = pitch * sd < SURE_MM, analysis.registration.planes_mm
         return cls(
@@ -60,7 +62,7 @@ class FarAmounts:
             further_mm=of_most(planes_mm + pitch * off, located),
             located=located,
             blocks=blocks,
-            sums=summed_blocks(placed, blocks, threads=1),
+            sums=sums,
             residual_variance=residual_variance,
         )
 

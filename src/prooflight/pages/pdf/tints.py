@@ -157,10 +157,10 @@ class TintSpaces:
 
     def _printed_by_units(self, colorants: list[str]) -> list[str]:
         """Return plates and inks of a space whose colorants the press all has, a spot ink among them, else none."""
-        known = [shown_name(name) for name in colorants]
-        if not all(name in self._units or name in (*PROCESS, "None") for name in known):
+        names = [shown_name(name) for name in colorants]
+        if not all(name in self._units or name in (*PROCESS, "None") for name in names):
             return []
-        return [self._unit_plate(name) if name in self._units else name for name in known]
+        return [self._unit_plate(name) if name in self._units else name for name in names]
 
     def _unit_plate(self, name: str) -> str:
         key = (name,)

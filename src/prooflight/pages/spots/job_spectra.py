@@ -36,12 +36,13 @@ class JobSpectra:
         if facts is None:
             return cls()
         texts = {name: ("the job", text) for name, text in facts.spectra.items()}
-        inks, origins, faults = dict[str, SpotInk](), dict[str, str](), dict[str, ChartError]()
-        beside = job.source.path.with_suffix(".cxf")
-        if beside.is_file():
+        inks: dict[str, SpotInk] = {}
+        origins, faults = dict[str, str](), dict[str, ChartError]()
+        given = job.source.path.with_suffix(".cxf")
+        if given.is_file():
             try:
-                text = read_cxf(beside)
-                texts |= dict.fromkeys(spot_names(text, str(beside)), (beside.name, text))
+                text = read_cxf(given)
+                texts |= dict.fromkeys(spot_names(text, str(given)), (given.name, text))
             except ChartError as error:
                 faults[""] = error
         for name, (origin, text) in texts.items():

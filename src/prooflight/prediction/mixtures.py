@@ -61,8 +61,7 @@ def mixtures(sensors: Sequence[SensorModel], light_dn: NDArray[np.float64]) -> M
     recipes = []
     for wanted in light_dn / white:
         nearest = coarse[np.argmin(((lights - wanted) ** 2).sum(axis=1) + cost)]
-        # Steps of a hundredth of an ink: tables are straight within a node, and rounded to float32.
-        best = least_squares(misfit, nearest, bounds=(0.0, 1.0), diff_step=0.01, x_scale=0.1, args=(wanted,))
+        best = least_squares(misfit, nearest, bounds=(0.0, 1.0), args=(wanted,))
         recipes.append(best.x)
     cmyk = np.array(recipes)
     light = np.array([_light(sensors, recipe) for recipe in cmyk])

@@ -95,4 +95,4 @@ def _solidities(intents: list[Any]) -> Iterator[tuple[str, float]]:
     for intent in intents:
         for key, value in entries(get(get(intent, "MixingHints"), "Solidities")):
             if mupdf.pdf_is_number(value) and 0 <= (solidity := float(mupdf.pdf_to_real(value))) <= 1:
-                yield shown_name(name_of(key)), solidity
+                yield shown_name(name_of(key)), round(solidity, 6)  # MuPDF holds it in single precision

@@ -231,4 +231,5 @@ def test_job_check_says_where_spectra_are_from(
         assert (spot["delta_e00"] is None) is (unit is not None)
         assert (spot["light_off_percent"] is None) is (unit is None)
     _, out, _ = call(capsys, "job", "check", path, "--press", press)
-    assert "its own" in out  # a narrow terminal breaks the line after it
+    assert f"Spectrum of {NAME}: the job, M1, 45:0, 3 tints, opacity" in out
+    assert "printed by its own unit, " in out

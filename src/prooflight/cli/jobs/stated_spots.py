@@ -93,7 +93,7 @@ class StatedSpots:
         """Return the same for people, in a few words."""
         stated = self.spectrum(name)
         if stated is None:
-            return "–"
+            return "not stated"
         parts = [
             stated["from"],
             stated["condition"] or "condition not stated",

@@ -1,4 +1,4 @@
-"""Readers of text: press files and the curves they name, charts, recipes, reflectances; and of ICC profiles."""
+"""Readers of text: press files and the curves they name, charts, recipes, spectra; and of ICC profiles."""
 
 from __future__ import annotations
 
@@ -343,6 +343,23 @@ def read_zones(path: Path) -> None:
         assert held.max() <= 1
 
 
+# Spectra of spot inks.
+
+
+def cxf_samples() -> list[bytes]:
+    from tests.pages.test_cxf import cxf
+
+    return [cxf().encode()]
+
+
+def read_cxf_file(path: Path) -> None:
+    """What is accepted has finite spectra, on any paper."""
+    from prooflight.pages.spots.cxf import read_cxf, read_spot_ink
+
+    ink = read_spot_ink(read_cxf(path), "Orange 021")
+    assert np.isfinite(ink.on_paper(np.full(36, 0.8)).measured).all()
+
+
 TARGETS = (
     Target(
         name="press-toml",
@@ -352,6 +369,7 @@ TARGETS = (
         read=read_press,
         command=press_command,
     ),
+    Target(name="cxf", suffix=".cxf", samples=cxf_samples, mutate=spoil_text, read=read_cxf_file),
     Target(name="zones", suffix=".json", samples=zone_samples, mutate=spoil_text, read=read_zones),
     Target(
         name="light-curve",

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from prooflight.inks.chart import to_grid
-from prooflight.spectra import WAVE_NM
+from prooflight.spectra import WAVE_NM, to_grid
 
 
 def ramp(wave_nm: np.ndarray) -> np.ndarray:

@@ -10,8 +10,10 @@ import pytest
 from docs.generators.console_endpoints import endpoints_page
 from fastapi import APIRouter, FastAPI
 from packages.console.tests.consoles import PASSWORD, Served
+from sqlalchemy import update
 
 from prooflight_console.access import EndpointError, endpoint_rows, include, refuse_unguarded
+from prooflight_console.accounts.database import tokens_table
 from prooflight_console.accounts.roles import Role, Scope
 from prooflight_console.app import console_app
 from prooflight_console.problems import FOR_PROGRAMS, MEDIA_TYPE
@@ -154,7 +156,12 @@ def test_a_token_may_what_its_scopes_say_and_its_owner_may(console: Served) -> N
     _, reading = console.accounts.new_token("operator", "screen", [Scope.READ], by="test")
     _, all_of = console.accounts.new_token("operator", "all", list(Scope), by="test")
     client, words = console.client(), "/api/v1/runs/1/incidents/1/labels"
-    for secret, says, sees_audit in ((reading, 403, 403), (all_of, 201, 403)):
+    # A token of the time when the scope had another name goes on working.
+    token, former = console.accounts.new_token("operator", "former", [Scope.READ], by="test")
+    own = tokens_table.c.id == token.id
+    with console.accounts.engine.begin() as connection:
+        connection.execute(update(tokens_table).where(own).values(scopes=["read", "words"]))
+    for secret, says, sees_audit in ((reading, 403, 403), (all_of, 201, 403), (former, 201, 403)):
         headers = {"Authorization": f"Bearer {secret}"}
         assert client.get("/api/v1/runs", headers=headers).status_code == 200
         assert client.post(words, json=WORD, headers=headers).status_code == says

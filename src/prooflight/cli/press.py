@@ -423,6 +423,7 @@ def _facts(press: Press) -> dict[str, Any]:
         "rip_dpi": press.rip_dpi,
         "rip_model": asdict(press.rip_model),
         "screen": None if press.screen is None else asdict(press.screen),
+        "spot_units": [] if press.spot_units is None else [unit.name for unit in press.spot_units.units],
         "rip_engine": " ".join((press.rip_engine.name, *press.rip_engine.command)),
         "good_pages_per_false_alarm": press.good_pages_per_false_alarm,
         "misprint_rate": press.costs.misprint_rate,

@@ -11,6 +11,7 @@ import numpy as np
 from prooflight.camera.camera import with_pixels
 from prooflight.camera.lens_correction import SHORT_REACH_PIXELS, lens_correction
 from prooflight.camera.sensor import draw_fixed_pattern
+from prooflight.cmyk import INKS
 from prooflight.commissioning.characterise import (
     appearance_srgb,
     calibrate_columns,
@@ -24,6 +25,7 @@ from prooflight.errors import PressFileError
 from prooflight.inks.ink_model import InkModel
 from prooflight.prediction.tables import SensorModel
 from prooflight.press.artefact import Press
+from prooflight.press.spot_units import SpotUnits
 from prooflight.rng import stream
 from prooflight.spectra import BANDS
 
@@ -35,7 +37,9 @@ if TYPE_CHECKING:
     from prooflight.camera.camera import Camera
     from prooflight.camera.sensor import LineSensor
     from prooflight.commissioning.characterise import ColumnCalibration
+    from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.press.press_file import PressFile
+    from prooflight.press.spot_units import SpotUnit
 
 SUPERSAMPLING = 2
 """Number of raster pixels across one camera pixel.
@@ -94,6 +98,7 @@ def build_press(
     ]
     progress("picturing colours")
     ink_arrays, ink_facts = packed(inks)
+    units = press_file.spot_units()
     return Press(
         name=press_file.name,
         geometry=geometry,
@@ -105,6 +110,7 @@ def build_press(
         rip_engine=press_file.rip_engine,
         rip_model=press_file.rip_model,
         screen=press_file.screen,
+        spot_units=None if not units else spot_units(camera, inks, units),
         appearance_srgb=appearance_srgb(inks),
         costs=press_file.costs(),
         good_pages_per_false_alarm=press_file.good_pages_per_false_alarm,
@@ -150,6 +156,16 @@ def _sensor_model(
         backing_dn=float(signal_dn(sensor, backing_e)),
         backing_variance_dn2=float(variance_dn2(sensor, backing_e)),
         top_code_dn=sensor.top_code_dn,
+    )
+
+
+def spot_units(camera: Camera, inks: ReflectanceModel, units: Sequence[SpotUnit]) -> SpotUnits:
+    """Return units that print spot inks, with the response of a camera and the paper of an ink model."""
+    bands = camera.irradiance_photons(np.eye(BANDS))  # light is linear in reflectance, band by band
+    return SpotUnits(
+        units=tuple(units),
+        response_dn=tuple(tuple(signal_dn(one, one.electrons(bands)).tolist()) for one in camera.sensors),
+        paper=tuple(inks.reflectance(np.zeros(INKS)).tolist()),
     )
 
 

@@ -86,7 +86,7 @@ class PreparedStore:
             inspector.detector.name,
             content_digest(job.path),
             "" if job.profile is None else content_digest(job.profile),
-            repr((job.dpi, job.drawn_dpi, job.layout)),
+            repr((job.dpi, job.drawn_dpi, job.layout, *job.spots)),
         ]
         name = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         return cls(folder=(folder or prepared_folder()) / name, inspector=inspector)

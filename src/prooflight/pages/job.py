@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.facts import DocumentFacts, PageFacts
+    from prooflight.pages.spots.spot_print import SpotPrint
     from prooflight.pages.warnings import PageWarning
 
 
@@ -57,6 +58,8 @@ class JobSource:
     """Engine that draws the pages of PDFs; None: MuPDF."""
     rip: RipModel = UNSTATED
     """Parameters of the press's RIP, by which PDFs are drawn."""
+    spots: tuple[SpotPrint, ...] = ()
+    """Spot inks that the press prints by units of their own."""
     layout: Layout | None = None
     """Imposition of pages on sheets: the job's pages then are the sides that are printed
     (``pages.layout``). None: pages are printed as they are."""
@@ -85,7 +88,9 @@ class Job:
         self._places: list[tuple[Path, int]] = []  # file and number in it, of every page of the job
         for path in _files_of(source.path):
             if _is_pdf(path):
-                self._pdfs[path] = PdfJob(path, profile=source.profile, engine=source.engine)
+                self._pdfs[path] = PdfJob(
+                    path, profile=source.profile, engine=source.engine, spots=source.spots
+                )
                 count = len(self._pdfs[path])
             else:
                 count = files.page_count(path)
@@ -172,7 +177,8 @@ class Job:
     def warnings(self) -> tuple[PageWarning, ...]:
         """Warnings of the job's files and of the pages drawn so far, which are numbered as without a layout."""
         places = {place: number for number, place in enumerate(self._places)}
-        return tuple(
+        of_spots = tuple(warning for spot in self.source.spots for warning in spot.page_warnings)
+        return of_spots + tuple(
             replace(warning, page=places.get((path, warning.page + 1), WHOLE_FILE))
             for path, pdf in self._pdfs.items()
             for warning in pdf.warnings

@@ -10,7 +10,7 @@
   ``ours.tolerance.kind*``).
 - 6: in it, the threshold above which the score that was trained on no misprint decides alone (``outright``). Stored
   only where they differ from the behaviour of earlier presses, so that the digests of those stay: ``fringes``,
-  ``rip_dpi``, ``rip_engine``, ``rip_model``, ``screen``, and ``prior`` in the matched-filter detector.
+  ``rip_dpi``, ``rip_engine``, ``rip_model``, ``screen``, ``spot_units``, and ``prior`` in the matched-filter detector.
 - 7: the matched-filter detector is a ranking that was trained once, adapted to the press by its own good pages
   (``ours.values``, ``ours.page_features``, ``ours.own``, ``ours.reference``, ``ours.tolerance.shift`` and ``.scale``).
 - 8: reference scores of other presses by the number of pages that adapted the ranking (``ours.reference``,
@@ -52,6 +52,7 @@ from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import ClippedShare, SensorModel, node_fractions
 from prooflight.press.print_condition import PrintCondition
 from prooflight.press.schema import MODELS, check_press
+from prooflight.press.spot_units import SpotUnits
 from prooflight.scans.geometry import ScanGeometry
 from prooflight.shown import Shown
 
@@ -131,6 +132,8 @@ class Press(Shown):
     """Parameters of the press's RIP, by which PDFs are drawn in its place."""
     screen: Screen | None = None
     """Screen by which the press prints tints; None: unknown."""
+    spot_units: SpotUnits | None = None
+    """Units that print spot inks of their own; None: the press prints all colours by its process inks."""
     detectors: Mapping[str, TrainedModel] = field(default_factory=dict)
     """Models of the detectors that were trained for this press, by the detector's name."""
 
@@ -294,6 +297,8 @@ class Press(Shown):
             document["rip_model"] = asdict(self.rip_model)
         if self.screen is not None:
             document["screen"] = asdict(self.screen)
+        if self.spot_units is not None:
+            document["spot_units"] = asdict(self.spot_units)
         return arrays, json.dumps(document, sort_keys=True)
 
     @classmethod
@@ -335,6 +340,7 @@ class Press(Shown):
             rip_engine=_engine(document.get("rip_engine")),
             rip_model=RipModel(**_values(document.get("rip_model") or {})),
             screen=Screen(**_values(document["screen"])) if document.get("screen") else None,
+            spot_units=SpotUnits.from_plain(document["spot_units"]) if document.get("spot_units") else None,
             detectors=detectors,
         )
 

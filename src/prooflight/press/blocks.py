@@ -37,6 +37,7 @@ from prooflight.pages.screen import Screen
 from prooflight.press.gate import GateSettings
 from prooflight.press.outlets import PlantBlock
 from prooflight.press.parts import PartsBlock
+from prooflight.press.spot_units import MOST_UNITS
 from prooflight.scans.camera_settings import CameraSettings
 from prooflight.scans.scanner.feeder import FeederPrior
 
@@ -178,6 +179,13 @@ class RipBlock(_Block):
         return RipModel(**fields)
 
 
+class SpotBlock(_Block):
+    """One ``[[inks.spot]]``: a unit that prints a spot ink of its own."""
+
+    name: Annotated[str, Field(strict=True, min_length=1, max_length=255)]
+    cxf: str | None = None
+
+
 class InksBlock(_Block):
     """``[inks]``; absent: the built-in press."""
 
@@ -185,6 +193,19 @@ class InksBlock(_Block):
     model: str = "auto"
     condition: ShortText | None = None
     """Name of the printing condition that inks and paper meet, such as FOGRA51."""
+    spot: Annotated[tuple[SpotBlock, ...], Field(max_length=MOST_UNITS)] = ()
+
+    @model_validator(mode="after")
+    def _differ(self) -> Self:
+        names = [unit.name for unit in self.spot]
+        if len(set(names)) < len(names) or not set(names).isdisjoint(NO_SPOTS):
+            message = f"spot: names must differ from each other and from {', '.join(NO_SPOTS)}"
+            raise ValueError(message)
+        return self
+
+
+NO_SPOTS: Final = ("Cyan", "Magenta", "Yellow", "Black", "All", "None")
+"""Names of colorants that are no spot inks (ISO 32000-2, 8.6.6.4)."""
 
 
 class SubstrateBlock(_Block):
@@ -306,6 +327,13 @@ class Document(_Block):
     gate: GateSettings | None = None
     plant: PlantBlock = PlantBlock()
     press: PartsBlock = PartsBlock()
+
+    @model_validator(mode="after")
+    def _spots_are_drawn(self) -> Self:
+        if self.inks.spot and self.rip.engine != "mupdf":
+            message = f'inks.spot goes with rip.engine = "mupdf": {self.rip.engine} mixes spot colours itself'
+            raise ValueError(message)
+        return self
 
 
 def checked(path: Path, text: str) -> Document:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from prooflight.pages.job import FINER, Job, JobSource
+from prooflight.pages.spots.job_spectra import JobSpectra
 
 if TYPE_CHECKING:
     from prooflight.pages.layout.layout import Layout
@@ -33,8 +35,11 @@ class PressJob(Job):
 def job_source(
     path: Path, press: Press, *, profile: Path | None = None, layout: Layout | None = None
 ) -> JobSource:
-    """Return a job prepared for this press: PDFs are drawn at its RIP's resolution, and pixels pooled by its inks."""
-    return JobSource(
+    """Return a job prepared for this press: PDFs are drawn at its RIP's resolution, and pixels pooled by its inks.
+
+    If a unit of the press takes the spectrum of its ink from jobs, the job is opened; errors as ``open_job``.
+    """
+    source = JobSource(
         path=path,
         dpi=press.dpi,
         drawn_dpi=press.rip_dpi,
@@ -44,6 +49,14 @@ def job_source(
         rip=press.rip_model,
         layout=layout,
     )
+    units = press.spot_units
+    if units is None:
+        return source
+    stated = JobSpectra()
+    if units.take_from_jobs:
+        with source.open() as job:
+            stated = JobSpectra.of(job)
+    return replace(source, spots=units.prints(press.sensors, stated))
 
 
 def drawn_dpi(press: Press) -> float:

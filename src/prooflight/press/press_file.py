@@ -18,7 +18,7 @@ from prooflight.camera.camera import Camera
 from prooflight.camera.optics import Lens, Light
 from prooflight.camera.sensor import LineSensor
 from prooflight.detectors.cost import RunningCosts
-from prooflight.errors import PressFileError
+from prooflight.errors import ChartError, PressFileError
 from prooflight.files.fields import GREATEST, LEAST
 from prooflight.files.given import GivenFiles, shortly
 from prooflight.inks.built_in import built_in_inks
@@ -27,8 +27,10 @@ from prooflight.inks.chart import read_chart
 from prooflight.inks.ink_model import InkModel
 from prooflight.inks.selection import AUTO, MODELS
 from prooflight.pages.pdf.engine import RipEngine
+from prooflight.pages.spots.cxf import read_cxf, read_spot_ink
 from prooflight.press.blocks import IN_IDEAL, checked
 from prooflight.press.print_condition import PrintCondition
+from prooflight.press.spot_units import SpotUnit
 from prooflight.scans.alignment import SensorOffset
 from prooflight.scans.camera_settings import NAMES, CameraSettings
 from prooflight.scans.geometry import ScanGeometry
@@ -248,6 +250,24 @@ class PressFile:
                 chart = read_chart(self.path.parent / block.chart)
                 self._inks = InkModel.fit(chart, block.model, progress=progress)
         return self._inks
+
+    def spot_units(self) -> tuple[SpotUnit, ...]:
+        """Return the units of ``[[inks.spot]]``, with the spectra of the CxF files that it names.
+
+        ChartError: a file cannot be used, or holds no spectrum of the ink.
+        """
+        units = []
+        for block in self._document.inks.spot:
+            if block.cxf is None:
+                units.append(SpotUnit(name=block.name))
+                continue
+            path = self.path.parent / block.cxf
+            try:
+                units.append(SpotUnit.of(read_spot_ink(read_cxf(path), block.name)))
+            except ChartError as error:
+                what = f"{path}: {error.what}"
+                raise ChartError(f"{self.path}: spot ink {block.name}", what, remedy=error.remedy) from error
+        return tuple(units)
 
     def camera(self) -> Camera:
         """Build the camera from ``[light]``, ``[lens]``, ``[[sensor]]`` and the speed of ``[transport]``."""

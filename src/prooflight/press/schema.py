@@ -35,6 +35,7 @@ from prooflight.pages.raster import MM_PER_INCH
 from prooflight.pages.screen import Screen
 from prooflight.prediction.tables import ClippedShare
 from prooflight.press.blocks import LEAST_RIP_DPI, MOST_RIP_DPI
+from prooflight.press.spot_units import SpotUnits
 from prooflight.scans.geometry import ScanGeometry
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ class PressFacts(Block):
     rip_dpi: Annotated[float, Field(strict=True, ge=LEAST_RIP_DPI, le=MOST_RIP_DPI)] | None = None
     rip_model: RipModel | None = None
     screen: Screen | None = None
+    spot_units: SpotUnits | None = None
 
 
 def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -109,6 +111,9 @@ def check_press(document: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, 
     _check_amounts(raw["variation"], "variation")
     if facts.clipped and len(facts.clipped) != len(facts.sensors):
         raise Misfit("clipped", f"is of {len(facts.clipped)} sensors of {len(facts.sensors)}")
+    if facts.spot_units is not None and len(facts.spot_units.response_dn) != len(facts.sensors):
+        of = len(facts.spot_units.response_dn)
+        raise Misfit("spot_units.response_dn", f"is of {of} sensors of {len(facts.sensors)}")
     sizes = {"nodes": NODES, "pixels": facts.geometry.pixels, "neighbours": 2 * NEAR_REACH + 1}
     parts = [f"sensor{index}." for index in range(len(facts.sensors))]
     for sensor, part in zip(facts.sensors, parts, strict=True):

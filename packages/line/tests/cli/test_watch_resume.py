@@ -23,6 +23,7 @@ from tests.cli.word_jobs import write_word_job
 from prooflight.cli import run
 from prooflight.scans.recorded import recorded_scans
 from prooflight_line.journal.journal import Journal
+from prooflight_line.journal.labels import run_key, sheet_id
 from prooflight_line.plant.gate.log import LoggedDecisions, log_path
 from prooflight_line.plant.simulator.belt import Belt
 from prooflight_line.plant.simulator.plc import SimulatedPlc
@@ -139,9 +140,14 @@ def test_a_run_that_was_killed_goes_on_in_the_same_run(
     before, old = recorded(journal)
     assert before.state == "interrupted"
     capsys.readouterr()
-    code = run([*given, "--resume"])
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    code = run([*given, "--resume", "--log", "json"])
+    printed = capsys.readouterr()
+    lines = [json.loads(line) for line in printed.out.splitlines()]
     after, rows = recorded(journal)
+    # A sheet has one name in all logs: that of the run's first start.
+    logged = [json.loads(line) for line in printed.err.splitlines() if line.startswith("{")]
+    names = [one["id"] for one in logged if one.get("event") == "sheet"]
+    assert names == [sheet_id(run_key(after), row.sheet) for row in rows[len(old) :]]
     # The drum waits for its reader, so that no sheet passed unwatched: only verdicts may be lost.
     assert_whole(journal, rows)
     assert (before.id, after.id, after.state) == (1, 1, "finished")

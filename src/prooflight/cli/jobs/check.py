@@ -149,6 +149,9 @@ def _plain(page: CheckedPage, press: Press | None, stated: StatedSpots) -> dict[
             "cmyk_percent": _percent(page.spots.get(spot["name"])),
             "srgb": _srgb(page, spot["name"], press),
             "delta_e00": stated.delta_e00(spot["name"], page.spots.get(spot["name"])),
+            "spectrum": stated.spectrum(spot["name"]),
+            "own_unit": spot["name"] in stated.units,
+            "light_off_percent": stated.light_off_percent(spot["name"]),
         }
         for spot in facts.pop("spots", [])
     ]
@@ -310,8 +313,6 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None, stated: Stated
         table.add_column(letter, justify="right")
     for heading in text_columns[1:] if press is not None else text_columns[2:]:
         table.add_column(heading)
-    if stated.inks:
-        table.add_column("off its spectrum [CIEDE2000]", justify="right")
     for (name, cmyk, painted), pages in rows.items():
         inks = [f"{ink:g}" for ink in _percent(cmyk) or ()] or ["–"] * 4
         colour = _srgb(pages[0], name, press)
@@ -320,8 +321,19 @@ def _show_spots(done: Sequence[CheckedPage], press: Press | None, stated: Stated
             if press is None
             else [Text.assemble(("   ", f"on {colour}"), f" {colour}") if colour else Text("–")]
         )
-        off = stated.delta_e00(name, cmyk or None)
-        spectral = ["–" if off is None else f"{off:.1f}"] if stated.inks else []
         shown = "yes" if painted else "no"
-        table.add_row(visible(name), *inks, *swatch, shown, _few([page.name for page in pages]), *spectral)
+        table.add_row(visible(name), *inks, *swatch, shown, _few([page.name for page in pages]))
     show.people.print(table)
+    for name, cmyk in {
+        name: cmyk for name, cmyk, _ in rows if name in stated.inks or name in stated.units
+    }.items():
+        show.people.print(Text(visible(_spectral(stated, name, cmyk))), soft_wrap=True)
+
+
+def _spectral(stated: StatedSpots, name: str, cmyk: tuple[int, ...]) -> str:
+    """Return where an ink's spectrum is from, by what it is printed, and how far off it is, in one line."""
+    light, colour = stated.light_off_percent(name), stated.delta_e00(name, cmyk or None)
+    by = "its own unit" if name in stated.units else "process inks"
+    off = [] if colour is None else [f"{colour:.1f} CIEDE2000 off it"]
+    off += [] if light is None else [f"{light:.1f} % of white off its light"]
+    return f"Spectrum of {name}: {stated.spectrum_text(name)}; printed by {', '.join([by, *off])}"

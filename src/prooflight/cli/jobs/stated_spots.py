@@ -1,24 +1,26 @@
-"""Spot inks whose spectra a job's file states (CxF/X-4), beside what the inks of a press print of them."""
+"""Spectra that are stated of a job's spot inks, and what a press prints of these inks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from prooflight.commissioning.inks import inks_of
-from prooflight.errors import ChartError
-from prooflight.inks.cxf import read_spot_ink
+from prooflight.pages.spots.job_spectra import JobSpectra
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
+from prooflight.press.spot_units import PRESS_FILE
+from prooflight.reporting.wording import count
 from prooflight.spectra import delta_e00, lab
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from prooflight.inks.cxf import SpotInk
     from prooflight.inks.reflectance import ReflectanceModel
     from prooflight.pages.job import Job
+    from prooflight.pages.spots.spot_ink import SpotInk
+    from prooflight.pages.spots.spot_print import SpotPrint
     from prooflight.press.artefact import Press
 
 KIND: Final = "spot-spectrum"
@@ -27,35 +29,79 @@ KIND: Final = "spot-spectrum"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedSpots:
-    """Spot inks of a job, and the process inks of a press."""
+    """Spot inks of a job, and what a press prints of them."""
 
-    inks: Mapping[str, SpotInk]
-    """By their names; empty: the file states none, or there is no press."""
-    process: ReflectanceModel | None
+    inks: Mapping[str, SpotInk] = field(default_factory=dict)
+    """Spectra by the names of the inks."""
+    origins: Mapping[str, str] = field(default_factory=dict)
+    """Where each spectrum is from."""
+    solidities: Mapping[str, float] = field(default_factory=dict)
+    """See ``JobSpectra``."""
+    units: Mapping[str, SpotPrint] = field(default_factory=dict)
+    """Inks that the press prints by units of their own."""
+    process: ReflectanceModel | None = None
     """Ink model of the press; None: there is no press, or it carries none."""
     warnings: tuple[PageWarning, ...] = ()
 
     @classmethod
     def of(cls, job: Job, press: Press | None) -> Self:
-        """Read the spectra that a job states; what cannot be read is a warning. JobError: the file is damaged."""
-        facts = None if press is None else job.document_facts()
-        if press is None or facts is None or not facts.spectra or not press.ink_facts:
-            return cls(inks={}, process=None)
-        inks, warnings = dict[str, SpotInk](), list[PageWarning]()
-        for name, text in facts.spectra.items():
-            try:
-                inks[name] = read_spot_ink(text, name)
-            except ChartError as error:
-                warnings.append(PageWarning(page=WHOLE_FILE, kind=KIND, message=str(error), object_name=name))
-        return cls(inks=inks, process=inks_of(press), warnings=tuple(warnings))
+        """Read the spectra that are stated of a job's inks; what cannot be read is a warning. JobError: damaged."""
+        if press is None:
+            return cls()
+        stated = JobSpectra.of(job)
+        units = () if press.spot_units is None else press.spot_units.units
+        own = {unit.name: unit.ink for unit in units if unit.ink is not None}
+        warnings = [
+            PageWarning(page=WHOLE_FILE, kind=KIND, message=str(error), object_name=name)
+            for name, error in stated.faults.items()
+        ]
+        inks = {**stated.inks, **own}
+        return cls(
+            inks=inks,
+            origins={**stated.origins, **dict.fromkeys(own, PRESS_FILE)},
+            solidities=stated.solidities,
+            units={spot.name: spot for spot in job.source.spots},
+            process=inks_of(press) if inks and press.ink_facts else None,
+            warnings=tuple(warnings),
+        )
 
     def delta_e00(self, name: str, cmyk: Sequence[int] | None) -> float | None:
         """Return how far the print of a full spot ink lies from its spectrum, by CIEDE2000 (D50, 2 degrees).
 
-        cmyk: what is printed for it, 0 to 255. None: the file states no spectrum, or nothing is printed.
+        cmyk: what is printed for it, 0 to 255. None: no spectrum is stated, nothing is printed, or the press prints it
+        by a unit of its own, so that process inks only stand for it.
         """
         ink = self.inks.get(name)
-        if ink is None or cmyk is None or self.process is None:
+        if ink is None or cmyk is None or self.process is None or name in self.units:
             return None
         printed = self.process.reflectance(np.array(cmyk) / 255)
         return round(float(delta_e00(lab(ink.solid), lab(printed))), 2)
+
+    def spectrum(self, name: str) -> dict[str, Any] | None:
+        """Return what is stated of an ink's spectrum, for programs; None: nothing is."""
+        ink = self.inks.get(name)
+        if ink is None:
+            return None
+        return {
+            "from": self.origins[name],
+            "condition": ink.condition or None,
+            "tints": len(ink.tint),
+            "opacity": self.solidities.get(name) if ink.opacity is None else ink.opacity,
+        }
+
+    def spectrum_text(self, name: str) -> str:
+        """Return the same for people, in a few words."""
+        stated = self.spectrum(name)
+        if stated is None:
+            return "not stated"
+        parts = [
+            stated["from"],
+            stated["condition"] or "condition not stated",
+            count(stated["tints"], "tint"),
+        ]
+        return ", ".join(parts + ([] if stated["opacity"] is None else [f"opacity {stated['opacity']:.2f}"]))
+
+    def light_off_percent(self, name: str) -> float | None:
+        """Return the light of a unit's ink that prediction misses, in per cent of white; None: it has no unit."""
+        unit = self.units.get(name)
+        return None if unit is None or not unit.mixture else round(100 * unit.light_off, 2)

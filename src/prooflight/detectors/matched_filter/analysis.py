@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, PlacedScan
+    from prooflight.detectors.matched_filter.fit.nuisance import Colours, Fit, FitBlocks, PlacedScan
     from prooflight.detectors.matched_filter.glyphs.scoring import PageGlyphs, ScoredPage
     from prooflight.detectors.matched_filter.scan_images import Engine, ScanImages
     from prooflight.detectors.matched_filter.statistics.local_evidence import Sums
@@ -305,6 +305,8 @@ class ScanAnalysis:
     """Function that returns the scan and its modes at the page's placement."""
     far_planes: Callable[[], tuple[NDArray[np.float64], NDArray[np.bool_]] | None]
     """Function that returns ``register_far_planes``."""
+    block_sums: Callable[[], tuple[FitBlocks, NDArray[np.float32]]]
+    """Function that returns the blocks of the fit, and their sums over the placed scan."""
     glyphs: ScoredPage = NOTHING
     """Result of the glyph tests."""
     blind_columns: tuple[int, ...] = ()
@@ -316,7 +318,9 @@ class ScanAnalysis:
 
     def settled(self) -> ScanAnalysis:
         """Return the analysis with the sums that it has and no others, so that the scan's images may be forgotten."""
-        return replace(self, summed=_forgotten, placed=_forgotten, far_planes=_forgotten)
+        return replace(
+            self, summed=_forgotten, placed=_forgotten, far_planes=_forgotten, block_sums=_forgotten
+        )
 
 
 def _forgotten(*_: object) -> NoReturn:
@@ -462,6 +466,7 @@ def analyse_registered(
         far_planes=partial(
             register_far_planes, page, prepared.landmarks, scan, registration, lost=lost, threads=threads
         ),
+        block_sums=images.block_sums,
         glyphs=glyphs,
         blind_columns=tuple((np.flatnonzero(faulty.all(axis=0) & where.inside.any(axis=0)) * bins).tolist()),
     )

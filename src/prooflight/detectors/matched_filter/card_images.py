@@ -32,6 +32,7 @@ from prooflight.detectors.matched_filter.fit.nuisance import (
     FitBlocks,
     PlacedScan,
     fit_blocks,
+    summed_blocks,
 )
 from prooflight.detectors.matched_filter.fit.residuals import FLAT_SIGMAS, fitted_amounts, noise_of
 from prooflight.detectors.matched_filter.scan_images import UNRESOLVED, sums_of
@@ -553,6 +554,12 @@ class CardImages:
         if modes == SCREEN_MODES and not self._screened:
             return self._screen()
         return sums_of(self._page, self.placed(), *self._cached_light, self._edges, self.unresolved, modes)
+
+    def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
+        """See ``ScanImages``; summed again, as the card's sums differ from the processor's by rounding."""
+        placed = self.placed()
+        blocks = FitBlocks.of(placed.seen_by_all())
+        return blocks, summed_blocks(placed, blocks, self._page.threads)
 
     def placed(self) -> PlacedScan:
         """See ``ScanImages``."""

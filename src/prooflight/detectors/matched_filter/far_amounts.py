@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INK_NAMES, INKS
-from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, free_gains, summed_blocks
+from prooflight.detectors.matched_filter.fit.nuisance import free_gains
 from prooflight.registration.planes import ALONE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from prooflight.detectors.matched_filter.analysis import PreparedPage, ScanAnalysis
-    from prooflight.detectors.matched_filter.fit.nuisance import ResidualVariance
+    from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, ResidualVariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,8 +47,7 @@ class FarAmounts:
         residual_variance: ResidualVariance,
     ) -> FarAmounts:
         """Take what is needed of the scan's images, before these are forgotten."""
-        placed = analysis.placed()
-        blocks, pitch = FitBlocks.of(placed.seen_by_all()), prepared.binned_geometry.pixel_pitch_mm
+        pitch, (blocks, sums) = prepared.binned_geometry.pixel_pitch_mm, analysis.block_sums()
         planes_mm, located = analysis.far_planes() or (np.zeros((INKS, 2)), np.zeros(INKS, bool))
         return cls(
             prepared=prepared,
@@ -56,7 +55,7 @@ class FarAmounts:
             planes_mm=planes_mm,
             located=located,
             blocks=blocks,
-            sums=summed_blocks(placed, blocks, threads=1),
+            sums=sums,
             residual_variance=residual_variance,
         )
 

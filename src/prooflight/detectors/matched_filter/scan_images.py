@@ -16,7 +16,7 @@ from prooflight.detectors.matched_filter.fit.binning import binned, binned_scan,
 from prooflight.detectors.matched_filter.fit.hidden import with_hidden_edges
 from prooflight.detectors.matched_filter.fit.modes import Modes, moved
 from prooflight.detectors.matched_filter.fit.moves import by_prediction, local_moves, take_moves
-from prooflight.detectors.matched_filter.fit.nuisance import PlacedScan, fit_nuisances
+from prooflight.detectors.matched_filter.fit.nuisance import FitBlocks, PlacedScan, fit_blocks, summed_blocks
 from prooflight.detectors.matched_filter.fit.residuals import residual_images
 from prooflight.detectors.matched_filter.statistics.local_evidence import MODES, summed
 from prooflight.prediction.predict import Prediction, predict
@@ -131,6 +131,9 @@ class ScanImages(Protocol):
     def fitted(self, planes: NDArray[np.float64]) -> Fit:
         """Estimate every nuisance parameter; planes (4, 2): where their estimation starts [pixels]."""
 
+    def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
+        """Return the blocks of the fit, and their sums on the processor (``summed_blocks``)."""
+
     def take_fit(self, fit: Fit) -> NDArray[np.float64]:
         """Make residuals and their inverse variance after a fit; return each sensor's noise factor."""
 
@@ -192,14 +195,21 @@ class HostImages:
 
     def fitted(self, planes: NDArray[np.float64]) -> Fit:
         """See ``ScanImages``."""
-        return fit_nuisances(
-            self._placed,
+        design, blocks = self._page.design, FitBlocks.of(self._placed.seen_by_all())
+        self._block_sums = blocks, summed_blocks(self._placed, blocks, self._page.threads)
+        return fit_blocks(
+            *self._block_sums,
+            sensors=design.sensors,
+            colours=design.colours,
             planes=planes,
-            pixel_mm=self._page.design.geometry.pixel_pitch_mm,
-            prior=self._page.design.prior,
+            pixel_mm=design.geometry.pixel_pitch_mm,
+            prior=design.prior,
             residual_variance=self._page.residual_variance,
-            threads=self._page.threads,
         )
+
+    def block_sums(self) -> tuple[FitBlocks, NDArray[np.float32]]:
+        """See ``ScanImages``; those of ``fitted``, since the placed scan stays."""
+        return self._block_sums
 
     def take_fit(self, fit: Fit) -> NDArray[np.float64]:
         """See ``ScanImages``."""

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.images import ImageFault
     from prooflight.pages.pdf.rip_model import RipModel
+    from prooflight.pages.spots.spot_print import SpotPrint
 
 BYTES_PER_PIXEL: Final = 40
 """Memory while drawing; measured: 8 for most pages, 36 with transparency groups five deep."""
@@ -86,14 +87,16 @@ def read_profile(path: Path, shown: str) -> bytes:
 class PdfFile:
     """An open PDF."""
 
-    def __init__(self, path: Path, shown: str, profile: bytes | None) -> None:
-        """Open a PDF; ``shown`` is its name in errors.
+    def __init__(
+        self, path: Path, shown: str, profile: bytes | None, spots: Sequence[SpotPrint] = ()
+    ) -> None:
+        """Open a PDF; ``shown`` is its name in errors, ``spots`` are the press's own spot inks.
 
         JobError: encrypted, empty or damaged; MemoryError: beyond its limit.
         """
         self._path, self._shown, self._profile = path, shown, profile
         self._warnings = dict[PageWarning, None]()
-        self._tints, self._contents = TintSpaces(), dict[int, PageContents]()
+        self._tints, self._contents = TintSpaces(spots), dict[int, PageContents]()
         self._layers: PrintedLayers | None = None
         with self._listening("the PDF is damaged"):
             self._document = open_document(path, shown)

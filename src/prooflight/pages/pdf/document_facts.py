@@ -32,6 +32,7 @@ def document_facts(document: Any) -> dict[str, Any]:
         "condition": "" if printing is None else _condition(printing),
         "record_pages": _record_pages(document, get(root, "DPartRoot")),
         "spectra": dict(_spectra(document, intents)),
+        "solidities": dict(_solidities(intents)),
     }
 
 
@@ -87,3 +88,11 @@ def _spectra(document: Any, intents: list[Any]) -> Iterator[tuple[str, str]]:
             data = mupdf.pdf_load_stream(stream).fz_buffer_extract()
             if len(data) <= CXF_BYTES_MAX:
                 yield shown_name(name_of(key)), bytes(data).decode("utf-8", "replace")
+
+
+def _solidities(intents: list[Any]) -> Iterator[tuple[str, float]]:
+    """Yield opacities, 0 to 1, of spot inks from the mixing hints of output intents (ISO 32000-2, table 73 and 401)."""
+    for intent in intents:
+        for key, value in entries(get(get(intent, "MixingHints"), "Solidities")):
+            if mupdf.pdf_is_number(value) and 0 <= (solidity := float(mupdf.pdf_to_real(value))) <= 1:
+                yield shown_name(name_of(key)), round(solidity, 6)  # MuPDF holds it in single precision

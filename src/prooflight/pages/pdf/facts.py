@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ class DocumentFacts:
     """Pages of each record of a PDF/VT, in order; empty: the file has no records."""
     spectra: Mapping[str, str]
     """CxF/X-4 of spot inks as text, by the names of the inks."""
+    solidities: Mapping[str, float] = field(default_factory=dict)
+    """Opacities, 0 to 1, of spot inks by their names (MixingHints of an output intent)."""
 
     @property
     def pages_a_record(self) -> int | None:
@@ -42,6 +44,7 @@ class DocumentFacts:
             condition=plain["condition"],
             record_pages=tuple(plain["record_pages"]),
             spectra=dict(plain["spectra"]),
+            solidities=dict(plain["solidities"]),
         )
 
 

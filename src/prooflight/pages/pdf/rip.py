@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from prooflight.pages.pdf.area_averages import InkLight
     from prooflight.pages.pdf.engine import RipEngine
     from prooflight.pages.pdf.rip_model import RipModel
+    from prooflight.pages.spots.spot_print import SpotPrint
 
 SWATCHES_A_PAGE: Final = 16
 """Spot colours that are drawn at once to measure their print: no engine draws any number on one page."""
@@ -68,8 +69,15 @@ class PageMarks:
 class PdfJob:
     """A PDF whose pages can be ripped one at a time, by any thread; threads wait for one another."""
 
-    def __init__(self, path: Path, *, profile: Path | None = None, engine: RipEngine | None = None) -> None:
-        """Open a PDF; ``engine`` draws its pages, None: MuPDF.
+    def __init__(
+        self,
+        path: Path,
+        *,
+        profile: Path | None = None,
+        engine: RipEngine | None = None,
+        spots: Sequence[SpotPrint] = (),
+    ) -> None:
+        """Open a PDF; ``engine`` draws its pages, None: MuPDF; ``spots`` are the press's own spot inks.
 
         JobError: not a PDF, encrypted, empty, damaged, or PyMuPDF or the engine is missing. ProfileError: not
         a CMYK profile.
@@ -81,9 +89,10 @@ class PdfJob:
             raise JobError(path, "reading a PDF needs PyMuPDF", remedy=remedy)
         if engine is not None and engine.missing:
             raise JobError(path, f"its pages cannot be drawn: {engine.missing}", remedy=engine.remedy)
-        self._engine, self._profile = engine, profile
+        self._engine, self._profile, self._spots = engine, profile, tuple(spots)
         self._limits = rip_process.RipLimits.of_environment()
-        self._request = self._about_file() | self._about_profile(profile)
+        inks = [[spot.name, spot.mixture] for spot in spots]
+        self._request = self._about_file() | self._about_profile(profile) | {"spots": inks}
         self._count = int(self._answer("opening it", do="open")["pages"])
 
     def _about_file(self) -> dict[str, Any]:
@@ -169,7 +178,7 @@ class PdfJob:
             answer = self._answer(f"page {number}", do="facts", number=number, swatches=str(path))
             printed: dict[str, tuple[int, ...]] = {}
             if answer["swatches"]:
-                with PdfJob(path, profile=self._profile, engine=self._engine) as swatches:
+                with PdfJob(path, profile=self._profile, engine=self._engine, spots=self._spots) as swatches:
                     for first, colours in enumerate(_swatch_colours(swatches)):
                         names = answer["swatches"][first * SWATCHES_A_PAGE :]
                         printed |= dict(zip(names, colours, strict=False))

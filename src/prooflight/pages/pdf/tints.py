@@ -1,8 +1,9 @@
 """Separation and DeviceN spaces (ISO 32000-2, 8.6.6.4 and 8.6.6.5): how a press of four inks prints each colorant.
 
 Process inks are printed as themselves, All on each of them, None on none. A spot colour has a plate of its own, so that
-overprint leaves it alone, and is printed by its tint transform. A DeviceN space of other colorants than process inks is
-painted in its alternate space, by the tint transform of all its components, unless it is an NChannel space.
+overprint leaves it alone, and is printed by its tint transform, or by what the press's own unit of that ink prints. A
+DeviceN space of other colorants than those of the press is painted in its alternate space, by the tint transform of all
+its components, unless it is an NChannel space.
 
 MuPDF finds plates by the names of colorants, whatever their transforms are. So colorants are renamed in memory: a spot
 colour to the name of its plate, and those of a space that is painted in its alternate to names of no plate.
@@ -19,14 +20,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from pymupdf import _mupdf, mupdf
 
-from prooflight.pages.pdf.resources import entries, get, items, name_of
+from prooflight.pages.pdf.resources import entries, get, items, name_of, shown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from prooflight.pages.pdf.colour_management import Inks
+    from prooflight.pages.spots.spot_print import SpotPrint
 
 COLOURS_MAX: Final = 32
 """MuPDF's FZ_MAX_COLORS."""
@@ -71,6 +73,17 @@ class TintTransform:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnitTint:
+    """Tints of a spot ink that the press prints by a unit of its own, whatever the file's transform of it is."""
+
+    printed: SpotPrint
+
+    def ink_amounts(self, tints: NDArray[np.float64], _inks: Inks, _parameters: Any) -> NDArray[np.float64]:
+        """Return ink amounts 0..1 (colours, 4) of tints (colours, 1)."""
+        return self.printed.cmyk(tints[:, 0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TintUse:
     """Painting of a space; by default each of its colorants is a process ink."""
 
@@ -94,9 +107,12 @@ class Tinted:
 class TintSpaces:
     """Tint spaces that a file's pages have used so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, spots: Sequence[SpotPrint] = ()) -> None:
+        """Prepare; ``spots`` are inks of the press's own, which are printed on their plates in every space."""
         self._plates: dict[tuple[Any, ...], str] = {}
         self._transforms: dict[str, TintTransform] = {}
+        self._units = {spot.name: spot for spot in spots if spot.mixture}
+        self._unit_tints: dict[str, UnitTint] = {}
 
     def rename(self, space: Any, listed: Tinted) -> None:
         """Rename the colorants of all tint spaces within a colour space (``mupdf.PdfObj``), and list them."""
@@ -105,9 +121,9 @@ class TintSpaces:
             with contextlib.suppress(Exception):  # a broken one, in which nothing can be painted
                 listed.plates |= self._renamed(array)
 
-    def plate(self, name: str) -> TintTransform:
+    def plate(self, name: str) -> TintTransform | UnitTint:
         """Return the transform of a plate."""
-        return self._transforms[name]
+        return self._unit_tints.get(name) or self._transforms[name]
 
     def use(self, space: Any) -> TintUse:
         """Return how a Separation or DeviceN space of MuPDF (low level) is painted."""
@@ -121,13 +137,15 @@ class TintSpaces:
     def _renamed(self, array: Any) -> set[str]:
         given = mupdf.pdf_array_get(array, 1)
         colorants = [name_of(one) for one in items(given)] or [name_of(given)]
-        if colorants[0] in self._transforms:
+        if colorants[0] in self._transforms or any(name in self._unit_tints for name in colorants):
             return {name for name in colorants if name.startswith(_PLATE)}
         if all(name in (*PROCESS, "None") for name in colorants) or colorants == ["All"]:
             return set()
-        own = _transform(array, colorants)
-        is_spot = len(colorants) == 1
-        new = [self._plate_of(own)] if is_spot else self._channels(array, colorants) or self._mixed(own)
+        new = self._printed_by_units(colorants)
+        if not new:
+            own = _transform(array, colorants)
+            is_spot = len(colorants) == 1
+            new = [self._plate_of(own)] if is_spot else self._channels(array, colorants) or self._mixed(own)
         if mupdf.pdf_is_array(given):
             listed = mupdf.pdf_new_array(mupdf.pdf_get_bound_document(array), len(new))
             for name in new:
@@ -136,6 +154,20 @@ class TintSpaces:
         else:
             mupdf.pdf_array_put(array, 1, mupdf.pdf_new_name(new[0]))
         return {name for name in new if name.startswith(_PLATE)}
+
+    def _printed_by_units(self, colorants: list[str]) -> list[str]:
+        """Return plates and inks of a space whose colorants the press all has, a spot ink among them, else none."""
+        names = [shown_name(name) for name in colorants]
+        if not all(name in self._units or name in (*PROCESS, "None") for name in names):
+            return []
+        return [self._unit_plate(name) if name in self._units else name for name in names]
+
+    def _unit_plate(self, name: str) -> str:
+        key = (name,)
+        if key not in self._plates:
+            plate = f"{_PLATE}{len(self._plates) + 1}"
+            self._plates[key], self._unit_tints[plate] = plate, UnitTint(printed=self._units[name])
+        return self._plates[key]
 
     def _plate_of(self, transform: TintTransform) -> str:
         """Return the plate of a spot colour, the same for all of one name and one transform."""

@@ -29,6 +29,7 @@ from prooflight.pages.memory import file_stamp, keep_memory
 from prooflight.pages.pdf.document import BYTES_PER_PIXEL, PdfFile, read_profile
 from prooflight.pages.pdf.engine import RipEngine
 from prooflight.pages.pdf.rip_model import RipModel
+from prooflight.pages.spots.spot_print import SpotPrint
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -187,7 +188,10 @@ class Worker:
             what = "has been changed while it was in use"
             raise JobError(shown, what, remedy="leave it alone until the job is done")
         icc = None if profile is None else read_profile(Path(profile), request["shown_profile"])
-        return PdfFile(path, shown, icc)
+        spots = [
+            SpotPrint(name=name, mixture=tuple(map(_tuple, mixture))) for name, mixture in request["spots"]
+        ]
+        return PdfFile(path, shown, icc, spots)
 
 
 def _tuple(value: Any) -> Any:
@@ -199,7 +203,7 @@ def _plain(warnings: list[PageWarning]) -> list[dict[str, Any]]:
 
 
 def _key(request: dict[str, Any]) -> tuple[Any, ...]:
-    return request["path"], *request["stamp"], request["profile"]
+    return request["path"], *request["stamp"], request["profile"], json.dumps(request["spots"])
 
 
 def _limit_memory(room_bytes: float | None) -> None:

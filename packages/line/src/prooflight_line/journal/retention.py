@@ -106,17 +106,18 @@ def _packs_with(
     """Yield the rows of a run's packs that have arrays of these classes, and the size of those; verdicts: of all."""
     with engine.begin() as connection:
         rows = connection.execute(select(stored_packs).where(stored_packs.c.run_id == run_id)).all()
+    every, names = "verdicts" in classes, [ARRAYS[name] for name in classes if name in ARRAYS]
     for row in rows:
-        try:
-            path = packs.inside(folder, PackColumns(**row._asdict()).file)
-            names = [ARRAYS[name] for name in classes if name in ARRAYS]
-            size = path.lstat().st_size if "verdicts" in classes else packs.bytes_of(path, names)
-        except FileNotFoundError:
-            continue
-        except ValueError as error:  # JournalError is one
-            if "verdicts" not in classes:
+        # What cannot be removed with its verdicts is reported where it is removed.
+        path, size = _file(folder, row, None if every else done)
+        if path is not None and not every:
+            try:
+                size = packs.bytes_of(path, names)
+            except FileNotFoundError:
+                continue
+            except ValueError as error:  # JournalError is one
                 _refuse(done, f"evidence {row.id} stays: it is damaged ({complaint(error)})")
-            continue
+                continue
         if size:
             yield row, size
 
@@ -224,7 +225,7 @@ def _remove_packs(engine: Engine, folder: Path, done: Tidied, *, after: int, at_
         examined, removable = None, []
         for row in connection.execute(query).all():
             examined = row.id
-            if not (size := _size(folder, row, done)):
+            if not (size := _file(folder, row, done)[1]):
                 continue
             removable.append(row)
             at_least -= size
@@ -256,19 +257,20 @@ def _remove_files(folder: Path, named: Iterable[Row[Any]], done: Tidied) -> None
             done.pack_bytes += size
 
 
-def _size(folder: Path, row: Row[Any], done: Tidied | None = None) -> int:
-    """Return the bytes that removing a row's file would free; 0: there is no file, or none that may be removed."""
+def _file(folder: Path, row: Row[Any], done: Tidied | None = None) -> tuple[Path | None, int]:
+    """Return a row's file and the bytes that removing it would free; None and 0: there is none that may be removed."""
     try:
-        return packs.inside(folder, PackColumns(**row._asdict()).file).lstat().st_size
+        path = packs.inside(folder, PackColumns(**row._asdict()).file)
+        return path, path.lstat().st_size
     except FileNotFoundError:
-        return 0
+        return None, 0
     except ValueError as error:  # JournalError is one
         if done is not None:
             problem = (
                 error.what if isinstance(error, JournalError) else f"its row is damaged ({complaint(error)})"
             )
             _refuse(done, f"evidence {row.id} stays: {problem}")
-        return 0
+        return None, 0
 
 
 def _evidence_bytes(engine: Engine, folder: Path) -> Generator[None, None, int]:
@@ -281,7 +283,7 @@ def _evidence_bytes(engine: Engine, folder: Path) -> Generator[None, None, int]:
             batch = connection.execute(query).all()
         if not batch:
             return total
-        total += sum(_size(folder, row) for row in batch)
+        total += sum(_file(folder, row)[1] for row in batch)
         after = batch[-1].id
         yield
 

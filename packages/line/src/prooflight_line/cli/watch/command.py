@@ -256,6 +256,7 @@ def watch(
     planned = PlannedRun(
         facts=replace(
             facts,
+            started_s=facts.started_s if resumption is None else resumption.started_s,
             settings=asdict(settings)
             | {"engine": inspector.engine}
             | read.facts

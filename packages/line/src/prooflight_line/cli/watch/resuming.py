@@ -32,6 +32,8 @@ class Resumption:
     """A run that broke off, and what is known of it."""
 
     run_id: int
+    started_s: float
+    """Start of the run, which stays that of its name in logs and traces; Unix time. [s]"""
     past: Past
     """Recorded part of the run, with the rows of ``lost``."""
     lost: tuple[PageRecord, ...]
@@ -73,7 +75,14 @@ class Resumption:
                 remedy = f"resume {'with' if gate is None else 'without'} --plant, or {NEW_RUN}"
                 raise RequestError(path, f"run {run.id} {had}", remedy=remedy)
             if gate is None:
-                return cls(run_id=run.id, past=past, lost=(), gate=None, open_sides=())
+                return cls(
+                    run_id=run.id,
+                    started_s=run.facts.started_s,
+                    past=past,
+                    lost=(),
+                    gate=None,
+                    open_sides=(),
+                )
             gate_log = LoggedDecisions.read(log)
             refuse_other_gate(gate_log, gate, where=press_file)
             lost = unrecorded(gate_log, past.first_sheet, plan, time_s=past.time_s or 0.0)
@@ -81,7 +90,14 @@ class Resumption:
             open_sides = _undecided(recent, gate_log) if plan is not None and plan.layout.sides > 1 else ()
         for record in lost:
             past.add(record)
-        return cls(run_id=run.id, past=past, lost=tuple(lost), gate=gate_log, open_sides=tuple(open_sides))
+        return cls(
+            run_id=run.id,
+            started_s=run.facts.started_s,
+            past=past,
+            lost=tuple(lost),
+            gate=gate_log,
+            open_sides=tuple(open_sides),
+        )
 
     def take_over(self, journal: Journal) -> None:
         """Record what the journal lacks, once this process writes it; RequestError: another one went on with it."""

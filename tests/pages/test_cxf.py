@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prooflight.errors import ChartError
-from prooflight.inks.cxf import read_spot_ink
+from prooflight.pages.spots.cxf import read_spot_ink, spot_names
 from prooflight.spectra import WAVE_NM
 
 ORANGE = np.linspace(0.05, 0.8, 36)
@@ -34,7 +34,11 @@ def cxf(*, solid: str | None = None, sets: str | None = None) -> str:
     <cc:Object ObjectType="Tint" Id="o3">{spectrum(np.full(36, 0.02))}</cc:Object>
   </cc:ObjectCollection>
   <cc:ColorSpecificationCollection><cc:ColorSpecification Id="CS1"><cc:MeasurementSpec>
+    <cc:GeometryChoice><cc:SingleAngle><cc:SingleAngleConfiguration>Annular</cc:SingleAngleConfiguration>
+      <cc:IlluminationAngle>45</cc:IlluminationAngle><cc:MeasurementAngle>0.0</cc:MeasurementAngle>
+    </cc:SingleAngle></cc:GeometryChoice>
     <cc:WavelengthRange StartWL="380" Increment="10"/>
+    <cc:Device><cc:DeviceIllumination>M1_Daylight</cc:DeviceIllumination></cc:Device>
   </cc:MeasurementSpec></cc:ColorSpecification></cc:ColorSpecificationCollection></cc:Resources>
   <cc:CustomResources><sic:SpotInkCharacterisation SpotInkName="Orange 021">{sets}</sic:SpotInkCharacterisation>
   </cc:CustomResources>
@@ -45,10 +49,29 @@ def test_the_tints_of_an_ink_on_its_substrate_are_read() -> None:
     ink = read_spot_ink(cxf(), "Orange 021")
     assert ink.tint.tolist() == [0.0, 0.5, 1.0]
     assert np.allclose(ink.solid, ORANGE, atol=1e-6)
+    assert ink.on_black is not None
+    assert np.allclose(ink.on_black, 0.02)
+    assert ink.condition == "M1, 45:0"
     for tint, value in ((0.0, 0.9), (0.5, 0.4)):
         assert np.allclose(ink.reflectance(tint), value)
     between = (np.sqrt(0.9) + np.sqrt(0.4)) / 2  # halfway between paper and the tint of 50 %
     assert np.allclose(ink.reflectance(0.25), between**2)
+
+
+def test_a_library_of_colours_gives_the_solid_and_a_named_spectrum_is_taken() -> None:
+    """CxF 3 without a characterisation, of which an object has the ink's name; and one spectrum a condition."""
+    library = (
+        cxf().replace("SpotInkCharacterisation", "Other").replace('Id="o2"', 'Id="o2" Name="Orange 021"')
+    )
+    ink = read_spot_ink(library, "Orange 021")
+    assert (ink.tint.tolist(), ink.on_black) == ([1.0], None)
+    assert np.allclose(ink.solid, ORANGE, atol=1e-6)
+    both = spectrum(ORANGE, 'Name="m0" ColorSpecification="CS1"') + spectrum(
+        ORANGE / 2, 'Name="m1" StartWL="380"'
+    )
+    named = cxf(solid=both).replace('ObjectRef="o2"', 'ObjectRef="o2" ReflectanceSpectrumNameRef="m1"')
+    assert np.allclose(read_spot_ink(named, "Orange 021").solid, ORANGE / 2, atol=1e-6)
+    assert spot_names(named, "here") == ("Orange 021",)
 
 
 def test_another_grid_is_brought_to_ours() -> None:

@@ -55,7 +55,7 @@ def job_source(
     stated = JobSpectra()
     if units.take_from_jobs:
         with source.open() as job:
-            stated = JobSpectra.of(job)
+            stated = JobSpectra.of(job.source.path, job.document_facts())
     return replace(source, spots=units.prints(press.sensors, stated))
 
 

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from prooflight.press.artefact import Press
     from prooflight.simulation.scans import MisprintRequest, SimulatedScan
 
-Stranger = Literal["blank", "unknown"]
-STRANGERS: Final[tuple[Stranger, ...]] = get_args(Stranger)
+OtherSheet = Literal["blank", "unknown"]
+OTHER_SHEETS: Final[tuple[OtherSheet, ...]] = get_args(OtherSheet)
 """Sheets that are no page of the job, for faults of the order."""
 LEAST_PRINTS: Final = 24
 """Least number of prints: a shorter job is printed several times, so that no two turns of the ring follow closely."""
@@ -55,12 +55,12 @@ class RingPrint:
     urgent: int | None = None
     """Number of prints that are waited for; those after them take only the time that nothing else wants. None: all."""
 
-    def __call__(self, index: int | Stranger) -> SimulatedScan:
+    def __call__(self, index: int | OtherSheet) -> SimulatedScan:
         """Return print ``index``, of page index modulo the job's, or a sheet that is no page of the job."""
         if self.urgent is not None and (isinstance(index, str) or index >= self.urgent):
             step_back()
         if isinstance(index, str):
-            return self._stranger(index)
+            return self._other_sheet(index)
         session = session_of(self.press, self.seed, self.world)
         turn, last = divmod(index, self.every)
         wanted = (
@@ -89,13 +89,13 @@ class RingPrint:
         """Return a page of the job as it lies in the press."""
         return self.press.geometry.lay(opened(self.job).page(number))
 
-    def _stranger(self, kind: Stranger) -> SimulatedScan:
+    def _other_sheet(self, kind: OtherSheet) -> SimulatedScan:
         """Return a blank sheet, or page 1 upside down and in other inks."""
         first = self.page(1)
         cmyk = np.zeros_like(first.cmyk)
         if kind == "unknown":
             cmyk = np.ascontiguousarray(first.cmyk[::-1, ::-1, [1, 2, 0, 3]])
-        rng = stream(self.seed, "strangers", STRANGERS.index(kind))
+        rng = stream(self.seed, "strangers", OTHER_SHEETS.index(kind))
         page = replace(first, cmyk=cmyk)
         return scan_page(page, press=self.press, request=None, others=(), fetch=self.page, rng=rng)
 
@@ -138,7 +138,7 @@ class GrowingRing(Sequence["NDArray[np.uint16]"]):
             self._changed.notify_all()
 
 
-def rendered(prints: RingPrint, count: int, *, strangers: bool = False) -> Iterator[SimulatedScan]:
-    """Yield the prints of a ring, in order, and after them ``STRANGERS`` if they are asked for."""
-    items: list[int | Stranger] = [*range(count), *(STRANGERS if strangers else ())]
+def rendered(prints: RingPrint, count: int, *, other_sheets: bool = False) -> Iterator[SimulatedScan]:
+    """Yield the prints of a ring, in order, and after them ``OTHER_SHEETS`` if they are asked for."""
+    items: list[int | OtherSheet] = [*range(count), *(OTHER_SHEETS if other_sheets else ())]
     return in_order(prints, items)

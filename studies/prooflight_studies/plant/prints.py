@@ -39,7 +39,7 @@ SPOTS_MM: Final = (0.8, 3.0)
 """Diameters of marks of rollers and of spots. assumed: clearly visible, and not yet a patch."""
 CLOUDS: Final = 12.0
 """Factor on the clouds of good paper (``worlds.toml``) for paper of bad formation. assumed."""
-BESIDE: Final = 0.001
+LEAST_SECOND: Final = 0.001
 """Share of a page that a second ink must print for its planes to have a register."""
 INKED_SHARE: Final = 0.3
 """Share of a column that must have a quarter of full ink for its nozzle to fail there."""
@@ -150,7 +150,7 @@ def _printed(page: Page, rng: np.random.Generator) -> Iterator[tuple[str, str, t
     for what, copies in COPIES.items():
         if what in ("nozzle", "scratch") and not len(places):
             continue
-        if what == "register" and (inked.mean(axis=0) > BESIDE).sum() < 2:
+        if what == "register" and (inked.mean(axis=0) > LEAST_SECOND).sum() < 2:
             continue
         for _ in range(copies):
             at, letter, printed = (0.0, 0.0), "", page

@@ -204,7 +204,7 @@ def run_false_alarm_study(
         seed=plan.seed,
         press=loaded.name,
         press_digest=loaded.digest,
-        promise=_promise(loaded),
+        promise=_false_alarm_rate(loaded),
         pages=len({piece.page for piece in pieces if piece.judged}),
         left_out=tuple(left_out),
         minutes=minutes_spent(pieces, cache, digest=digest),
@@ -246,7 +246,7 @@ def counts(rows: Rows, press: Press) -> list[FalseAlarmRow]:
                     "title": rip.title,
                     "statement": statement,
                 }
-                facts |= {"learned": 0, "promise": _promise(press)}
+                facts |= {"learned": 0, "promise": _false_alarm_rate(press)}
                 table.append(_counted(rows, judged, rows["alarm"][judged], facts=facts))
                 if (of_learned := of_row & ~rows["judged"]).any():
                     alarm, learned = _learned(rows, of_learned, judged, press)
@@ -254,7 +254,7 @@ def counts(rows: Rows, press: Press) -> list[FalseAlarmRow]:
     return table
 
 
-def _promise(press: Press) -> float:
+def _false_alarm_rate(press: Press) -> float:
     return model_of(press).guarantee.rate
 
 
@@ -287,7 +287,7 @@ def _learned(
     places = np.flatnonzero(learned_from & ~rows["another"] & ~rows["uninspected"])
     good = [_scanned(rows, int(place)) for place in places]
     learned = recalibrated(
-        press, good, {one.name: one.digest for one in good}, false_alarm_rate=_promise(press)
+        press, good, {one.name: one.digest for one in good}, false_alarm_rate=_false_alarm_rate(press)
     )
     detector = model_of(learned)
     alarms = []
@@ -298,7 +298,7 @@ def _learned(
             score, *(float(scanned.evidence[name]) for name in ("glyphs", "floor_mm2"))
         )
         alarms.append(decision.misprint and not rows["uninspected"][place])
-    return np.array(alarms, bool), {"learned": len(good), "promise": _promise(learned)}
+    return np.array(alarms, bool), {"learned": len(good), "promise": _false_alarm_rate(learned)}
 
 
 def _scanned(rows: Rows, place: int) -> ScannedPage:

@@ -48,7 +48,7 @@ class StatedSpots:
         """Read the spectra that are stated of a job's inks; what cannot be read is a warning. JobError: damaged."""
         if press is None:
             return cls()
-        stated = JobSpectra.of(job)
+        stated = JobSpectra.of(job.source.path, job.document_facts())
         units = () if press.spot_units is None else press.spot_units.units
         own = {unit.name: unit.ink for unit in units if unit.ink is not None}
         warnings = [

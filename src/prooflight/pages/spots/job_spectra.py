@@ -10,7 +10,9 @@ from prooflight.errors import ChartError
 from prooflight.pages.spots.cxf import read_cxf, read_spot_ink, spot_names
 
 if TYPE_CHECKING:
-    from prooflight.pages.job import Job
+    from pathlib import Path
+
+    from prooflight.pages.pdf.facts import DocumentFacts
     from prooflight.pages.spots.spot_ink import SpotInk
 
 
@@ -27,18 +29,17 @@ class JobSpectra:
     """Opacities, 0 to 1, of inks without a spectrum (MixingHints of the output intent)."""
 
     @classmethod
-    def of(cls, job: Job) -> Self:
-        """Read the spectra of a job that is one PDF. JobError: it is damaged.
+    def of(cls, path: Path, facts: DocumentFacts | None) -> Self:
+        """Read the spectra of a job at ``path`` with these facts, which only one that is a single PDF has.
 
         ``JOB.cxf`` beside ``JOB.pdf`` comes before the PDF's own spectra, as somebody gave it for this print.
         """
-        facts = job.document_facts()
         if facts is None:
             return cls()
         texts = {name: ("the job", text) for name, text in facts.spectra.items()}
         inks: dict[str, SpotInk] = {}
         origins, faults = dict[str, str](), dict[str, ChartError]()
-        given = job.source.path.with_suffix(".cxf")
+        given = path.with_suffix(".cxf")
         if given.is_file():
             try:
                 text = read_cxf(given)

@@ -224,7 +224,7 @@ def _drum(
 ) -> LineSource:
     from prooflight.pages.parallel import FEWEST_FOR_PROCESSES
     from prooflight.simulation.drum import Drum
-    from prooflight.simulation.ring import STRANGERS, GrowingRing, RingPrint, rendered, ring_size
+    from prooflight.simulation.ring import OTHER_SHEETS, GrowingRing, RingPrint, rendered, ring_size
     from prooflight.simulation.scans import MisprintRequest
     from prooflight.simulation.worlds import world_named
 
@@ -240,7 +240,7 @@ def _drum(
         urgent=FIRST_PRINTS if wishes.at_once else None,
     )
     count = ring_size(wishes.pages, wishes.sheets)
-    in_turn = rendered(prints, count, strangers=bool(wishes.fault_every))
+    in_turn = rendered(prints, count, other_sheets=bool(wishes.fault_every))
     # Whoever feeds a controller must know of each print whether it is a misprint; one processor prints in this process.
     grows = wishes.at_once and wishes.fed is None and count >= FEWEST_FOR_PROCESSES and os.cpu_count() != 1
     first = FIRST_PRINTS if grows else count
@@ -249,7 +249,7 @@ def _drum(
     foreign: NDArray[np.uint16] | Callable[[], NDArray[np.uint16]] | None
     if grows:
         scans: Sequence[NDArray[np.uint16]] = GrowingRing(drawn, in_turn, count)
-        blank, foreign = (partial(scans.__getitem__, count + at) for at in range(len(STRANGERS)))
+        blank, foreign = (partial(scans.__getitem__, count + at) for at in range(len(OTHER_SHEETS)))
     else:
         scans, others = [one.dn for one in drawn], [one.dn for one in in_turn]
         blank, foreign = others or (None, None)

@@ -138,6 +138,7 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "ranking-trees": Purpose("trees of the ranking that is shipped", (SEED, FREE + 10)),
         "real-marks": Purpose("marks laid into scans of a real sheet", (SEED, FREE + 95, "copy", "page")),
         "recipe-folds": Purpose("which fold of the cross-validation a recipe is in", (SEED,)),
+        "record-backlog": Purpose("runs of a week, and their sheets, for the records", (SEED, FREE + 142)),
         "record-searches": Purpose("searches of people over the records of presses", (SEED, FREE + 97)),
         "registration-prints": Purpose(
             "a design's session and prints", (SEED, FREE + 2, "design", "real", "crops")
@@ -162,7 +163,9 @@ PURPOSES: Final[Mapping[str, Purpose]] = MappingProxyType(
         "soak-forms": Purpose("fields of a form, and the words in them", (SEED, FREE + 4, "template")),
         "soak-print": Purpose("print and noise of a sheet of the soak", (SEED, FREE + 5, "sheet")),
         "specimen": Purpose("a camera's fixed pattern, then its calibration exposures", (SEED,)),
-        "strangers": Purpose("scans of a blank sheet, and of one of no page of the job", (SEED, FREE)),
+        "strangers": Purpose(
+            "scan of a blank sheet (0), or of no page of the job (1)", (SEED, FREE, "sheet")
+        ),
         "stress-bootstrap": Purpose("which press days resample costs as built", (SEED, FREE + 14)),
         "stress-day": Purpose(
             "what of a nuisance stays for a press day", (SEED, FREE + 6, "scene", "first design")

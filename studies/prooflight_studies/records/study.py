@@ -8,9 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 from prooflight import __version__
+from prooflight.rng import stream
 from prooflight_studies.harness.page import write_page
 from prooflight_studies.harness.parts import stored_results
 from prooflight_studies.records.backlog import measure_backlog
@@ -47,7 +46,7 @@ def run_records_study(
                 sheets=60_000 if quick else int(5.0 * 7 * 24 * 3600),
                 tried_s=2.0 if quick else 70.0,
                 followed_s=5.0 if quick else 60.0,
-                rng=np.random.default_rng(seed),
+                rng=stream(seed, "record-backlog"),
                 progress=progress,
             )
     elif part == "migration":

@@ -19,10 +19,10 @@ from tests.pages.test_cxf import cxf, spectrum
 
 from prooflight.commissioning.build import build_press, spot_units
 from prooflight.errors import InputError
-from prooflight.pages.spots.job_spectra import JobSpectra
 from prooflight.pages.spots.spot_ink import SpotInk
 from prooflight.pages.spots.spot_print import SpotPrint
 from prooflight.press.artefact import Press
+from prooflight.press.job_spectra import JobSpectra
 from prooflight.press.pages import open_job, predict
 from prooflight.press.press_file import PressFile
 from prooflight.press.spot_units import SpotUnit

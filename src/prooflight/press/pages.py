@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from prooflight.pages.job import FINER, Job, JobSource
-from prooflight.pages.spots.job_spectra import JobSpectra
+from prooflight.press.job_spectra import JobSpectra
 
 if TYPE_CHECKING:
     from prooflight.pages.layout.layout import Layout

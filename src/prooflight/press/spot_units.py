@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-    from prooflight.pages.spots.job_spectra import JobSpectra
     from prooflight.prediction.tables import SensorModel
+    from prooflight.press.job_spectra import JobSpectra
 
 MOST_UNITS: Final = 12
 """Greatest number of units. Assumed: presses with twelve printing units in all are the largest."""

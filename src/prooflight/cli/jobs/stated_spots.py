@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from prooflight.commissioning.inks import inks_of
-from prooflight.pages.spots.job_spectra import JobSpectra
 from prooflight.pages.warnings import WHOLE_FILE, PageWarning
+from prooflight.press.job_spectra import JobSpectra
 from prooflight.press.spot_units import PRESS_FILE
 from prooflight.reporting.wording import count
 from prooflight.spectra import delta_e00, lab

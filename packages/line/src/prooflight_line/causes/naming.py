@@ -211,7 +211,7 @@ def _of_rest(marks: Sequence[Mark]) -> list[Cause]:
 def _of_kinds(records: Sequence[PageRecord]) -> list[Cause]:
     """Return the causes of misprints that were judged wrong as a whole, on as many sheets as for paper.
 
-    Amounts that are far off are stated in part alone, so that no trend may show; which ink it is is then not known.
+    Where amounts are recorded in part or not at all no trend may show; which ink it is is then not known.
     """
     causes = []
     for kind, kinds in OF_KINDS.items():

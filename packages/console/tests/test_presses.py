@@ -55,7 +55,8 @@ def test_the_overview_counts_the_sheets_of_each_press(console: Served, server: L
     with connect(server.url) as connection:
         connection.execute("UPDATE sheets SET at = now()")
         connection.execute(
-            "UPDATE presses SET shipped_at = now() - interval '2 minutes' WHERE plant = 'Bern'"
+            "UPDATE presses SET shipped_at = to_timestamp(%s) - interval '2 minutes' WHERE plant = 'Bern'",
+            [console.clock.now_s],
         )
     shown = console.client(Role.VIEWER).get("/presses").text
     assert shown.index("Basel") < shown.index("Bern")

@@ -356,7 +356,7 @@ def read_cxf_file(path: Path) -> None:
     """What is accepted has finite spectra, on any paper."""
     from prooflight.pages.spots.cxf import read_cxf, read_spot_ink
 
-    ink = read_spot_ink(read_cxf(path), "Orange 021")
+    ink = read_spot_ink(read_cxf(path), "Orange 021", file=str(path))
     assert np.isfinite(ink.on_paper(np.full(36, 0.8)).measured).all()
 
 

@@ -48,7 +48,7 @@ class JobSpectra:
                 faults[""] = error
         for name, (origin, text) in texts.items():
             try:
-                inks[name] = read_spot_ink(text, name)
+                inks[name] = read_spot_ink(text, name, file="" if origin == "the job" else str(given))
                 origins[name] = origin
             except ChartError as error:
                 faults[name] = error

@@ -48,14 +48,15 @@ def spot_names(text: str, where: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for ink in inks if (name := ink.get("SpotInkName"))))
 
 
-def read_spot_ink(text: str, name: str) -> SpotInk:
-    """Read the tints of one ink on its substrate, and its solid on black, from CxF.
+def read_spot_ink(text: str, name: str, *, file: str = "") -> SpotInk:
+    """Read the tints of one ink on its substrate, and its solid on black, from CxF; file: that it came from, if any.
 
     A CxF that characterises no ink of this name, but holds one object of it, such as a library of colours, gives the
     solid. ChartError: it is no CxF, holds no spectrum of the full ink, or a value is none. Nothing else is loaded, and
     a document type is refused.
     """
     where = f"CxF of {shortly(name)}"
+    where = f"{file}: {where}" if file else where
     root = _root(text, where)
     specifications = {each.get("Id"): each for each in _every(root, "ColorSpecification")}
     tints: dict[float, NDArray[np.float64]] = {}

@@ -95,9 +95,11 @@ def register_by_fringes(
     steps = _resolved_by_tiles(
         patches, registration.tiles, _searched(patches, _rounded(overlaps, registration.planes_mm))
     )
-    if patches.misfit > MOST_MISFIT or _is_isolated(overlaps, steps) or _goes_further(patches, steps):
-        return None
     planes_mm = overlaps.planes_mm(steps)
+    # Of three planes one is too often alone on good prints.
+    alone = overlaps.has_edges.all() and isolated(planes_mm, good_mm=overlaps.good_mm).any()
+    if patches.misfit > MOST_MISFIT or alone or _goes_further(patches, steps):
+        return None
     placement, _ = registration.tiles.placed(planes_mm, overlaps.has_edges)
     further_mm = patches.further_pixels(steps, placement) * landmarks.pitch_mm
     placement, planes_mm = registration.tiles.corrected(further_mm).placed(planes_mm, overlaps.has_edges)
@@ -130,8 +132,10 @@ def register_far_planes(
         None where fringes do not tell: the page was not located, its planes share too few edges, or it does not look
         as designed wherever they lie.
     """
+    if registration.tiles is None:
+        return None
     overlaps = overlaps_of(page, landmarks, good_mm=FAR_MM)
-    if registration.tiles is None or overlaps is None:
+    if overlaps is None:
         return None
     patches = Patches.of(
         overlaps, landmarks, scan, registration, lost=lost, plane_sd_mm=FAR_SD_MM, threads=threads
@@ -293,13 +297,20 @@ def _stepped(steps: Steps, axis: int, by: dict[int, int]) -> Steps:
     return tuple(moved)
 
 
-def _is_isolated(overlaps: Overlaps, steps: Steps) -> bool:
-    """Return whether a plane lies far off all three others, which hardly any good print's does."""
-    for axis in np.array(steps).reshape(2, INKS)[:, overlaps.has_edges]:
-        distances = np.abs(axis[:, None] - axis) + np.eye(axis.size, dtype=int) * 99
-        if axis.size == INKS and distances.min(axis=1).max() * overlaps.pixel_mm > ALONE * overlaps.good_mm:
-            return True
-    return False
+def isolated(planes_mm: NDArray[np.float64], *, good_mm: float) -> NDArray[np.bool_]:
+    """Return which planes lie far off all others along an axis, which hardly any good print's does.
+
+    planes_mm: (planes, 2) displacements; a plane alone is not off. good_mm: greatest displacement of planes on good
+    prints.
+
+    >>> isolated(np.array([[0.3, 0.0], [0.0, 0.0], [0.1, 0.0]]), good_mm=0.1)
+    array([ True, False, False])
+    """
+    count = len(planes_mm)
+    distances = np.abs(planes_mm[:, None] - planes_mm)
+    distances[np.arange(count), np.arange(count)] = np.inf
+    nearest = distances.min(axis=1, initial=np.inf)
+    return np.asarray((nearest.max(axis=1) > ALONE * good_mm) & (count > 1))
 
 
 def _goes_further(patches: Patches, steps: Steps) -> bool:

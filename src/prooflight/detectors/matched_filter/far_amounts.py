@@ -14,7 +14,7 @@ import numpy as np
 
 from prooflight.cmyk import INK_LETTERS, INK_NAMES, INKS
 from prooflight.detectors.matched_filter.fit.nuisance import free_gains
-from prooflight.registration.planes import ALONE
+from prooflight.registration.planes import isolated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,13 +61,10 @@ class FarAmounts:
 
     @property
     def displaced(self) -> NDArray[np.bool_]:
-        """Which planes (4,) lie further off all others than hardly any good print's."""
-        own = np.flatnonzero(self.located)
-        between = np.abs(self.planes_mm[own, None] - self.planes_mm[own])
-        between[np.arange(own.size), np.arange(own.size)] = np.inf
-        alone = between.min(axis=1, initial=np.inf).max(axis=1) > ALONE * self.prepared.prior.most_plane_mm
+        """Return which planes (4,) lie far off all others that are located."""
         displaced = np.zeros(INKS, bool)
-        displaced[own[alone]] = own.size > 1
+        good_mm = self.prepared.prior.most_plane_mm
+        displaced[self.located] = isolated(self.planes_mm[self.located], good_mm=good_mm)
         return displaced
 
     @property

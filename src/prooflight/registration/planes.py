@@ -303,8 +303,8 @@ def isolated(planes_mm: NDArray[np.float64], *, good_mm: float) -> NDArray[np.bo
     planes_mm: (planes, 2) displacements; a plane alone is not off. good_mm: greatest displacement of planes on good
     prints.
 
-    >>> isolated(np.array([[0.3, 0.0], [0.0, 0.0], [0.1, 0.0]]), good_mm=0.1)
-    array([ True, False, False])
+    >>> isolated(np.array([[0.3, 0.0], [0.0, 0.0], [0.1, 0.0]]), good_mm=0.1).tolist()
+    [True, False, False]
     """
     count = len(planes_mm)
     distances = np.abs(planes_mm[:, None] - planes_mm)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from prooflight.kernels.prediction.aiming import FilterPass
-from prooflight.kernels.prediction.summing import GROUP
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,7 +61,7 @@ class SamplingGrid:
     across: Nodes
     """Raster columns, at raster rows (lines if along comes first) and camera columns."""
     along: Nodes
-    """Raster rows, at lines and camera columns (middles of groups of raster columns if along comes first)."""
+    """Raster rows, at lines and camera columns (raster columns if along comes first)."""
     still: bool
     """Whether the point seen at a column is the same in every row, but for the row's own place."""
     stride: int
@@ -123,9 +122,9 @@ def sampling_grid(
         y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
         return seen(x, y)[0] / pixel_mm
 
-    def group_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
+    def row_on_line(line: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
         y = np.broadcast_to(y_mm[0] + line[:, None] * geometry.line_pitch_mm, (line.size, column.size))
-        page_x = np.broadcast_to((column + GROUP / 2) * pixel_mm, y.shape)
+        page_x = np.broadcast_to((column + 0.5) * pixel_mm, y.shape)
         x = page_x
         for _ in range(2):  # as in column_at
             x = x + page_x - seen(x, y)[0]
@@ -135,7 +134,7 @@ def sampling_grid(
     bend, still = BEND_PIXELS * ratio, placement.is_shift
     if along_first:
         across = _nodes(column_on_line, lines, geometry.pixels, bend=bend, within=True)
-        along = _nodes(group_on_line, lines, columns, bend=bend, within=True)
+        along = _nodes(row_on_line, lines, columns, bend=bend, within=True)
     else:
         across = _nodes(column_at, rows, geometry.pixels, bend=bend, still=still)
         along = _nodes(row_at, lines, geometry.pixels, bend=bend, still=still)

@@ -30,6 +30,20 @@ LINEAR_FOOTPRINTS = 0.008
 by less than the nearest phase's."""
 
 
+@inner_kernel(error_model="numpy")
+def to_middles(places, segment, bits, tilts):  # type: ignore[no-untyped-def]
+    """Move places of the first column of each segment to the middle of its first group, in place.
+
+    Written: tilts, as in ``sum_groups``.
+    """
+    step = 0.0
+    for k in range(places.size):
+        if k < tilts.size:
+            step = (places[k + 1] - places[k]) / segment
+            tilts[k] = step * (1 << bits)
+        places[k] += step * ((GROUP - 1) / 2)
+
+
 @inner_kernel()
 def sum_groups(  # type: ignore[no-untyped-def]
     ring, slots, base, depth, table, slopes, taps, bits, most_tilt, first, weights_at, tilts, out
@@ -98,7 +112,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
 ):
     """Filter lines line_from .. line_to - 1 in one table of a page at any placement, above the backing's level.
 
-    Arguments as in ``filter_lines``, but along: at the middles of groups of raster columns; repeats: raster rows that
+    Arguments as in ``filter_lines``, but along: at lines and raster columns; repeats: raster rows that
     are known to equal the one above; planes: as in ``compose_row``, by which each row is composed when it is needed,
     since writing and reading a whole raster takes longer; bits: a raster pixel has 2^bits phases; crossed: raster rows
     that a line crosses. Rows that a line sees are summed up first, since a page has fewer lines than raster rows; equal
@@ -136,6 +150,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     equal_from, copied = -1, -2
     for line in range(line_from, line_to):
         place_row(along.places, along.pitch, line, y_places)
+        to_middles(y_places, along.segment, bits, tilts)
         begin_row(y_places, y_reach, bits, y_taps, rows, y_first, y_weights_at)
         low = max(y_first.min() - BEYOND, 0)
         if next_row < 0:
@@ -163,8 +178,6 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
             slots[next_row % depth] = slots[next_row % depth + depth] = slot * width
             next_row += 1
         if equal_from > low:
-            for k in range(tilts.size):
-                tilts[k] = (y_places[k + 1] - y_places[k]) / along.segment * (1 << bits)
             base = low // depth * depth
             sum_groups(
                 ring,

@@ -31,38 +31,46 @@ by less than the nearest phase's."""
 
 
 @inner_kernel(error_model="numpy")
-def to_middles(places, segment, bits, tilts):  # type: ignore[no-untyped-def]
-    """Move places of the first column of each segment to the middle of its first group, in place.
+def begin_groups(places, segment, reach, bits, taps, beyond, first, weights_at, rests, tilts):  # type: ignore[no-untyped-def]
+    """Compute where the middle of each group of raster columns sees the first row, and its weights.
 
-    Written: tilts, as in ``sum_groups``.
+    places: of columns 0, segment, 2 segment, ..., linear between. reach, bits, taps, beyond, first, weights_at: as in
+    ``begin_row``, (segments, groups). Written too: rests (segments, groups), phases by which a group lies beyond the
+    nearest; tilts (segments,), phases by which a column sees another place than its neighbour.
     """
-    step = 0.0
-    for k in range(places.size):
-        if k < tilts.size:
-            step = (places[k + 1] - places[k]) / segment
-            tilts[k] = step * (1 << bits)
-        places[k] += step * ((GROUP - 1) / 2)
+    count = 1 << bits
+    for k in range(tilts.size):
+        step = (places[k + 1] - places[k]) / segment
+        tilts[k] = step * count
+        begin = places[k] - reach + step * ((GROUP - 1) / 2)
+        for group in range(first.shape[1]):
+            here = min(max(begin + step * GROUP * group, -1e6), 1e6)
+            whole = np.floor(here)
+            phases = (here - whole) * count
+            phase = np.floor(phases + 0.5)
+            first[k, group] = min(max(np.int32(whole) + taps, 0), beyond + taps)
+            weights_at[k, group] = np.int32(phase) * taps
+            rests[k, group] = phases - phase
 
 
 @inner_kernel()
 def sum_groups(  # type: ignore[no-untyped-def]
-    ring, slots, base, depth, table, slopes, taps, bits, most_tilt, first, weights_at, tilts, out
+    ring, slots, base, depth, table, slopes, taps, bits, most_tilt, first, weights_at, rests, tilts, out
 ):
     """Sum up the rows that one line sees, by groups of raster columns: out (groups x GROUP,).
 
     ring: rows of light, row r at slots[r % depth], which are repeated; base: the whole multiple of depth up to the
-    first row of all; first, weights_at: as from ``begin_row``, of the middles of groups; table, slopes: weights at
-    phases, and their derivatives; tilts: phases by which a raster column sees another place than its neighbour, by
-    segment. Within a group weights change linearly, unless the tilt is more than ``most_tilt``.
+    first row of all; table, slopes: weights at phases, and their derivatives; the others as from ``begin_groups``.
+    Within a group weights change linearly, unless the tilt is more than ``most_tilt``.
     """
     groups = first.shape[1]
-    firsts, weight_starts = first.reshape(-1), weights_at.reshape(-1)
+    firsts, weight_starts, beyond = first.reshape(-1), weights_at.reshape(-1), rests.reshape(-1)
     for group in range(out.size // GROUP):
         slot = firsts[group] - base
         slot = slot - depth if slot >= depth else slot
         tilt, weight, at = tilts[group // groups], weight_starts[group], GROUP * group
         if abs(tilt) <= most_tilt:
-            sum_tilted(ring, slots, slot, table, slopes, weight, taps, tilt, out, at)
+            sum_tilted(ring, slots, slot, table, slopes, weight, taps, beyond[group], tilt, out, at)
         else:
             sum_columns(ring, slots, firsts[group], depth, table, weight // taps, taps, bits, tilt, out, at)
 
@@ -141,7 +149,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     x_first = np.empty((x_places.size - 1, across.segment), np.int32)
     y_first = np.empty((y_places.size - 1, along.segment // GROUP), np.int32)
     x_weights_at, y_weights_at = np.empty_like(x_first), np.empty_like(y_first)
-    tilts = np.empty(y_places.size - 1, np.float32)
+    rests, tilts = np.empty(y_first.shape, np.float32), np.empty(y_places.size - 1, np.float32)
     is_displaced = planes.any()
     composed = np.empty((2 if is_displaced else 0, columns), np.uint32)
     turn, slot, newest = 0, depth, 0
@@ -150,8 +158,9 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
     equal_from, copied = -1, -2
     for line in range(line_from, line_to):
         place_row(along.places, along.pitch, line, y_places)
-        to_middles(y_places, along.segment, bits, tilts)
-        begin_row(y_places, y_reach, bits, y_taps, rows, y_first, y_weights_at)
+        begin_groups(
+            y_places, along.segment, y_reach, bits, y_taps, rows, y_first, y_weights_at, rests, tilts
+        )
         low = max(y_first.min() - BEYOND, 0)
         if next_row < 0:
             next_row = low
@@ -191,6 +200,7 @@ def filter_moved_lines(  # type: ignore[no-untyped-def]
                 most_tilt,
                 y_first,
                 y_weights_at,
+                rests,
                 tilts,
                 summed,
             )

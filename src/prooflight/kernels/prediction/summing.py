@@ -117,19 +117,19 @@ def dot_eight(context, source, starts, table, weights_at, taps, out, at):  # typ
 
 
 @intrinsic
-def sum_tilted(context, source, starts, start, table, slopes, weight, taps, tilt, out, at):  # type: ignore[no-untyped-def]
+def sum_tilted(context, source, starts, start, table, slopes, weight, taps, rest, tilt, out, at):  # type: ignore[no-untyped-def]
     """Set out[at + i] = sum over t < taps of w[t, i] source[starts[start + t] + at + i], i < GROUP.
 
-    w[t, i] = table[weight + t] + tilt (i - (GROUP - 1) / 2) slopes[weight + t]. source, table, slopes, out (n,)
-    float32; starts (n,) int64; tilt float32. All contiguous.
+    w[t, i] = table[weight + t] + (rest + tilt (i - (GROUP - 1) / 2)) slopes[weight + t]. source, table, slopes,
+    out (n,) float32; starts (n,) int64; rest, tilt float32. All contiguous.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        arrays = (0, 1, 3, 4, 8)
+        arrays = (0, 1, 3, 4, 9)
         source, starts, table, slopes, out = (
             make_array(signature.args[n])(context, builder, args[n]).data for n in arrays
         )
-        start, weight, taps, tilt, at = (args[n] for n in (2, 5, 6, 7, 9))
+        start, weight, taps, rest, tilt, at = (args[n] for n in (2, 5, 6, 7, 8, 10))
         pixels = ir.VectorType(FLOAT, GROUP)
         none = ir.Constant(pixels, [ir.Constant(FLOAT, 0.0)] * GROUP)
         total, change = (cgutils.alloca_once_value(builder, none) for _ in range(2))
@@ -142,12 +142,14 @@ def sum_tilted(context, source, starts, start, table, slopes, weight, taps, tilt
                 builder.store(builder.fadd(product, builder.load(onto), flags=FUSED), onto)
         middle = (GROUP - 1) / 2
         ramp = ir.Constant(pixels, [ir.Constant(FLOAT, i - middle) for i in range(GROUP)])
-        tilts = builder.fmul(ramp, filled(builder, tilt, GROUP))
+        tilts = builder.fadd(builder.fmul(ramp, filled(builder, tilt, GROUP)), filled(builder, rest, GROUP))
         product = builder.fmul(tilts, builder.load(change), flags=FUSED)
         result = builder.fadd(product, builder.load(total), flags=FUSED)
         builder.store(result, vector_at(builder, out, at, GROUP), align=4)
         return context.get_dummy_value()
 
     whole = types.int64
-    signature = types.void(source, starts, whole, table, slopes, whole, whole, types.float32, out, whole)
+    signature = types.void(
+        source, starts, whole, table, slopes, whole, whole, types.float32, types.float32, out, whole
+    )
     return signature, generate
